@@ -1,0 +1,102 @@
+"""Every error this package raises on purpose.
+
+LidarCodecError
+  DecodeError(offset)                 bytes from outside that cannot be decoded
+    PacketError                       a payload that is no 1206-byte sensor packet, or a sensor that is not supported
+    HeaderError                       a message header that contradicts itself
+      UnsupportedVersionError         a newer major version, or an unknown codec
+    TruncatedError                    fewer bytes than announced
+    ChecksumError                     the CRC-32C does not match
+    SectionError                      a section that cannot be what it says
+    MissingReferenceError(needs)      an inter frame, or a calibration, whose key frame never came: ask for one
+  SettingsError(field)                a setting that is not allowed
+  CalibrationError                    a calibration file or table that cannot be used
+  UnknownNameError(name, known)       a codec, reducer, sensor or source that does not exist
+  MissingExtraError(extra)            an optional dependency that is not installed
+  SourceError                         a source that cannot be opened or read
+  TransportError                      a network session that cannot be opened or used
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class LidarCodecError(Exception):
+    """Base class of every error that this package raises on purpose."""
+
+
+class DecodeError(LidarCodecError):
+    """Bytes from outside that cannot be decoded; `offset` is the byte at which that was seen."""
+
+    def __init__(self, message: str, offset: int = 0) -> None:
+        super().__init__(message)
+        self.offset = offset
+
+
+class PacketError(DecodeError):
+    """A payload that is not a 1206-byte packet of a supported sensor."""
+
+
+class HeaderError(DecodeError):
+    """A message header that is not one, or contradicts itself."""
+
+
+class UnsupportedVersionError(HeaderError):
+    """A message of a newer major version, or of a codec this build does not know."""
+
+
+class TruncatedError(DecodeError):
+    """Fewer bytes than announced."""
+
+
+class ChecksumError(DecodeError):
+    """The CRC-32C over the message does not match."""
+
+
+class SectionError(DecodeError):
+    """A section of a message that cannot be what it says."""
+
+
+class MissingReferenceError(DecodeError):
+    """A message that needs frame `needs`, which was not received: ask for a key frame."""
+
+    def __init__(self, message: str, needs: int) -> None:
+        super().__init__(message)
+        self.needs = needs
+
+
+class SettingsError(LidarCodecError):
+    """A setting that is not allowed; `field` names it when it is known."""
+
+    def __init__(self, message: str, field: str | None = None) -> None:
+        super().__init__(message)
+        self.field = field
+
+
+class CalibrationError(LidarCodecError):
+    """A calibration that cannot be read, or does not belong to the sensor."""
+
+
+class UnknownNameError(LidarCodecError):
+    """A name that is in none of the tables; `known` lists those that are."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.name, self.known = name, tuple(known)
+        super().__init__(f"unknown {kind} '{name}': choose one of {', '.join(self.known)}")
+
+
+class MissingExtraError(LidarCodecError):
+    """An optional dependency that is not installed; `extra` is the extra that brings it."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        self.extra = extra
+        super().__init__(f"{what} needs an optional dependency: pip install 'lidarcodec[{extra}]'")
+
+
+class SourceError(LidarCodecError):
+    """A source of packets that cannot be opened or read."""
+
+
+class TransportError(LidarCodecError):
+    """A network session that cannot be opened or used."""

@@ -1,0 +1,92 @@
+"""Frame: a run of packets as images. Range, intensity and azimuth in the sensor's own integers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.cloud import cloud_of
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.side import SideInfo
+from lidarcodec.units import LASERS, MAX_COLUMNS
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame; W columns. Immutable: arrays are made read-only and C-contiguous.
+
+    index:     counts the frames of a stream from 0
+    stamp_ns:  host time of the first packet, ns since the Unix epoch
+    range:     (64, W) uint16, steps of 2 mm, 0 = no return; row 0 is the highest beam
+    intensity: (64, W) uint8; may be non-zero where there is no return
+    azimuth:   (2, W) uint16, 0.01 degree, 0..35999: of each column's upper and lower block (a half that was not fired
+               repeats the other)
+    fired:     (2, W) bool, which half of a column was sent; a cell that did not fire is not a no-return
+    sensor:    what the numbers mean
+    side:      what an image cannot hold; None where the frame never was packets
+    keep:      (64, W) bool or None: returns that a reducer leaves; the others decode as no return
+    pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
+    """
+
+    index: int
+    stamp_ns: int
+    range: npt.NDArray[np.uint16]
+    intensity: npt.NDArray[np.uint8]
+    azimuth: npt.NDArray[np.uint16]
+    fired: npt.NDArray[np.bool_]
+    sensor: SensorModel
+    side: SideInfo | None = None
+    keep: npt.NDArray[np.bool_] | None = None
+    pose: npt.NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        width = self.range.shape[1] if self.range.ndim == 2 else -1
+        if not 0 <= width <= MAX_COLUMNS:
+            raise LidarCodecError(f"a frame's range image is (64, W) with W up to {MAX_COLUMNS}, not {self.range.shape}")
+        wanted: dict[str, tuple[npt.DTypeLike, tuple[int, ...]]] = {
+            "range": (np.uint16, (LASERS, width)),
+            "intensity": (np.uint8, (LASERS, width)),
+            "azimuth": (np.uint16, (2, width)),
+            "fired": (np.bool_, (2, width)),
+            "keep": (np.bool_, (LASERS, width)),
+            "pose": (np.float64, (4, 4)),
+        }
+        for name, (dtype, shape) in wanted.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if array.dtype != dtype or array.shape != shape:
+                raise LidarCodecError(f"frame.{name} is {array.dtype}{array.shape}, not {np.dtype(dtype)}{shape}")
+            if not array.flags.c_contiguous or array.base is not None and array.flags.writeable:
+                array = np.array(array, order="C")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def width(self) -> int:
+        """Number of columns, W."""
+        return int(self.range.shape[1])
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(64, W) bool, the returns that are sent: a range, and not dropped by a reducer."""
+        returned: npt.NDArray[np.bool_] = self.range > 0
+        return returned if self.keep is None else returned & self.keep
+
+    @property
+    def points(self) -> int:
+        """Number of returns, dropped ones included."""
+        return int(np.count_nonzero(self.range))
+
+    def with_(self, **changes: Any) -> Frame:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    def cloud(self) -> npt.NDArray[np.void]:
+        """Structured array of the frame's valid returns, column by column: x y z f4 (metres, x forward, y left, z up),
+        intensity u1, laser u1 (hardware id), ring u1 (row), t_ns i8 (host time)."""
+        return cloud_of(self)

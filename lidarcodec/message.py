@@ -1,0 +1,68 @@
+"""Message: a coded frame (or group of frames): header fields and typed sections. `wire` turns it into bytes and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from lidarcodec.errors import SectionError
+
+
+class SectionType(IntEnum):
+    """What a section holds; readers skip types that they do not know."""
+
+    RANGE = 1
+    MASK = 2
+    INTENSITY = 3
+    AZIMUTH = 4
+    SIDE = 5
+    CALIBRATION = 6
+    KEEP = 7
+    MOTION = 8
+    WEIGHTS = 9
+    POSE = 10
+
+
+class Section(NamedTuple):
+    """A typed part of a message; `ordinal` is the frame of the group it belongs to, 0 in a message of one frame."""
+
+    type: int
+    data: bytes
+    ordinal: int = 0
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message.
+
+    codec: number of the codec in the table; stream_id: random per start of a publisher, 64 bit
+    frame_index: of the first frame, frame_count: frames in this message; stamp_ns: host time of the first packet
+    key: decodes without any earlier message; needs: index of the frame it refers to, None for none
+    width: columns of the (widest) frame; packets: packets in it
+    """
+
+    codec: int
+    stream_id: int
+    frame_index: int
+    stamp_ns: int
+    key: bool
+    width: int
+    packets: int
+    sections: tuple[Section, ...]
+    frame_count: int = 1
+    needs: int | None = None
+
+    def section(self, kind: SectionType, ordinal: int = 0) -> bytes:
+        """Bytes of one section.
+
+        Raises SectionError if the message has none of that type, or two.
+        """
+        found = [s.data for s in self.sections if s.type == kind and s.ordinal == ordinal]
+        if len(found) != 1:
+            raise SectionError(f"a message must hold one {kind.name.lower()} section, this one holds {len(found)}")
+        return found[0]
+
+    def has(self, kind: SectionType, ordinal: int = 0) -> bool:
+        """Whether the message holds a section of that type."""
+        return any(s.type == kind and s.ordinal == ordinal for s in self.sections)

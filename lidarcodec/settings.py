@@ -1,0 +1,140 @@
+"""StreamSettings: one model of a stream's settings for the command line, Zenoh and REST.
+
+`codec_settings` stays a plain mapping here; `codecs.table` checks it against that codec's own model.
+
+>>> StreamSettings(codec="pcodec", max_error_m=0.01).step
+11
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
+
+NAME_PATTERN = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+MAX_BOUND_M = 20.0
+
+
+def step_of(max_error_m: float) -> int:
+    """Quantiser width in native range steps that keeps every error within `max_error_m`; 1 = lossless.
+
+    DESIGN 3.2: 2 * floor(e / 2 mm + 1e-6) + 1.
+    """
+    return 2 * math.floor(max_error_m / RANGE_STEP_M + 1e-6) + 1
+
+
+class StreamSettings(BaseModel):
+    """Settings common to all codecs. Frozen; unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    codec: str = "pcodec"
+    codec_settings: dict[str, Any] = Field(default_factory=dict)
+    max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
+    """Largest error of any range; 0 = lossless, None = the codec's default."""
+    target_kbps: float | Literal["auto"] | None = None
+    intensity: str = "lossless"
+    """`lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`."""
+    reduction: str = "all"
+    keep_points: int | None = Field(default=None, ge=1)
+    keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
+    framing: str = "packets"
+    """`packets` (348), `packets:N`, or `revolution`."""
+    key_interval: int = Field(default=50, ge=1, le=100_000)
+    """Frames from one key frame to the next."""
+    follow: str | None = None
+    """The receiver whose arrival reports steer the stream."""
+
+    @field_validator("intensity")
+    @classmethod
+    def _intensity(cls, value: str) -> str:
+        if value in ("lossless", "off"):
+            return value
+        found = re.fullmatch(r"levels=(\d{1,3})", value)
+        if not found or not 2 <= int(found[1]) <= 256:
+            raise ValueError("intensity is lossless, levels=N with N from 2 to 256, or off")
+        return value
+
+    @field_validator("framing")
+    @classmethod
+    def _framing(cls, value: str) -> str:
+        if value in ("packets", "revolution"):
+            return value
+        found = re.fullmatch(r"packets:(\d{1,4})", value)
+        if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
+            raise ValueError(f"framing is packets, packets:N with N from 1 to {MAX_PACKETS}, or revolution")
+        return value
+
+    @field_validator("follow")
+    @classmethod
+    def _follow(cls, value: str | None) -> str | None:
+        if value is not None and not NAME_PATTERN.fullmatch(value):
+            raise ValueError("follow is a receiver's name: 1 to 64 of A-Z a-z 0-9 _ . -")
+        return value
+
+    @model_validator(mode="after")
+    def _one_budget(self) -> StreamSettings:
+        if self.keep_points is not None and self.keep_fraction is not None:
+            raise ValueError("keep_points and keep_fraction exclude each other")
+        return self
+
+    @property
+    def step(self) -> int:
+        """Quantiser width of ranges in native steps; 1 = lossless."""
+        return 1 if self.max_error_m is None else step_of(self.max_error_m)
+
+    @property
+    def intensity_levels(self) -> int:
+        """Number of intensity levels sent: 256 = lossless, 0 = off."""
+        fixed = {"lossless": 256, "off": 0}
+        return fixed[self.intensity] if self.intensity in fixed else int(self.intensity.removeprefix("levels="))
+
+    @property
+    def frame_packets(self) -> int | None:
+        """Packets in a frame, None for whole revolutions."""
+        if self.framing == "revolution":
+            return None
+        return int(self.framing.partition(":")[2] or FRAME_PACKETS)
+
+    def changed(self, **changes: Any) -> StreamSettings:
+        """These settings with some fields changed; a new codec starts with its own default settings.
+
+        Raises SettingsError, and changes nothing, if any of it is not allowed.
+        """
+        merged = self.model_dump() | changes
+        if changes.get("codec", self.codec) != self.codec and "codec_settings" not in changes:
+            merged["codec_settings"] = {}
+        return settings_from(merged)
+
+
+def settings_from(values: dict[str, Any]) -> StreamSettings:
+    """StreamSettings from plain values.
+
+    Raises SettingsError with the field and the reason.
+    """
+    try:
+        return StreamSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        known = ", ".join(StreamSettings.model_fields)
+        if first["type"] == "extra_forbidden":
+            raise SettingsError(f"unknown setting '{field}': known are {known}", field) from None
+        reason = first["msg"].removeprefix("Value error, ")
+        raise SettingsError(f"{field or 'settings'}: {reason}", field) from None
+
+
+def valid_name(name: str, what: str) -> str:
+    """The name itself, if it may stand in a key expression.
+
+    Raises SettingsError otherwise.
+    """
+    if not NAME_PATTERN.fullmatch(name):
+        raise SettingsError(f"{what} '{name}' is not a name: 1 to 64 of A-Z a-z 0-9 _ . -", what)
+    return name

@@ -1,0 +1,36 @@
+"""The sensor's own numbers, each with its source.
+
+HDL-64E S2 and S3 user manuals (Velodyne, rev. D 2011 and rev. K 2014), section "Data packet format".
+"""
+
+from typing import Final
+
+PACKET_BYTES: Final = 1206
+"""UDP payload: 12 blocks of 100 bytes, a 4-byte time stamp, a status type and a status value."""
+BLOCKS_PER_PACKET: Final = 12
+BLOCK_BYTES: Final = 100
+"""2-byte flag, 2-byte azimuth, 32 x (2-byte distance, 1-byte intensity), little endian."""
+LASERS_PER_BLOCK: Final = 32
+TAIL_OFFSET: Final = BLOCKS_PER_PACKET * BLOCK_BYTES
+UPPER_FLAG: Final = 0xEEFF
+"""Lasers 0-31."""
+LOWER_FLAG: Final = 0xDDFF
+"""Lasers 32-63."""
+LASERS: Final = 64
+RANGE_STEP_M: Final = 0.002
+AZIMUTH_STEP_DEG: Final = 0.01
+AZIMUTH_TURN: Final = 36000
+"""Azimuth steps in a full turn."""
+FIRINGS_PER_PACKET: Final = 6
+FRAME_PACKETS: Final = 348
+"""348 x 6 firings = 2088 columns, the width of Tu 2016's range images."""
+FRAME_COLUMNS: Final = FRAME_PACKETS * FIRINGS_PER_PACKET
+PACKET_INTERVAL_US: Final = 288
+"""Six firings of 48 us."""
+HOUR_US: Final = 3_600_000_000
+"""The time stamp in a packet counts microseconds since the top of the hour."""
+DATA_PORT: Final = 2368
+MAX_PACKETS: Final = 2048
+"""Upper limit of packets in a frame: a revolution is cut there when the sensor does not turn."""
+MAX_COLUMNS: Final = MAX_PACKETS * BLOCKS_PER_PACKET
+"""Upper limit of a frame's width: every block may open a column of its own."""

@@ -1,0 +1,34 @@
+// Each binding file turns arrays into pointers and back for one part of the core, and nothing else.
+#pragma once
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+namespace nb = nanobind;
+
+// Read-only, C-contiguous inputs; bind them with .noconvert(), or a strided array is copied without a word.
+template <typename T, int N>
+using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+
+// A vector handed to numpy without a copy.
+template <typename T>
+nb::ndarray<nb::numpy, T> give(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
+  auto* owned = new std::vector<T>(std::move(values));
+  nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
+}
+
+inline nb::bytes give_bytes(const std::vector<std::uint8_t>& v) {
+  return nb::bytes(reinterpret_cast<const char*>(v.data()), v.size());
+}
+
+inline const std::uint8_t* data_of(const nb::bytes& b) { return reinterpret_cast<const std::uint8_t*>(b.c_str()); }
+
+void bind_errors(nb::module_& m);
+void bind_crc32c(nb::module_& m);
+void bind_assembly(nb::module_& m);
+void bind_simulator(nb::module_& m);
+void bind_mask(nb::module_& m);

@@ -1,0 +1,28 @@
+"""Shared fixtures: where the captures are, and short real streams."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def data_folder() -> Path:
+    """Folder of the shared captures: LIDARCODEC_DATA, else ../shared/data beside the checkout."""
+    return Path(os.environ.get("LIDARCODEC_DATA", ROOT.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data_file():
+    """Function from a file's name to its path; skips the test, by name, when it is not there."""
+
+    def find(name: str) -> Path:
+        path = data_folder() / name
+        if not path.exists():
+            pytest.skip(f"needs {name} in LIDARCODEC_DATA (looked in {data_folder()})")
+        return path
+
+    return find

@@ -1,0 +1,12 @@
+#!/bin/sh
+# Builds the native module in place (lidarcodec/_native*.so), for work on the code. PYTHON names the interpreter;
+# further arguments go to cmake, for example -DLIDARCODEC_SANITIZE=ON with BUILD=build/asan.
+set -e
+cd "$(dirname "$0")/.."
+PYTHON=${PYTHON:-.venv/bin/python}
+BUILD=${BUILD:-build/native}
+TARGET=${TARGET:-lidarcodec}
+PATH="$(dirname "$PYTHON"):$PATH"
+cmake -S . -B "$BUILD" -G Ninja -DPython_EXECUTABLE="$("$PYTHON" -c 'import sys; print(sys.executable)')" "$@" >/dev/null
+cmake --build "$BUILD"
+mkdir -p "$TARGET" && cp "$BUILD"/_native*.so "$TARGET"/
