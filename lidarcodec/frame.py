@@ -46,7 +46,7 @@ class Frame:
     def __post_init__(self) -> None:
         width = self.range.shape[1] if self.range.ndim == 2 else -1
         if not 0 <= width <= MAX_COLUMNS:
-            raise LidarCodecError(f"a frame's range image is (64, W) with W up to {MAX_COLUMNS}, not {self.range.shape}")
+            raise LidarCodecError(f"a range image is (64, W) with W up to {MAX_COLUMNS}, not {self.range.shape}")
         wanted: dict[str, tuple[npt.DTypeLike, tuple[int, ...]]] = {
             "range": (np.uint16, (LASERS, width)),
             "intensity": (np.uint8, (LASERS, width)),
@@ -61,7 +61,7 @@ class Frame:
                 continue
             if array.dtype != dtype or array.shape != shape:
                 raise LidarCodecError(f"frame.{name} is {array.dtype}{array.shape}, not {np.dtype(dtype)}{shape}")
-            if not array.flags.c_contiguous or array.base is not None and array.flags.writeable:
+            if not array.flags.c_contiguous or (array.base is not None and array.flags.writeable):
                 array = np.array(array, order="C")
             array.flags.writeable = False
             object.__setattr__(self, name, array)

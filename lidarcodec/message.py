@@ -1,4 +1,4 @@
-"""Message: a coded frame (or group of frames): header fields and typed sections. `wire` turns it into bytes and back."""
+"""Message: a coded frame, or group of frames, as header fields and typed sections; `wire` makes bytes of it."""
 
 from __future__ import annotations
 

@@ -69,7 +69,8 @@ class Calibration:
     def __getitem__(self, name: str) -> npt.NDArray[np.float64]:
         """(64,) float64 values of one field by hardware laser id, radians or metres as its name says."""
         row = list(CALIBRATION_FIELDS).index(name)
-        return self.table[row].astype(np.float64) * CALIBRATION_FIELDS[name]
+        values: npt.NDArray[np.float64] = self.table[row] * CALIBRATION_FIELDS[name]
+        return values
 
 
 @dataclass(frozen=True, eq=False)

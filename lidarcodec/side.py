@@ -8,7 +8,7 @@ A packet is twelve blocks. The *role* of each says where it went:
     5 UPPER_SECOND  second return of the current column     6 LOWER_SECOND  likewise, lower half
 
 The current column is the last one opened in the same packet: a column never spans two packets, so a lost packet never
-joins what was not fired together. `layouts` holds the distinct sequences of twelve roles, `layout` names one per packet.
+joins what was not fired together. `layouts` holds the distinct sequences of twelve roles, `layout` names one a packet.
 
 >>> side = SideInfo.regular(packets=348)
 >>> side.columns

@@ -1,0 +1,39 @@
+"""What the packets' own clock says about packets that never came."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.units import HOUR_US
+
+PLAUSIBLE_INTERVAL_US = (100, 2000)
+"""Packets of an HDL-64 come every 288 us in single-return mode; far from that, the tail is no clock."""
+LONGEST_GAP_US = 1_000_000
+
+
+def count_discontinuities(gps_us: npt.NDArray[np.uint32], before: int | None) -> Counter[str]:
+    """`lost packets` and `time jumps` of a run of packet time stamps; `before` is the stamp of the packet before.
+
+    gps_us: (P,) uint32, microseconds since the top of the hour. A tail that is no running clock (the published
+    HDL-64E S3 capture sends alternating constants) tells nothing and counts nothing.
+    """
+    counts: Counter[str] = Counter()
+    stamps = gps_us.astype(np.int64)
+    steps = np.diff(stamps if before is None else np.concatenate(([before], stamps)))
+    if len(steps) < 2:
+        return counts
+    steps = np.where(steps < -HOUR_US // 2, steps + HOUR_US, steps)
+    interval = float(np.median(steps))
+    if not PLAUSIBLE_INTERVAL_US[0] <= interval <= PLAUSIBLE_INTERVAL_US[1]:
+        return counts
+    jumps = (steps < 0) | (steps > LONGEST_GAP_US)
+    beside_jump = np.convolve(jumps, [1, 1, 1])[1:-1] > 0  # the way back from a jump is no loss
+    gaps = (steps > 1.5 * interval) & ~beside_jump
+    if gaps.any():
+        counts["lost packets"] = int(np.rint(steps[gaps] / interval - 1).sum())
+    if jumps.any():
+        counts["time jumps"] = int(np.count_nonzero(jumps))
+    return counts

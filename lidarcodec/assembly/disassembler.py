@@ -1,0 +1,43 @@
+"""Frame -> packets: identical bytes when nothing was reduced or quantised."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarcodec import _native
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.packet import Packet
+from lidarcodec.units import PACKET_BYTES
+
+
+def packets_of(frame: Frame) -> list[Packet]:
+    """The packets of a frame, in order, with their host times. Returns dropped by a reducer are sent as no return.
+
+    Raises SectionError when the frame never was packets, or its side information does not fit its images.
+    """
+    side = frame.side
+    if side is None:
+        raise SectionError("this frame has no side information, so it cannot be turned back into packets")
+    range_, intensity = frame.range, frame.intensity
+    if frame.keep is not None:
+        range_ = np.where(frame.keep, range_, np.uint16(0))
+        intensity = np.where(frame.keep, intensity, np.uint8(0))
+    payloads = _native.disassemble(
+        range_,
+        intensity,
+        frame.azimuth,
+        frame.fired.view(np.uint8),
+        side.layouts,
+        side.layout,
+        side.irregular,
+        side.second,
+        side.gps_us,
+        side.status,
+        frame.sensor.ring_of_laser.astype(np.uint8),
+    )
+    stamps = (side.packet_ns + frame.stamp_ns).tolist()
+    return [
+        Packet(payloads[start : start + PACKET_BYTES], stamp)
+        for start, stamp in zip(range(0, len(payloads), PACKET_BYTES), stamps, strict=True)
+    ]
