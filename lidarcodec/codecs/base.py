@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings
@@ -41,3 +43,36 @@ class CodecSettings(BaseModel):
     """Base of the models of codecs' own settings. Frozen; unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+Own = TypeVar("Own", bound=CodecSettings)
+
+
+def own_settings(model: type[Own], settings: StreamSettings) -> Own:
+    """A codec's own settings out of `settings.codec_settings`.
+
+    Raises SettingsError naming the key.
+    """
+    try:
+        return model.model_validate(settings.codec_settings)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        field = f"codec_settings.{key}"
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(model.model_fields) or "none"
+            raise SettingsError(f"codec {settings.codec} has no setting '{key}': it has {known}", field) from None
+        raise SettingsError(f"{field} of codec {settings.codec}: {first['msg']}", field) from None
+
+
+class Codec(NamedTuple):
+    """What a codec's file offers to the table, as `CODEC`.
+
+    settings: model of its own settings; encoder: of (codec id, settings, stream id); decoder: of (codec id);
+    bounded: whether it can keep `max_error_m`
+    """
+
+    settings: type[CodecSettings]
+    encoder: Callable[[int, StreamSettings, int], Encoder]
+    decoder: Callable[[int], Decoder]
+    bounded: bool = True

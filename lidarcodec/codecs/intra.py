@@ -1,0 +1,137 @@
+"""Encoder and decoder of codecs whose messages hold one frame each. A codec adds how it writes ranges.
+
+Every message can be decoded once its calibration is known: a lost one costs one frame and nothing more. Key messages
+carry the calibration table; the others its hash.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
+from lidarcodec.codecs.planes import Planes, decode_planes, encode_planes
+from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+
+class IntraEncoder(ABC):
+    """Frames to messages, one each; holds the settings and when the last key message was."""
+
+    plain_calibration = False
+
+    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+        self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
+        self._since_key: int | None = None
+        self._sensor: tuple[str, str] | None = None
+
+    def apply(self, settings: StreamSettings) -> bool:
+        """Takes new settings from the next frame on. True: the next message will be a key message.
+
+        Raises SettingsError for another codec: that takes another encoder.
+        """
+        if settings.codec != self.settings.codec:
+            raise SettingsError(f"an encoder of {self.settings.codec} cannot become {settings.codec}", "codec")
+        self.settings = settings
+        return self._key_is_due()
+
+    def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
+        """The frame's message.
+
+        Raises LidarCodecError for a frame that contradicts itself.
+        """
+        sensor = (frame.sensor.hash, frame.sensor.convention)
+        key = key or self._key_is_due() or sensor != self._sensor
+        calibration = encode_calibration(frame.sensor, key, self.plain_calibration)
+        sections, needs = self._sections(frame, key)
+        self._since_key = 1 if key else (self._since_key or 0) + 1
+        self._sensor = sensor
+        return [
+            Message(
+                codec=self.codec_id,
+                stream_id=self.stream_id,
+                frame_index=frame.index,
+                stamp_ns=frame.stamp_ns,
+                key=key,
+                width=frame.width,
+                packets=0 if frame.side is None else frame.side.packets,
+                sections=(Section(SectionType.CALIBRATION, calibration), *sections),
+                needs=needs,
+            )
+        ]
+
+    def flush(self) -> list[Message]:
+        """Nothing: no frame is held back."""
+        return []
+
+    def _key_is_due(self) -> bool:
+        return self._since_key is None or self._since_key >= self.settings.key_interval
+
+    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
+        """Sections beside the calibration, and the index of the frame that they refer to."""
+        planes = encode_planes(frame, self.settings.intensity_levels)
+        return [Section(SectionType.RANGE, self._range(frame, frame.valid)), *planes], None
+
+    @abstractmethod
+    def _range(self, frame: Frame, valid: Mask) -> bytes:
+        """The RANGE section. valid: (64, W) bool, the returns that are sent."""
+
+
+class IntraDecoder(ABC):
+    """Messages to frames, one each; holds the sensors that key messages described."""
+
+    def __init__(self, codec_id: int) -> None:
+        self.codec_id = codec_id
+        self._sensors = SensorBook()
+
+    def decode(self, message: Message) -> list[Frame]:
+        """The message's frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        if message.codec != self.codec_id:
+            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
+        if message.frame_count != 1:
+            raise SectionError(f"a message of {message.frame_count} frames of a codec that sends one each")
+        sensor = self._sensors.sensor_of(message)
+        planes = self._planes(message, sensor)
+        ranges = np.zeros(planes.valid.shape, np.uint16)
+        ranges[planes.valid] = self._returns(message.section(SectionType.RANGE), planes.valid, sensor)
+        return [frame_of(message, sensor, planes, ranges)]
+
+    def flush(self) -> list[Frame]:
+        """Nothing: no frame is held back."""
+        return []
+
+    def _planes(self, message: Message, sensor: SensorModel) -> Planes:
+        return decode_planes(message, sensor)
+
+    @abstractmethod
+    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+        """(N,) uint16, ranges of the N returns in row order, none of them 0, out of the RANGE section.
+
+        valid: (64, W) bool. Raises SectionError.
+        """
+
+
+def frame_of(message: Message, sensor: SensorModel, planes: Planes, ranges: Ranges) -> Frame:
+    """The frame of a message of one frame. ranges: (64, W) uint16."""
+    return Frame(
+        index=message.frame_index,
+        stamp_ns=message.stamp_ns,
+        range=ranges,
+        intensity=planes.intensity,
+        azimuth=planes.azimuth,
+        fired=planes.fired,
+        sensor=sensor,
+        side=planes.side,
+        pose=planes.pose,
+    )

@@ -1,0 +1,134 @@
+"""What all codecs send beside ranges: mask, intensity, azimuth, side information, pose. One section each.
+
+A frame that was not reduced sends its no-return mask (MASK); a reduced one sends which returns are left (KEEP)
+and no mask, because a dropped return decodes as no return.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import entropy
+from lidarcodec.codecs.intensity import decode_intensity, encode_intensity
+from lidarcodec.errors import LidarCodecError, SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.side import SideInfo
+from lidarcodec.units import LASERS, LASERS_PER_BLOCK
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """A frame without its ranges; W columns.
+
+    valid: (64, W) bool, returns that were sent; intensity: (64, W) uint8; azimuth: (2, W) uint16; fired: (2, W) bool
+    side: None if the message has none; pose: (4, 4) float64 or None
+    """
+
+    valid: Mask
+    intensity: npt.NDArray[np.uint8]
+    azimuth: npt.NDArray[np.uint16]
+    fired: Mask
+    side: SideInfo | None
+    pose: npt.NDArray[np.float64] | None
+
+
+def fired_cells(fired: Mask, sensor: SensorModel) -> Mask:
+    """(64, W) bool, cells whose half of the column was fired. fired: (2, W)."""
+    if fired.all():
+        return np.ones((LASERS, fired.shape[1]), np.bool_)
+    return fired[(sensor.laser_of_ring >= LASERS_PER_BLOCK).astype(np.intp)]
+
+
+def check_unfired(frame: Frame, cells: Mask) -> None:
+    """Refuses a frame with a return or an intensity in a cell that was not fired: it would be lost without a word.
+
+    Raises LidarCodecError.
+    """
+    unfired = ~cells
+    if unfired.any() and (frame.range[unfired].any() or frame.intensity[unfired].any()):
+        raise LidarCodecError(f"frame {frame.index} has returns in cells that were not fired")
+
+
+def encode_planes(frame: Frame, levels: int, previous: Mask | None = None) -> list[Section]:
+    """Sections of a frame beside calibration and range.
+
+    levels: of intensity, 256 = lossless, 0 = off; previous: mask that the mask coder may look at.
+    Raises LidarCodecError for a frame that contradicts itself.
+    """
+    cells = fired_cells(frame.fired, frame.sensor)
+    check_unfired(frame, cells)
+    valid, reduced = frame.valid, frame.keep is not None
+    sections = [
+        Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
+        Section(
+            SectionType.KEEP if reduced else SectionType.MASK,
+            entropy.encode_mask(valid, frame.fired, frame.sensor, previous),
+        ),
+    ]
+    intensity = encode_intensity(frame.intensity, valid, cells, levels, reduced)
+    if intensity is not None:
+        sections.append(Section(SectionType.INTENSITY, intensity))
+    if frame.side is not None:
+        sections.append(Section(SectionType.SIDE, entropy.encode_side(frame.side)))
+    return sections + pose_sections(frame)
+
+
+def pose_sections(frame: Frame) -> list[Section]:
+    """The POSE section, twelve float64 in row order, or nothing."""
+    if frame.pose is None:
+        return []
+    if not np.isfinite(frame.pose).all() or frame.pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise LidarCodecError(f"frame {frame.index} has a pose that is no rigid transform")
+    return [Section(SectionType.POSE, frame.pose[:3].astype("<f8").tobytes())]
+
+
+def decode_pose(message: Message) -> npt.NDArray[np.float64] | None:
+    """(4, 4) float64 T_world_sensor of a message, None if it has none.
+
+    Raises SectionError.
+    """
+    if not message.has(SectionType.POSE):
+        return None
+    data = message.section(SectionType.POSE)
+    if len(data) != 96:
+        raise SectionError(f"a pose section of {len(data)} bytes, not 96")
+    pose = np.eye(4)
+    pose[:3] = np.frombuffer(data, "<f8").reshape(3, 4)
+    if not np.isfinite(pose).all():
+        raise SectionError("a pose that is not finite")
+    return pose
+
+
+def check_side(side: SideInfo, message: Message) -> SideInfo:
+    """The side information itself, if it describes the columns of the message.
+
+    Raises SectionError.
+    """
+    if side.columns != message.width:
+        raise SectionError(f"side information of {side.columns} columns in a message of {message.width}")
+    return side
+
+
+def decode_planes(message: Message, sensor: SensorModel, previous: Mask | None = None) -> Planes:
+    """All of a frame but its ranges.
+
+    Raises DecodeError.
+    """
+    azimuth, fired = entropy.decode_azimuth(message.section(SectionType.AZIMUTH), message.width)
+    kind = SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK
+    valid = entropy.decode_mask(message.section(kind), fired, sensor, previous)
+    coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
+    intensity = decode_intensity(coded, valid, fired_cells(fired, sensor))
+    side = None
+    if message.has(SectionType.SIDE):
+        side = check_side(entropy.decode_side(message.section(SectionType.SIDE), message.packets), message)
+    elif message.packets:
+        raise SectionError(f"a message of {message.packets} packets without side information")
+    return Planes(valid, intensity, azimuth, fired, side, decode_pose(message))

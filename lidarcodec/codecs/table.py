@@ -1,0 +1,94 @@
+"""The codecs by name. Modules are named as text and imported on first use; a new codec is one file and one line here.
+
+>>> codec_id("pcodec"), codec_name(1)
+(3, 'raw')
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Final, cast
+
+from lidarcodec.codecs.base import Codec, Decoder, Encoder, own_settings
+from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
+from lidarcodec.settings import StreamSettings
+
+_TABLE: Final[dict[str, tuple[int, str]]] = {
+    "raw": (1, "lidarcodec.codecs.raw"),
+    "zstd": (2, "lidarcodec.codecs.zstd"),
+    "pcodec": (3, "lidarcodec.codecs.pcodec"),
+}
+"""Name: number in messages, never given to another codec; module. 4 to 11 are promised in docs/wire-format.md."""
+
+
+def names() -> tuple[str, ...]:
+    """Names of all codecs."""
+    return tuple(_TABLE)
+
+
+def codec_id(name: str) -> int:
+    """A codec's number in messages.
+
+    Raises UnknownNameError.
+    """
+    if name not in _TABLE:
+        raise UnknownNameError("codec", name, _TABLE)
+    return _TABLE[name][0]
+
+
+def codec_name(number: int) -> str:
+    """Name of the codec of that number.
+
+    Raises UnsupportedVersionError if this build has none.
+    """
+    for name, (known, _) in _TABLE.items():
+        if known == number:
+            return name
+    raise UnsupportedVersionError(f"message of codec {number}: this build knows {', '.join(_TABLE)}", 12)
+
+
+@cache
+def codec(name: str) -> Codec:
+    """What the codec's file offers: settings model, encoder, decoder.
+
+    Raises UnknownNameError.
+    """
+    codec_id(name)
+    return cast(Codec, import_module(_TABLE[name][1]).CODEC)
+
+
+def check(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if the codec they name can follow them.
+
+    Raises UnknownNameError or SettingsError with the field and the reason.
+    """
+    chosen = codec(settings.codec)
+    own_settings(chosen.settings, settings)
+    if settings.max_error_m is not None and not chosen.bounded:
+        raise SettingsError(f"codec {settings.codec} cannot keep a bound: leave max_error_m out", "max_error_m")
+    if settings.target_kbps is not None:
+        raise SettingsError(f"codec {settings.codec} does not reach a target bitrate: leave target_kbps out",
+                            "target_kbps")  # fmt: skip
+    if settings.reduction != "all":
+        raise SettingsError(f"unknown reduction '{settings.reduction}': there is only 'all'", "reduction")
+    for field in ("keep_points", "keep_fraction"):
+        if getattr(settings, field) is not None:
+            raise SettingsError(f"{field} needs a reduction that drops points, not '{settings.reduction}'", field)
+    return settings
+
+
+def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:
+    """A fresh encoder; its first message will be a key message.
+
+    Raises as `check` does.
+    """
+    return codec(check(settings).codec).encoder(codec_id(settings.codec), settings, stream_id)
+
+
+def make_decoder(number: int) -> Decoder:
+    """A fresh decoder of the codec of that number.
+
+    Raises UnsupportedVersionError.
+    """
+    return codec(codec_name(number)).decoder(number)
