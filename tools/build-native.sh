@@ -9,4 +9,8 @@ TARGET=${TARGET:-lidarcodec}
 PATH="$(dirname "$PYTHON"):$PATH"
 cmake -S . -B "$BUILD" -G Ninja -DPython_EXECUTABLE="$("$PYTHON" -c 'import sys; print(sys.executable)')" "$@" >/dev/null
 cmake --build "$BUILD"
-mkdir -p "$TARGET" && cp "$BUILD"/_native*.so "$TARGET"/
+mkdir -p "$TARGET"
+# Renamed into place: overwriting a module that a running process has mapped would crash it.
+for module in "$BUILD"/_native*.so; do
+  cp "$module" "$TARGET/.new-module" && mv -f "$TARGET/.new-module" "$TARGET/${module##*/}"
+done

@@ -1,0 +1,97 @@
+# Everything starts here: `make help` lists the targets. Each one sets up what it needs, once; a second run is quick.
+#   PYTHON=python3.12   another interpreter        CXX=clang++   another compiler
+#   ARGS="..."          more arguments for the command behind a target, for example: make demo ARGS="--seconds 5"
+
+PYTHON ?= python3
+ifeq ($(origin CXX),default)
+CXX := c++
+endif
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/.stamps
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -c constraints.txt
+# The package is used from this folder: the native module is built into it, so that an edit is seen at once.
+EDITABLE := --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
+NATIVE := build/native/.built
+NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
+JOBS ?= 2
+export PYTHON CXX
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint check bench bench-compare golden fuzz soak faults format native clean
+
+# A module that was deleted is built again, whatever the stamp says.
+ifeq ($(wildcard lidarcodec/_native*.so),)
+$(shell rm -f $(NATIVE))
+endif
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "  make %-14s %s\n", $$1, $$2 }'
+
+demo: $(STAMPS)/base $(NATIVE) ## drive through a simulated town, live: publisher and subscriber as two processes (20 s)
+	@$(BIN)/lidarcodec demo $(ARGS)
+
+test: lint ## everything that must hold: lint, types, imports and all tests
+	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+lint: $(STAMPS)/dev $(NATIVE) ## ruff, format, mypy --strict and the import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict
+	$(BIN)/lint-imports --no-logo
+
+check: lint ## lint, and whether docs and code agree: under a minute
+	$(BIN)/python -m pytest -q tests/test_docs.py
+
+bench: $(STAMPS)/dev $(NATIVE) ## measure speed, size and memory, and add a line to benchmarks/history
+	$(BIN)/python -m benchmarks.run $(ARGS)
+
+bench-compare: $(STAMPS)/dev $(NATIVE) ## measure, and compare with this machine's last entry: more than 3 % is flagged
+	$(BIN)/python -m benchmarks.compare $(ARGS)
+
+golden: $(STAMPS)/dev $(NATIVE) ## write golden files that are missing; never touches one that exists
+	LIDARCODEC_GOLDEN=write $(BIN)/python -m pytest -q tests/golden
+
+fuzz: $(STAMPS)/dev ## hostile bytes against the core under AddressSanitizer, and against the whole decoder
+	PYTHON=$(BIN)/python tools/fuzz.sh $(ARGS)
+
+soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
+	$(BIN)/python -m benchmarks.soak $(ARGS)
+
+faults: $(STAMPS)/dev $(NATIVE) ## kill and restart publishers and subscribers in the middle of a stream
+	$(BIN)/python -m pytest -m faults $(ARGS)
+
+format: $(STAMPS)/dev ## put every file into the house's form
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+native: $(NATIVE) ## build the native core into lidarcodec/
+
+clean: ## remove the environment and every build
+	rm -rf $(VENV) build lidarcodec/_native*.so
+
+# --- set-up ---------------------------------------------------------------------------------------------------------
+
+$(STAMPS)/build: constraints.txt
+	@sh tools/check-system.sh
+	@echo "Setting up $(VENV) (once) ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(PIP) scikit-build-core nanobind cmake ninja
+	@rm -rf build/native
+	@mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/base: $(STAMPS)/build pyproject.toml
+	@echo "Installing what lidarcodec needs ..."
+	@$(PIP) $(EDITABLE) -e .
+	@touch $@
+
+$(STAMPS)/dev: $(STAMPS)/base
+	@echo "Installing what its tests need ..."
+	@$(PIP) $(EDITABLE) -e '.[dev]'
+	@touch $@
+
+$(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)
+	@echo "Building the native core ..."
+	@PYTHON=$(BIN)/python tools/build-native.sh
+	@touch $@
