@@ -1,20 +1,187 @@
-"""Frame -> structured array of points in metres. The only place below the lossy codecs where ranges become floats."""
+"""Frame -> structured array of points in metres. The only place below the lossy codecs where ranges become floats.
+
+For a laser with elevation v, rotation correction rot, vertical and horizontal offset vo and ho, at azimuth a:
+
+    beta = a - rot;  D = 2 mm * range + dist_correction
+    ros:       r = D cos v - vo sin v,  z = D sin v + vo cos v     (the vertical offset is turned by the elevation)
+    veloview:  r = D cos v,             z = D sin v + vo           (it is not: the form of VeloView and its CSV files)
+    x = r cos beta + ho sin beta   (forward)
+    y = ho cos beta - r sin beta   (left)
+
+`ros` also applies the two-point distance correction of HDL-64E S3 manual rev. K, appendix F: near targets (calibrated
+at 2.4 m across and 1.93 m along) are corrected by dist_correction_x and _y, far ones (25.04 m) by dist_correction,
+linearly between, each by its own coordinate; z goes with the coordinate along, as in the manual and the ROS driver.
+Beyond 25.04 m the far correction holds (the manual: "nearer than 25 m only"); the ROS driver extrapolates there. Where
+the three corrections are equal nothing changes.
+
+Angles are looked up per column and per laser and added by the addition theorem: no trigonometry per point.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.errors import SectionError
+from lidarcodec.side import Role, SideInfo
+from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS, LASERS_PER_BLOCK
+
 if TYPE_CHECKING:
     from lidarcodec.frame import Frame
+    from lidarcodec.sensor_model import SensorModel
+
+Floats = npt.NDArray[np.float64]
 
 CLOUD_DTYPE = np.dtype(
     [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"), ("t_ns", "i8")]
 )
 
+RETURN = np.dtype([("distance", "<u2"), ("intensity", "u1")])
+"""Three bytes of a block, as sent."""
+BLOCK_NS = 24_000
+"""A block is half a firing of 48 us (S2 manual, laser firing time table); the older firmware's take 24.8 us each."""
+NEAR_ACROSS_M, NEAR_ALONG_M, FAR_M = 2.4, 1.93, 25.04
+
 
 def cloud_of(frame: Frame) -> npt.NDArray[np.void]:
-    """Points of the frame's valid returns."""
-    raise NotImplementedError
+    """(N,) CLOUD_DTYPE, points of the frame's valid returns, column by column, in a column from the top ring down.
+
+    t_ns is the host time of the column's packet plus the time of the firing within it (48 us a firing; the 64 lasers of
+    one share it). A frame that never was packets counts 48 us a column from its stamp. The intensity is as sent.
+    Second returns are not in it: see `second_cloud`. Cost: 5 ms for 120,000 points.
+    """
+    lasers = frame.sensor.laser_of_ring
+    half = (lasers >= LASERS_PER_BLOCK).astype(np.intp)
+    cos_a, sin_a = _turned(frame.azimuth.T)
+    # Both halves of a column fire at one azimuth on an S2: then one value a column does for all its lasers.
+    columns = slice(0, 1) if np.array_equal(frame.azimuth[0], frame.azimuth[1]) else half
+    xyz = _xyz(frame.range.T, cos_a[:, columns], sin_a[:, columns], _factors(frame.sensor, lasers))
+    chosen = np.flatnonzero(frame.valid.T)
+    column, ring = np.divmod(chosen, LASERS)
+    points = _points(xyz, chosen)
+    points["intensity"] = frame.intensity.T.ravel()[chosen]
+    points["laser"], points["ring"] = lasers[ring], ring
+    points["t_ns"] = (frame.stamp_ns + _column_ns(frame))[column]
+    return points
+
+
+def second_cloud(frame: Frame) -> npt.NDArray[np.void]:
+    """(N,) CLOUD_DTYPE, points of the second returns of a sensor in dual-return mode, in the order of their packets.
+
+    Empty for a frame without side information. A second return that repeats the first one is a point here too.
+    """
+    side = frame.side
+    if side is None or not len(side.second):
+        return np.empty(0, CLOUD_DTYPE)
+    roles = side.layouts[side.layout].ravel()
+    opened = np.cumsum(_opens(roles)) - 1
+    blocks = np.flatnonzero((roles == Role.UPPER_SECOND) | (roles == Role.LOWER_SECOND))
+    column, half = opened[blocks], (roles[blocks] == Role.LOWER_SECOND).astype(np.intp)
+    if len(blocks) != len(side.second) or column.min() < 0 or column.max() >= frame.width:
+        raise SectionError(f"side information holds {len(side.second)} second returns for {len(blocks)} blocks")
+    lasers = half[:, None] * LASERS_PER_BLOCK + np.arange(LASERS_PER_BLOCK)
+    returns = side.second.view(RETURN)
+    cos_a, sin_a = _turned(frame.azimuth[half, column][:, None])
+    xyz = _xyz(returns["distance"], cos_a, sin_a, _factors(frame.sensor, lasers))
+    chosen = np.flatnonzero(returns["distance"])
+    points = _points(xyz, chosen)
+    points["intensity"] = returns["intensity"].ravel()[chosen]
+    points["laser"] = lasers.ravel()[chosen]
+    points["ring"] = frame.sensor.ring_of_laser[points["laser"]]
+    points["t_ns"] = (frame.stamp_ns + _column_ns(frame))[column][chosen // LASERS_PER_BLOCK]
+    return points
+
+
+def _points(xyz: tuple[Floats, Floats, Floats], chosen: npt.NDArray[np.intp]) -> npt.NDArray[np.void]:
+    points = np.empty(len(chosen), CLOUD_DTYPE)
+    for name, values in zip("xyz", xyz, strict=True):
+        points[name] = values.ravel()[chosen]
+    return points
+
+
+def _opens(roles: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    opens: npt.NDArray[np.bool_] = (roles == Role.UPPER_OPENS) | (roles == Role.LOWER_OPENS)
+    return opens
+
+
+def _column_ns(frame: Frame) -> npt.NDArray[np.int64]:
+    """(W,) int64, time of each column after the frame's stamp."""
+    side = frame.side
+    if side is None or side.columns != frame.width:
+        return np.arange(frame.width, dtype=np.int64) * (2 * BLOCK_NS)
+    return side.column_ns + _firing_ns(side)
+
+
+def _firing_ns(side: SideInfo) -> npt.NDArray[np.int64]:
+    """(W,) int64, time of each column after the first block of its packet: 24 us a block, second returns in no time."""
+    takes = (side.layouts != Role.UPPER_SECOND) & (side.layouts != Role.LOWER_SECOND)
+    before = (np.cumsum(takes, axis=1) - takes) * BLOCK_NS
+    times: npt.NDArray[np.int64] = before[side.layout][_opens(side.layouts)[side.layout]]
+    return times
+
+
+class _Lasers(NamedTuple):
+    """Per-laser factors, in one shape that broadcasts against the points'."""
+
+    range_step: float
+    turn_offset: bool
+    two_point: bool
+    dist: Floats
+    near_across: Floats
+    near_along: Floats
+    cos_rot: Floats
+    sin_rot: Floats
+    cos_vert: Floats
+    sin_vert: Floats
+    vert_offset: Floats
+    horiz_offset: Floats
+
+
+def _factors(sensor: SensorModel, lasers: npt.NDArray[np.intp]) -> _Lasers:
+    def of(name: str) -> Floats:
+        return sensor.calibration[name][lasers]
+
+    rot, vert = of("rot_correction_rad"), of("vert_correction_rad")
+    dist, across, along = of("dist_correction_m"), of("dist_correction_x_m"), of("dist_correction_y_m")
+    ros = sensor.convention == "ros"
+    return _Lasers(
+        range_step=sensor.range_step_m,
+        turn_offset=ros,
+        two_point=ros and not (np.array_equal(dist, across) and np.array_equal(dist, along)),
+        dist=dist,
+        near_across=(across - dist) / (FAR_M - NEAR_ACROSS_M),
+        near_along=(along - dist) / (FAR_M - NEAR_ALONG_M),
+        cos_rot=np.cos(rot),
+        sin_rot=np.sin(rot),
+        cos_vert=np.cos(vert),
+        sin_vert=np.sin(vert),
+        vert_offset=of("vert_offset_m"),
+        horiz_offset=of("horiz_offset_m"),
+    )
+
+
+def _turned(azimuth: npt.NDArray[np.uint16]) -> tuple[Floats, Floats]:
+    """Cosine and sine of azimuths."""
+    angle = np.radians(azimuth * AZIMUTH_STEP_DEG)
+    return np.cos(angle), np.sin(angle)
+
+
+def _xyz(ranges: npt.NDArray[np.uint16], cos_a: Floats, sin_a: Floats, k: _Lasers) -> tuple[Floats, Floats, Floats]:
+    """x, y, z of native ranges (N, L); cosine and sine of the azimuth and the factors of `k` broadcast to (N, L)."""
+    cos_b, sin_b = cos_a * k.cos_rot + sin_a * k.sin_rot, sin_a * k.cos_rot - cos_a * k.sin_rot
+    distance = ranges * k.range_step + k.dist
+    flat = distance * k.cos_vert
+    if k.turn_offset:
+        flat -= k.vert_offset * k.sin_vert
+    x = flat * cos_b + k.horiz_offset * sin_b
+    y = k.horiz_offset * cos_b - flat * sin_b
+    z = distance * k.sin_vert + k.vert_offset * (k.cos_vert if k.turn_offset else 1.0)
+    if k.two_point:
+        across = k.near_across * np.maximum(FAR_M - np.abs(y), 0.0)
+        along = k.near_along * np.maximum(FAR_M - np.abs(x), 0.0)
+        x += along * k.cos_vert * cos_b
+        y -= across * k.cos_vert * sin_b
+        z += along * k.sin_vert
+    return x, y, z

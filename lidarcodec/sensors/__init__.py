@@ -1,1 +1,35 @@
+"""Sensors: payload bytes <-> blocks, who sent them, and the calibration that gives them meaning."""
 
+from lidarcodec.sensors.calibration import read_calibration, write_calibration, write_db_xml, write_yaml
+from lidarcodec.sensors.find import find_calibration
+from lidarcodec.sensors.generic import generic_for, generic_sensor, model_of
+from lidarcodec.sensors.hdl64 import BLOCK_DTYPE, PACKET_DTYPE, RETURN_DTYPE, BlockFlag, PacketArrays, build, parse
+from lidarcodec.sensors.status import STATUS_PACKETS, StatusClock, parameter_bytes, status_bytes
+from lidarcodec.sensors.status_reader import StatusReader, UnitParameters
+from lidarcodec.sensors.table import identify, identify_stream
+
+__all__ = [
+    "BLOCK_DTYPE",
+    "PACKET_DTYPE",
+    "RETURN_DTYPE",
+    "STATUS_PACKETS",
+    "BlockFlag",
+    "PacketArrays",
+    "StatusClock",
+    "StatusReader",
+    "UnitParameters",
+    "build",
+    "find_calibration",
+    "generic_for",
+    "generic_sensor",
+    "identify",
+    "identify_stream",
+    "model_of",
+    "parameter_bytes",
+    "parse",
+    "read_calibration",
+    "status_bytes",
+    "write_calibration",
+    "write_db_xml",
+    "write_yaml",
+]

@@ -1,0 +1,141 @@
+"""Calibration files: Velodyne `db.xml` (degrees, centimetres) and ROS `.yaml` (radians, metres) -> SensorModel.
+
+Both forms hold the same values per laser; `db_xml` and `ros_yaml` read and write them, this file says what makes a
+table an HDL-64E's:
+
+* 64 lasers with the ids 0-63, each once. Fewer or more: a file of another sensor, refused by its number of lasers.
+* rotation and elevation are required; what else is missing is 0 (largest intensity 255).
+* ranges in steps of 2 mm.
+* two-point distance correction: a laser whose X or Y correction is missing or 0, or whose
+  `two_pt_correction_available` is false, has none: its X and Y corrections are set to the distance correction, which
+  means the same and needs no flag. (A ROS file may say true and hold zeros, the 64e_utexas one does: zeros would pull
+  near points in by the whole correction.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcodec.errors import CalibrationError
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Origin, SensorModel
+from lidarcodec.sensors.table import HDL64
+from lidarcodec.units import LASERS, RANGE_STEP_M
+
+MAX_FILE_BYTES = 1 << 20
+"""Real files have 20-50 kB."""
+OTHER_SENSORS = {16: "a VLP-16 or Puck Hi-Res", 32: "an HDL-32E or VLP-32", 128: "a VLS-128"}
+"""Who has how many lasers."""
+REQUIRED = ("rot_correction_rad", "vert_correction_rad")
+LIMITS = {"rot_correction_rad": 2 * math.pi, "vert_correction_rad": math.pi / 2}
+"""Largest magnitude of the angles: a file in the wrong unit shows here."""
+
+
+def read_calibration(path: Path, origin: Origin = "given") -> SensorModel:
+    """The HDL-64E that a `db.xml` or ROS `.yaml` file describes; which of the two it is, is seen from its text.
+
+    Raises CalibrationError if the file cannot be read, or is not the calibration of an HDL-64E.
+    """
+    from lidarcodec.sensors import db_xml, ros_yaml
+
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise CalibrationError(f"calibration {path} cannot be read: {error.strerror or error}") from error
+    if len(data) > MAX_FILE_BYTES:
+        raise CalibrationError(f"calibration {path} has more than {MAX_FILE_BYTES} bytes: that is no calibration")
+    reader: Callable[[bytes], Calibration]
+    reader = db_xml.parse if data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" else ros_yaml.parse
+    try:
+        return SensorModel(HDL64, reader(data), origin)
+    except CalibrationError as error:
+        raise CalibrationError(f"calibration {path}: {error}") from error
+
+
+def write_calibration(sensor: SensorModel, path: Path) -> None:
+    """Write `.yaml` or `.yml` in the ROS form, anything else as `db.xml`.
+
+    Raises CalibrationError if the file cannot be written.
+    """
+    (write_yaml if Path(path).suffix.lower() in (".yaml", ".yml") else write_db_xml)(sensor, path)
+
+
+def write_db_xml(sensor: SensorModel, path: Path) -> None:
+    """Write Velodyne's `db.xml` form; reading it gives the same table.
+
+    Raises CalibrationError if the file cannot be written.
+    """
+    from lidarcodec.sensors import db_xml
+
+    _write(path, db_xml.text(sensor.calibration))
+
+
+def write_yaml(sensor: SensorModel, path: Path) -> None:
+    """Write the ROS `.yaml` form; reading it gives the same table.
+
+    Raises CalibrationError if the file cannot be written.
+    """
+    from lidarcodec.sensors import ros_yaml
+
+    _write(path, ros_yaml.text(sensor.calibration))
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CalibrationError(f"calibration {path} cannot be written: {error.strerror or error}") from error
+
+
+def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M) -> Calibration:
+    """Calibration of 64 lasers given as mappings of CALIBRATION_FIELDS, `laser_id` and perhaps `two_point` (bool).
+
+    Raises CalibrationError saying what is missing, double, not a number, or of another sensor.
+    """
+    if len(lasers) != LASERS:
+        whose = OTHER_SENSORS.get(len(lasers), "another sensor")
+        raise CalibrationError(f"it holds {len(lasers)} lasers and is of {whose}: an HDL-64E has {LASERS}")
+    if not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
+        raise CalibrationError(f"distances in steps of {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
+    ids = [_laser_id(laser) for laser in lasers]
+    if double := sorted({number for number in ids if ids.count(number) > 1}):
+        raise CalibrationError(f"laser {double[0]} is there twice")
+    values: dict[str, list[float]] = {name: [0.0] * LASERS for name in CALIBRATION_FIELDS}
+    for number, laser in zip(ids, lasers, strict=True):
+        for name, value in _laser_values(number, laser).items():
+            values[name][number] = value
+    return Calibration.from_values({name: np.array(column) for name, column in values.items()})
+
+
+def _laser_id(laser: Mapping[str, Any]) -> int:
+    number = laser.get("laser_id")
+    if isinstance(number, bool) or not isinstance(number, int):
+        raise CalibrationError(f"a laser has no number: laser_id is {number!r:.40}")
+    if not 0 <= number < LASERS:
+        raise CalibrationError(f"laser {number}: an HDL-64E's are 0 to {LASERS - 1}")
+    return number
+
+
+def _laser_values(number: int, laser: Mapping[str, Any]) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for name in CALIBRATION_FIELDS:
+        given = laser.get(name)
+        if given is None and name in REQUIRED:
+            raise CalibrationError(f"laser {number} has no {name.removesuffix('_rad')}")
+        default = 255.0 if name == "max_intensity" else 0.0
+        try:
+            value = default if given is None else float(given)
+        except (TypeError, ValueError, OverflowError):
+            value = math.nan
+        if isinstance(given, bool) or not abs(value) <= LIMITS.get(name, math.inf) or math.isinf(value):
+            raise CalibrationError(f"laser {number}: {name} is {given!r:.40}")
+        values[name] = math.floor(value) if name.endswith("intensity") else value
+    near = (values["dist_correction_x_m"], values["dist_correction_y_m"])
+    if 0.0 in near or laser.get("two_point", True) is False:
+        values["dist_correction_x_m"] = values["dist_correction_y_m"] = values["dist_correction_m"]
+    return values

@@ -1,0 +1,99 @@
+"""Calibration in the ROS form: YAML with a list `lasers`, radians and metres, as in `velodyne_pointcloud/params`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from lidarcodec.errors import CalibrationError
+from lidarcodec.sensor_model import ANGLE_UNIT_RAD, CALIBRATION_FIELDS, LENGTH_UNIT_M, Calibration
+from lidarcodec.sensors.calibration import table_of
+from lidarcodec.units import LASERS, RANGE_STEP_M
+
+# The C loader is ten times as fast. Both refuse every tag but the plain ones.
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+KEYS: dict[str, str] = {
+    "rot_correction_rad": "rot_correction",
+    "vert_correction_rad": "vert_correction",
+    "dist_correction_m": "dist_correction",
+    "dist_correction_x_m": "dist_correction_x",
+    "dist_correction_y_m": "dist_correction_y",
+    "vert_offset_m": "vert_offset_correction",
+    "horiz_offset_m": "horiz_offset_correction",
+    "focal_distance_m": "focal_distance",
+    "focal_slope": "focal_slope",
+    "min_intensity": "min_intensity",
+    "max_intensity": "max_intensity",
+}
+"""Key in the file of each calibration field."""
+DECIMALS = {ANGLE_UNIT_RAD: 8, LENGTH_UNIT_M: 7}
+TWO_POINT = "two_pt_correction_available"
+MAX_DEPTH = 16
+_OPENING = (
+    yaml.BlockSequenceStartToken,
+    yaml.BlockMappingStartToken,
+    yaml.FlowSequenceStartToken,
+    yaml.FlowMappingStartToken,
+)
+_CLOSING = (yaml.BlockEndToken, yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
+
+
+def parse(data: bytes) -> Calibration:
+    """Calibration of a ROS `.yaml` file.
+
+    Raises CalibrationError if it is not one, or of another sensor.
+    """
+    _check_tokens(data)
+    try:
+        tree = yaml.load(data, _LOADER)
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise CalibrationError(f"it is not YAML: {_first_line(error)}") from error
+    lasers = tree.get("lasers") if isinstance(tree, dict) else None
+    if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
+        raise CalibrationError("it has no list 'lasers': a ROS calibration has")
+    step = tree.get("distance_resolution", RANGE_STEP_M)
+    if isinstance(step, bool) or not isinstance(step, (int, float)):
+        raise CalibrationError(f"distance_resolution is {step!r:.40}")
+    rows = []
+    for laser in lasers:
+        row = {name: laser.get(key) for name, key in KEYS.items()}
+        rows.append(row | {"laser_id": laser.get("laser_id"), "two_point": laser.get(TWO_POINT, True)})
+    return table_of(rows, float(step))
+
+
+def text(calibration: Calibration) -> str:
+    """The ROS form of a calibration, with as many digits as the table keeps."""
+    lines = ["lasers:"]
+    near = (calibration["dist_correction_x_m"], calibration["dist_correction_y_m"])
+    two_point = (near[0] != calibration["dist_correction_m"]) | (near[1] != calibration["dist_correction_m"])
+    columns = {KEYS[name]: (calibration[name], _decimals(step)) for name, step in CALIBRATION_FIELDS.items()}
+    for laser in range(LASERS):
+        fields = {key: f"{values[laser]:.{decimals}f}" for key, (values, decimals) in columns.items()}
+        fields |= {"laser_id": str(laser), TWO_POINT: "true" if two_point[laser] else "false"}
+        lines.append("- {" + ", ".join(f"{key}: {fields[key]}" for key in sorted(fields)) + "}")
+    lines += [f"num_lasers: {LASERS}", f"distance_resolution: {RANGE_STEP_M}", ""]
+    return "\n".join(lines)
+
+
+def _decimals(step: float) -> int:
+    return DECIMALS.get(step, 0 if step == 1.0 else 6)
+
+
+def _check_tokens(data: bytes) -> None:
+    """Refuse anchors and deep nesting before a tree is made: both turn a few bytes into gigabytes or a full stack."""
+    depth = 0
+    try:
+        for token in yaml.scan(data, _LOADER):
+            if isinstance(token, (yaml.AliasToken, yaml.AnchorToken)):
+                raise CalibrationError("it uses YAML anchors, which no calibration needs")
+            depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
+            if depth > MAX_DEPTH:
+                raise CalibrationError(f"it nests deeper than {MAX_DEPTH} levels: that is no calibration")
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise CalibrationError(f"it is not YAML: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
