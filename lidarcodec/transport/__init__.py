@@ -1,1 +1,24 @@
+"""Bytes on keys between processes. `base` is the contract, `zenoh` the network, `memory` the same in one process."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lidarcodec.transport.base import Transport
+from lidarcodec.transport.endpoints import Endpoints
+
+if TYPE_CHECKING:
+    from threading import Event
+
+__all__ = ["Endpoints", "Transport", "open_transport"]
+
+
+def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = None) -> Transport:
+    """A Zenoh transport; without endpoints it stays on this machine.
+
+    A router that cannot be reached yet is tried again until it can, or until `stop` is set.
+    Raises TransportError for endpoints or a configuration that cannot be used, and when stopped.
+    """
+    from lidarcodec.transport.zenoh import ZenohTransport
+
+    return ZenohTransport.open(endpoints or Endpoints(), stop=stop)

@@ -1,0 +1,122 @@
+"""What every transport gives. Frames go by `Sender` and `Inbox`, newest only; all else is small and goes by callback.
+
+A transport never receives what it put itself. Handlers run in threads of the transport, must be quick and must not
+raise; one that does is logged once per cause and goes on.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from enum import Enum
+from typing import Protocol, Self
+
+logger = logging.getLogger(__name__)
+
+MAX_EVENT_BYTES = 1 << 20
+"""Longest small event, query or answer that is handed to a handler; longer ones are dropped and logged once."""
+
+EventHandler = Callable[[str, bytes], None]
+"""Takes key and bytes of one small event."""
+QueryHandler = Callable[[bytes], bytes]
+"""Takes the bytes of a query, gives those of the answer."""
+AliveHandler = Callable[[str, bool], None]
+"""Takes a token's key, and whether it came (True) or went (False)."""
+MatchHandler = Callable[[bool], None]
+"""Told when the first receiver came (True) and when the last one went (False)."""
+
+
+class Priority(Enum):
+    """What goes first when the path is narrow. Each has a queue of its own on every link."""
+
+    REAL_TIME = "real_time"
+    """Arrival reports: a few bytes, sent at once, never behind a frame."""
+    FRAMES = "frames"
+    """Messages: never block the sender; one that the link cannot take while another waits is dropped there."""
+    STATUS = "status"
+    """Once a second; dropped when the link is full."""
+
+
+class Closeable(Protocol):
+    """Something to give back; `close` is harmless when called twice."""
+
+    def close(self) -> None: ...
+
+
+class Sender(Closeable, Protocol):
+    """Puts bytes on one key."""
+
+    @property
+    def matching(self) -> bool:
+        """Whether anybody else receives this key."""
+
+    def put(self, data: bytes) -> None:
+        """Hand the bytes to the network; never waits for a receiver.
+
+        Raises TransportError when the transport is closed.
+        """
+
+
+class Inbox(Closeable, Protocol):
+    """Receives one key, keeping only the newest message: what is not taken in time is replaced, never queued."""
+
+    def receive(self) -> bytes | None:
+        """The newest message, as soon as there is one; None once the inbox or its transport is closed."""
+
+
+class Transport(Closeable, Protocol):
+    """A session on a network; a context manager.
+
+    Raises TransportError from every method when the session is closed or a key is not valid.
+    """
+
+    def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
+        """A sender on one key; `on_match` hears when receivers come and when the last one goes."""
+
+    def inbox(self, key: str) -> Inbox:
+        """A newest-only receiver of one key."""
+
+    def listen(self, key: str, handler: EventHandler) -> Closeable:
+        """Hand every small event on a key, or key expression (`*` one part, `**` any), to the handler."""
+
+    def answer(self, key: str, handler: QueryHandler) -> Closeable:
+        """Answer queries on one key."""
+
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
+        """The first answer to a query; None when nobody answers in time, or nobody is there."""
+
+    def token(self, key: str) -> Closeable:
+        """Show that this process is alive, until closed, killed or cut off."""
+
+    def watch(self, key: str, handler: AliveHandler) -> Closeable:
+        """Hand tokens on a key or key expression to the handler: those that are there, own ones too, then changes."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+class Guard:
+    """Calls handlers so that one that raises is logged, once per kind of error, and never hurts the transport."""
+
+    def __init__(self) -> None:
+        self._seen: set[tuple[str, type[BaseException]]] = set()
+
+    def call(self, what: str, handler: Callable[..., object], *values: object) -> object:
+        """What the handler returns; None if it raised."""
+        try:
+            return handler(*values)
+        except Exception as error:
+            if (what, type(error)) not in self._seen:
+                self._seen.add((what, type(error)))
+                logger.exception("the handler of %s failed; further failures of this kind are not logged", what)
+            return None
+
+    def fits(self, what: str, size: int) -> bool:
+        """Whether an event of this size may be handed on; a longer one is logged once per key."""
+        if size <= MAX_EVENT_BYTES:
+            return True
+        if (what, OverflowError) not in self._seen:
+            self._seen.add((what, OverflowError))
+            logger.warning("dropped %d bytes on %s: small events have at most %d", size, what, MAX_EVENT_BYTES)
+        return False

@@ -1,0 +1,117 @@
+"""The keys of a stream (DESIGN 3.4), and what matches what.
+
+>>> keys = StreamKeys("car-7", "roof")
+>>> keys.frame, keys.arrived("server")
+('lidarcodec/v1/car-7/roof/frame', 'lidarcodec/v1/car-7/roof/arrived/server')
+>>> StreamKeys.parse("lidarcodec/v1/car-7/roof") == keys
+True
+>>> matches("lidarcodec/v1/*/*/alive", "lidarcodec/v1/car-7/roof/alive")
+True
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.settings import valid_name
+
+PREFIX = "lidarcodec/v1"
+SERVER_RECEIVER = "server"
+"""Name under which the server reports arrivals; publishers follow it when nothing else is set."""
+
+
+@dataclass(frozen=True)
+class StreamKeys:
+    """Keys of one stream; names are 1 to 64 of A-Z a-z 0-9 _ . -"""
+
+    vehicle: str = "vehicle"
+    sensor: str = "lidar"
+
+    def __post_init__(self) -> None:
+        valid_name(self.vehicle, "vehicle")
+        valid_name(self.sensor, "sensor")
+
+    @classmethod
+    def parse(cls, key: str) -> StreamKeys:
+        """From `lidarcodec/v1/VEHICLE/SENSOR`, or just `VEHICLE/SENSOR`.
+
+        Raises SettingsError when it is neither.
+        """
+        parts = key.removeprefix(PREFIX + "/").split("/")
+        if len(parts) != 2:
+            raise SettingsError(f"'{key}' is no stream: write {PREFIX}/VEHICLE/SENSOR or VEHICLE/SENSOR", "key")
+        return cls(*parts)
+
+    @property
+    def prefix(self) -> str:
+        """What all keys of the stream begin with."""
+        return f"{PREFIX}/{self.vehicle}/{self.sensor}"
+
+    @property
+    def frame(self) -> str:
+        """Messages."""
+        return f"{self.prefix}/frame"
+
+    @property
+    def control_get(self) -> str:
+        """Query: settings and status."""
+        return f"{self.prefix}/control/get"
+
+    @property
+    def control_set(self) -> str:
+        """Query: change settings."""
+        return f"{self.prefix}/control/set"
+
+    @property
+    def control_keyframe(self) -> str:
+        """Query: a key frame, soon."""
+        return f"{self.prefix}/control/keyframe"
+
+    @property
+    def status(self) -> str:
+        """JSON once a second from the publisher."""
+        return f"{self.prefix}/status"
+
+    @property
+    def alive(self) -> str:
+        """Liveliness token of the publisher."""
+        return f"{self.prefix}/alive"
+
+    def arrived(self, receiver: str = "*") -> str:
+        """Arrival reports, and liveliness tokens, of one receiver or of all."""
+        return f"{self.prefix}/arrived/{receiver if receiver == '*' else valid_name(receiver, 'receiver')}"
+
+    def report(self, receiver: str = "*") -> str:
+        """JSON once a second from one receiver or from all."""
+        return f"{self.prefix}/report/{receiver if receiver == '*' else valid_name(receiver, 'receiver')}"
+
+
+def check_key(key: str, *, wild: bool = False) -> str:
+    """The key itself.
+
+    Raises TransportError when it cannot be one, or holds a wildcard where none is allowed.
+    """
+    parts = key.split("/")
+    if not key or not all(parts) or any(sign in key for sign in "?#$"):
+        raise TransportError(f"'{key}' is not a key: parts separated by single '/', without ? # $")
+    if any("*" in part and part not in ("*", "**") for part in parts):
+        raise TransportError(f"'{key}' is not a key: * and ** stand for whole parts")
+    if not wild and "*" in key:
+        raise TransportError(f"'{key}' has wildcards where one key is needed")
+    return key
+
+
+@lru_cache(maxsize=256)
+def matches(expression: str, key: str) -> bool:
+    """Whether a key expression (`*` one part, `**` any number, none included) covers a key."""
+
+    def covers(wanted: tuple[str, ...], parts: tuple[str, ...]) -> bool:
+        if not wanted:
+            return not parts
+        if wanted[0] == "**":
+            return covers(wanted[1:], parts) or (bool(parts) and covers(wanted, parts[1:]))
+        return bool(parts) and wanted[0] in ("*", parts[0]) and covers(wanted[1:], parts[1:])
+
+    return covers(tuple(expression.split("/")), tuple(key.split("/")))

@@ -1,0 +1,331 @@
+"""A transport inside one process, for tests and for programs whose two ends are in the same process.
+
+>>> network = MemoryNetwork()
+>>> with network.transport() as car, network.transport() as office:
+...     inbox = office.inbox("a/b")
+...     car.sender("a/b", Priority.FRAMES).put(b"old"); car.sender("a/b", Priority.FRAMES).put(b"new")
+...     inbox.receive()
+b'new'
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Self, TypeVar
+
+from lidarcodec.errors import TransportError
+from lidarcodec.transport.base import (
+    AliveHandler,
+    Closeable,
+    EventHandler,
+    Guard,
+    Inbox,
+    MatchHandler,
+    Priority,
+    QueryHandler,
+    Sender,
+)
+from lidarcodec.transport.keys import check_key, matches
+
+WAITING_EVENTS = 256
+"""Small events that wait for one handler; the oldest give way."""
+
+
+class _Worker:
+    """Runs the calls of one handler in order, in a thread of its own."""
+
+    def __init__(self, name: str) -> None:
+        self._calls: deque[Callable[[], object]] = deque(maxlen=WAITING_EVENTS)
+        self._condition = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name=f"memory {name}", daemon=True)
+        self._thread.start()
+
+    def post(self, call: Callable[[], object]) -> None:
+        """Have it called soon."""
+        with self._condition:
+            self._calls.append(call)
+            self._condition.notify()
+
+    def close(self) -> None:
+        """Stop; a call that runs is waited for, unless it is the one that closes."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(2.0)
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: bool(self._calls) or self._closed)
+                if self._closed:
+                    return
+                call = self._calls.popleft()
+            call()
+
+
+class _Entity:
+    """Something that a transport declared on a key."""
+
+    def __init__(self, owner: MemoryTransport, key: str) -> None:
+        self.owner, self.key = owner, key
+        self.worker: _Worker | None = None
+
+    def close(self) -> None:
+        """Take it back; harmless when called twice."""
+        self.owner.network.remove(self)
+        if self.worker is not None:
+            self.worker.close()
+
+
+class _Listener(_Entity):
+    handler: EventHandler
+
+
+class _Queryable(_Entity):
+    handler: QueryHandler
+
+
+class _Token(_Entity):
+    pass
+
+
+class _Watcher(_Entity):
+    handler: AliveHandler
+
+
+class _Inbox(_Entity):
+    """A slot of one message."""
+
+    def __init__(self, owner: MemoryTransport, key: str) -> None:
+        super().__init__(owner, key)
+        self._condition = threading.Condition()
+        self._newest: bytes | None = None
+        self._closed = False
+
+    def drop_in(self, data: bytes) -> None:
+        """Replace what is there."""
+        with self._condition:
+            self._newest = data
+            self._condition.notify()
+
+    def receive(self) -> bytes | None:
+        """The newest message, as soon as there is one; None once closed."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._newest is not None or self._closed)
+            data, self._newest = self._newest, None
+            return None if self._closed else data
+
+    def close(self) -> None:
+        """End a `receive` that waits."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+        super().close()
+
+
+class _Sender(_Entity):
+    """Puts on one key."""
+
+    on_match: MatchHandler | None = None
+    told = False
+
+    @property
+    def matching(self) -> bool:
+        """Whether any other transport receives this key."""
+        return bool(self.owner.network.receivers(self))
+
+    def put(self, data: bytes) -> None:
+        """Hand over the bytes. Raises TransportError when closed."""
+        network = self.owner.network
+        if not network.has(self):
+            raise TransportError(f"cannot send on {self.key}: closed")
+        data = bytes(data)
+        for receiver in network.receivers(self):
+            if isinstance(receiver, _Inbox):
+                receiver.drop_in(data)
+            elif isinstance(receiver, _Listener):
+                receiver.owner.deliver(receiver, self.key, data)
+
+
+_T = TypeVar("_T", bound=_Entity)
+
+
+class MemoryNetwork:
+    """What the transports of one process are connected to."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._entities: list[_Entity] = []
+
+    def transport(self) -> MemoryTransport:
+        """A new transport on this network."""
+        return MemoryTransport(self)
+
+    def add(self, entity: _Entity) -> None:
+        """Declare; tell those whom it concerns."""
+        with self._lock:
+            self._entities.append(entity)
+            if isinstance(entity, _Watcher):
+                for token in [one for one in self._entities if isinstance(one, _Token)]:
+                    if matches(entity.key, token.key):
+                        entity.owner.tell(entity, token.key, alive=True)
+        self._changed(entity, alive=True)
+
+    def remove(self, entity: _Entity) -> None:
+        """Take back; tell those whom it concerns."""
+        with self._lock:
+            if entity not in self._entities:
+                return
+            self._entities.remove(entity)
+        self._changed(entity, alive=False)
+
+    def has(self, entity: _Entity) -> bool:
+        """Whether it is still declared."""
+        with self._lock:
+            return entity in self._entities
+
+    def receivers(self, sender: _Sender) -> list[_Inbox | _Listener]:
+        """Inboxes and listeners of other transports on the sender's key."""
+        with self._lock:
+            found: list[_Inbox | _Listener] = [*self._of(_Inbox, sender.owner), *self._of(_Listener, sender.owner)]
+            return [one for one in found if matches(one.key, sender.key)]
+
+    def queryables(self, owner: MemoryTransport, key: str) -> list[_Queryable]:
+        """Queryables of other transports on a key."""
+        with self._lock:
+            return [one for one in self._of(_Queryable, owner) if one.key == key]
+
+    def all_of(self, owner: MemoryTransport) -> list[_Entity]:
+        """Everything a transport has declared."""
+        with self._lock:
+            return [one for one in self._entities if one.owner is owner]
+
+    def _of(self, kind: type[_T], other_than: MemoryTransport) -> list[_T]:
+        return [one for one in self._entities if isinstance(one, kind) and one.owner is not other_than]
+
+    def _changed(self, entity: _Entity, *, alive: bool) -> None:
+        with self._lock:
+            if isinstance(entity, _Token):
+                for watcher in [one for one in self._entities if isinstance(one, _Watcher)]:
+                    if matches(watcher.key, entity.key):
+                        watcher.owner.tell(watcher, entity.key, alive=alive)
+            if isinstance(entity, _Sender | _Inbox | _Listener):
+                for sender in [one for one in self._entities if isinstance(one, _Sender)]:
+                    sender.owner.tell_match(sender)
+
+
+class MemoryTransport:
+    """One end on a MemoryNetwork; passes the same contract as the Zenoh transport."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self.network = network
+        self._guard = Guard()
+        self._closed = False
+
+    def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
+        """A sender on one key; a priority has no meaning where nothing is narrow."""
+        sender = _Sender(self, self._checked(key))
+        if on_match is not None:
+            sender.on_match, sender.worker = on_match, _Worker(f"matching {key} {priority.value}")
+        self.network.add(sender)
+        return sender
+
+    def inbox(self, key: str) -> Inbox:
+        """A slot of one message."""
+        inbox = _Inbox(self, self._checked(key))
+        self.network.add(inbox)
+        return inbox
+
+    def listen(self, key: str, handler: EventHandler) -> Closeable:
+        """Hand small events to the handler, in a thread of their own."""
+        listener = _Listener(self, self._checked(key, wild=True))
+        listener.handler, listener.worker = handler, _Worker(key)
+        self.network.add(listener)
+        return listener
+
+    def answer(self, key: str, handler: QueryHandler) -> Closeable:
+        """Answer queries on one key."""
+        queryable = _Queryable(self, self._checked(key))
+        queryable.handler, queryable.worker = handler, _Worker(key)
+        self.network.add(queryable)
+        return queryable
+
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
+        """The first answer; None when there is none in time."""
+        self._checked(key)
+        answers: list[bytes] = []
+        done = threading.Condition()
+        asked = self.network.queryables(self, key)
+        left = len(asked)
+
+        def run(queryable: _Queryable) -> None:
+            nonlocal left
+            given = None
+            if self._guard.fits(key, len(data)):
+                given = queryable.owner._guard.call(key, queryable.handler, bytes(data))
+            with done:
+                left -= 1
+                if isinstance(given, bytes) and self._guard.fits(key, len(given)):
+                    answers.append(given)
+                done.notify()
+
+        for queryable in asked:
+            if queryable.worker is not None:
+                queryable.worker.post(lambda queryable=queryable: run(queryable))  # type: ignore[misc]
+        with done:
+            done.wait_for(lambda: bool(answers) or left == 0, timeout_s)
+            return answers[0] if answers else None
+
+    def token(self, key: str) -> Closeable:
+        """Seen by others until it is closed."""
+        token = _Token(self, self._checked(key))
+        self.network.add(token)
+        return token
+
+    def watch(self, key: str, handler: AliveHandler) -> Closeable:
+        """Hand tokens, its own included, to the handler."""
+        watcher = _Watcher(self, self._checked(key, wild=True))
+        watcher.handler, watcher.worker = handler, _Worker(key)
+        self.network.add(watcher)
+        return watcher
+
+    def close(self) -> None:
+        """Take back everything; harmless when called twice."""
+        self._closed = True
+        for one in reversed(self.network.all_of(self)):
+            one.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def deliver(self, listener: _Listener, key: str, data: bytes) -> None:
+        """Have a listener called with an event."""
+        if listener.worker is not None and self._guard.fits(key, len(data)):
+            listener.worker.post(lambda: self._guard.call(listener.key, listener.handler, key, data))
+
+    def tell(self, watcher: _Watcher, key: str, *, alive: bool) -> None:
+        """Have a watcher called with a token's change."""
+        if watcher.worker is not None:
+            watcher.worker.post(lambda: self._guard.call(watcher.key, watcher.handler, key, alive))
+
+    def tell_match(self, sender: _Sender) -> None:
+        """Have a sender's owner told when matching changed."""
+        handler, worker = sender.on_match, sender.worker
+        if handler is None or worker is None:
+            return
+        now = sender.matching
+        if now != sender.told:
+            sender.told = now
+            worker.post(lambda: self._guard.call(f"matching on {sender.key}", handler, now))
+
+    def _checked(self, key: str, *, wild: bool = False) -> str:
+        if self._closed:
+            raise TransportError("the transport is closed")
+        return check_key(key, wild=wild)

@@ -1,0 +1,331 @@
+"""The network: a Zenoh session behind the transport contract. The only file that imports zenoh.
+
+What is done here, and why, was measured (ECOSYSTEM 1): frames come through a ring of one in a thread of the caller's
+own, because callbacks queue 256 of them silently; they leave with BLOCK_FIRST, which never blocks and never lets one
+slow client behind a router stop the others; receivers refuse what their own session sent; everything that is declared
+is given back, within a time limit.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import threading
+from collections.abc import Callable
+from typing import Any, Self
+
+import zenoh
+
+from lidarcodec.errors import TransportError
+from lidarcodec.transport.base import (
+    AliveHandler,
+    Closeable,
+    EventHandler,
+    Guard,
+    Inbox,
+    MatchHandler,
+    Priority,
+    QueryHandler,
+    Sender,
+)
+from lidarcodec.transport.endpoints import Endpoints
+from lidarcodec.transport.keys import check_key
+from lidarcodec.transport.meeting_point import MeetingPoint
+from lidarcodec.wire import MAX_MESSAGE
+
+logger = logging.getLogger(__name__)
+
+LOG_FILTER = "warn,zenoh::net::runtime::orchestrator=error"
+"""Why a connection was refused is said only at level warn, on the side that refused. The orchestrator's warnings repeat
+what is raised here, once per attempt. RUST_LOG overrules it. The library writes to standard output."""
+CLOSE_LIMIT_S = 2.0
+RETRY_S = 0.5
+
+_QOS: dict[Priority, dict[str, Any]] = {
+    Priority.REAL_TIME: {"priority": zenoh.Priority.REAL_TIME, "express": True},
+    Priority.FRAMES: {"priority": zenoh.Priority.DATA, "congestion_control": zenoh.CongestionControl.BLOCK_FIRST},
+    Priority.STATUS: {"priority": zenoh.Priority.DATA_LOW},
+}
+
+
+def _reason(error: Exception) -> str:
+    """What Zenoh says, without where in its source it says it."""
+    return re.sub(r" at /\S+", "", str(error)).strip()
+
+
+def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zenoh.Config:
+    """Raises TransportError when Zenoh refuses a value."""
+    config = zenoh.Config() if base is None else base
+    try:
+        for path, value in options.items():
+            config.insert_json5(path, json.dumps(value))
+    except zenoh.ZError as error:
+        raise TransportError(f"Zenoh does not take {path} = {value!r}: {_reason(error)}") from None
+    return config
+
+
+def _within_limit(close: Callable[[], object], what: str) -> None:
+    """Give something back in at most CLOSE_LIMIT_S; an exit must never hang on a network."""
+
+    def run() -> None:
+        try:
+            close()
+        except zenoh.ZError as error:
+            logger.debug("closing %s: %s", what, _reason(error))
+
+    thread = threading.Thread(target=run, name=f"close {what}", daemon=True)
+    thread.start()
+    thread.join(CLOSE_LIMIT_S)
+    if thread.is_alive():
+        logger.warning("closing %s did not end within %g s; left behind", what, CLOSE_LIMIT_S)
+
+
+class _Declared:
+    """Something declared on a session; given back once."""
+
+    def __init__(self, what: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
+        self._what, self._entities, self._forget = what, entities, forget
+
+    def close(self) -> None:
+        """Undeclare; harmless when called twice."""
+        entities, self._entities = self._entities, []
+        for entity in entities:
+            _within_limit(entity.undeclare, self._what)
+        self._forget(self)
+
+
+class _Sender(_Declared):
+    """Puts on one key."""
+
+    def __init__(self, key: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
+        super().__init__(key, entities, forget)
+        self._key, self._publisher = key, entities[0]
+
+    @property
+    def matching(self) -> bool:
+        """Whether any other session receives this key."""
+        try:
+            return bool(self._publisher.matching_status.matching)
+        except zenoh.ZError:
+            return False
+
+    def put(self, data: bytes) -> None:
+        """Hand over the bytes; at most a few milliseconds. Raises TransportError when closed."""
+        try:
+            self._publisher.put(data)
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot send on {self._key}: {_reason(error)}") from None
+
+
+class _Inbox(_Declared):
+    """A ring of one."""
+
+    def __init__(self, key: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
+        super().__init__(key, entities, forget)
+        self._key, self._ring = key, entities[0].handler
+
+    def receive(self) -> bytes | None:
+        """The newest message, as soon as there is one; None once closed."""
+        while True:
+            try:
+                payload = self._ring.recv().payload
+            except zenoh.ZError:
+                return None
+            if len(payload) <= MAX_MESSAGE:
+                return bytes(payload.to_bytes())
+            logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
+
+
+class ZenohTransport:
+    """One Zenoh session. Thread-safe."""
+
+    def __init__(self, session: zenoh.Session, meeting_point: MeetingPoint | None) -> None:
+        self._session, self._meeting_point = session, meeting_point
+        self._guard = Guard()
+        self._lock = threading.Lock()
+        self._declared: list[_Declared] = []
+
+    @classmethod
+    def open(cls, endpoints: Endpoints, *, stop: threading.Event | None = None) -> Self:
+        """Open a session; one that must reach a router first tries until it does, or `stop` is set.
+
+        Raises TransportError for a configuration or an endpoint that cannot be used, and when stopped.
+        """
+        zenoh.init_log_from_env_or(LOG_FILTER)
+        waits = endpoints.config is None and endpoints.effective_mode == "client"
+        point = MeetingPoint(endpoints.loopback_port, lambda: _open(endpoints.rendezvous_options()).close)
+        if endpoints.local:
+            point.start()
+        told = False
+        while True:
+            try:
+                session = _open(endpoints.options(), endpoints)
+                break
+            except TransportError as error:
+                if not waits:
+                    point.close()
+                    raise
+                if not told:
+                    logger.warning("%s; trying again until it can be reached", error)
+                    told = True
+                if (stop or threading.Event()).wait(RETRY_S):
+                    raise TransportError("stopped before the network was reached") from None
+        logger.info("session %s open as %s", session.zid(), endpoints.effective_mode)
+        transport = cls(session, point if endpoints.local else None)
+        if endpoints.local:
+            point.watch(lambda: transport.connected)
+        return transport
+
+    @property
+    def connected(self) -> int:
+        """Number of other sessions this one is linked to, the meeting point's own included."""
+        try:
+            return len(self._session.info.peers_zid()) + len(self._session.info.routers_zid())
+        except zenoh.ZError:
+            return 0
+
+    def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
+        """A sender on one key, with the quality of service of its priority."""
+        publisher = self._declare(key, "declare_publisher", allowed_destination=zenoh.Locality.REMOTE, **_QOS[priority])
+        entities: list[Any] = [publisher]
+        if on_match is not None:
+            told = on_match
+
+            def changed(status: zenoh.MatchingStatus) -> None:
+                self._guard.call(f"matching on {key}", told, bool(status.matching))
+
+            entities.insert(1, publisher.declare_matching_listener(changed))
+        sender = _Sender(key, entities, self._forget)
+        self._remember(sender)
+        return sender
+
+    def inbox(self, key: str) -> Inbox:
+        """A ring of one on one key; its receiver is the caller's thread."""
+        ring: Any = zenoh.handlers.RingChannel(1)
+        subscriber = self._declare(key, "declare_subscriber", ring, allowed_origin=zenoh.Locality.REMOTE)
+        inbox = _Inbox(key, [subscriber], self._forget)
+        self._remember(inbox)
+        return inbox
+
+    def listen(self, key: str, handler: EventHandler) -> Closeable:
+        """Hand small events to the handler, in a thread of their own."""
+
+        def came(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr)
+            if sample.kind == zenoh.SampleKind.PUT and self._guard.fits(name, len(sample.payload)):
+                self._guard.call(key, handler, name, sample.payload.to_bytes())
+
+        return self._keep(
+            key, self._declare(key, "declare_subscriber", came, wild=True, allowed_origin=zenoh.Locality.REMOTE)
+        )
+
+    def answer(self, key: str, handler: QueryHandler) -> Closeable:
+        """Answer queries on one key; a query that is not answered is always dropped, so that nobody waits for it."""
+
+        def asked(query: zenoh.Query) -> None:
+            with query:
+                size = 0 if query.payload is None else len(query.payload)
+                if not self._guard.fits(key, size):
+                    return
+                data = b"" if query.payload is None else query.payload.to_bytes()
+                answer = self._guard.call(key, handler, data)
+                if isinstance(answer, bytes):
+                    self._guard.call(f"answers on {key}", query.reply, key, answer)
+
+        return self._keep(key, self._declare(key, "declare_queryable", asked, allowed_origin=zenoh.Locality.REMOTE))
+
+    def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
+        """The first answer; None when there is none in time."""
+        check_key(key)
+        try:
+            replies = self._session.get(
+                key,
+                payload=data,
+                timeout=timeout_s,
+                priority=zenoh.Priority.INTERACTIVE_HIGH,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+            for reply in replies:
+                sample = reply.ok
+                if sample is not None and self._guard.fits(key, len(sample.payload)):
+                    return bytes(sample.payload.to_bytes())
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot ask {key}: {_reason(error)}") from None
+        return None
+
+    def token(self, key: str) -> Closeable:
+        """A liveliness token: others see it go within milliseconds of a kill, and 10 s after a link went dead."""
+        check_key(key)
+        try:
+            return self._keep(key, self._session.liveliness().declare_token(key))
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot declare {key}: {_reason(error)}") from None
+
+    def watch(self, key: str, handler: AliveHandler) -> Closeable:
+        """Hand tokens, its own included, to the handler."""
+        check_key(key, wild=True)
+
+        def changed(sample: zenoh.Sample) -> None:
+            self._guard.call(key, handler, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        try:
+            return self._keep(key, self._session.liveliness().declare_subscriber(key, changed, history=True))
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot watch {key}: {_reason(error)}") from None
+
+    def close(self) -> None:
+        """Give back everything, in at most a few seconds; harmless when called twice."""
+        with self._lock:
+            declared, self._declared = self._declared, []
+        for one in reversed(declared):
+            one.close()
+        if not self._session.is_closed():
+            _within_limit(self._session.close, "the session")
+        if self._meeting_point is not None:
+            self._meeting_point.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _declare(self, key: str, method: str, *handler: Any, wild: bool = False, **options: Any) -> Any:
+        check_key(key, wild=wild)
+        try:
+            return getattr(self._session, method)(key, *handler, **options)
+        except zenoh.ZError as error:
+            raise TransportError(f"cannot declare {key}: {_reason(error)}") from None
+
+    def _keep(self, key: str, entity: Any) -> Closeable:
+        one = _Declared(key, [entity], self._forget)
+        self._remember(one)
+        return one
+
+    def _remember(self, one: _Declared) -> None:
+        with self._lock:
+            self._declared.append(one)
+
+    def _forget(self, one: _Declared) -> None:
+        with self._lock:
+            if one in self._declared:
+                self._declared.remove(one)
+
+
+def _open(options: dict[str, Any], endpoints: Endpoints | None = None) -> zenoh.Session:
+    """Raises TransportError when the configuration is refused or the session cannot be opened."""
+    base = None
+    if endpoints is not None and endpoints.config is not None:
+        try:
+            base = zenoh.Config.from_file(endpoints.config)
+        except zenoh.ZError as error:
+            raise TransportError(f"{endpoints.config} is no Zenoh configuration: {_reason(error)}") from None
+    config = _config_of(options, base)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise TransportError(f"no Zenoh session: {_reason(error)}") from None
+
+
+__all__ = ["ZenohTransport"]

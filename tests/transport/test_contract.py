@@ -1,0 +1,177 @@
+"""What every transport promises; over memory and over Zenoh, so that what is tested in memory holds on the network."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from lidarcodec.errors import TransportError
+from lidarcodec.transport.base import MAX_EVENT_BYTES, Priority
+
+
+def eventually(condition, limit_s=5.0):
+    """Wait until the condition holds."""
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return False
+
+
+def test_bytes_put_on_a_key_arrive_as_they_were(network):
+    car, office = network(), network()
+    inbox = office.inbox("s/frame")
+    sender = car.sender("s/frame", Priority.FRAMES)
+    assert eventually(lambda: sender.matching)
+    for data in (b"", b"x", bytes(range(256)) * 600):
+        sender.put(data)
+        assert inbox.receive() == data
+
+
+def test_a_slow_receiver_gets_the_newest_and_never_a_backlog(network):
+    car, office = network(), network()
+    inbox = office.inbox("s/frame")
+    sender = car.sender("s/frame", Priority.FRAMES)
+    assert eventually(lambda: sender.matching)
+    for number in range(50):
+        sender.put(b"%d" % number)
+        time.sleep(0.002)
+    time.sleep(0.2)
+    assert inbox.receive() == b"49"
+
+
+def test_nobody_receives_what_they_sent_themselves(network):
+    car, office = network(), network()
+    own, other = car.inbox("s/frame"), office.inbox("s/frame")
+    heard = []
+    car.listen("s/**", lambda key, data: heard.append(data))
+    sender = car.sender("s/frame", Priority.FRAMES)
+    assert eventually(lambda: sender.matching)
+    sender.put(b"mine")
+    assert other.receive() == b"mine"
+    got = []
+    thread = threading.Thread(target=lambda: got.append(own.receive()))
+    thread.start()
+    time.sleep(0.2)
+    assert not got
+    assert not heard
+    own.close()
+    thread.join(2)
+    assert got == [None]
+
+
+def test_closing_ends_a_receive_that_waits(network):
+    for close_transport in (False, True):
+        one = network()
+        inbox, got = one.inbox("s/frame"), []
+        thread = threading.Thread(target=lambda inbox=inbox, got=got: got.append(inbox.receive()))
+        thread.start()
+        time.sleep(0.05)
+        (one if close_transport else inbox).close()
+        thread.join(2)
+        assert got == [None]
+        one.close()
+
+
+def test_a_publisher_knows_whether_anybody_receives(network):
+    car, office = network(), network()
+    told = []
+    sender = car.sender("s/frame", Priority.FRAMES, told.append)
+    assert not sender.matching
+    inbox = office.inbox("s/frame")
+    assert eventually(lambda: told == [True])
+    assert sender.matching
+    inbox.close()
+    assert eventually(lambda: told == [True, False])
+    assert not sender.matching
+    sender.close()
+
+
+def test_small_events_reach_a_listener_on_an_expression_with_their_keys(network):
+    car, office = network(), network()
+    heard = []
+    listener = car.listen("s/arrived/*", lambda key, data: heard.append((key, data)))
+    for name in ("a", "b"):
+        sender = office.sender(f"s/arrived/{name}", Priority.REAL_TIME)
+        assert eventually(lambda sender=sender: sender.matching)
+        sender.put(name.encode())
+    assert eventually(lambda: len(heard) == 2)
+    assert sorted(heard) == [("s/arrived/a", b"a"), ("s/arrived/b", b"b")]
+    listener.close()
+
+
+def test_an_event_beyond_the_limit_is_dropped_and_a_handler_that_fails_does_not_stop_the_rest(network, caplog):
+    car, office = network(), network()
+    heard = []
+
+    def fragile(key, data):
+        if data == b"bad":
+            raise ValueError(data)
+        heard.append(data)
+
+    car.listen("s/report", fragile)
+    sender = office.sender("s/report", Priority.STATUS)
+    assert eventually(lambda: sender.matching)
+    for data in (bytes(MAX_EVENT_BYTES + 1), b"bad", b"bad", b"good"):
+        sender.put(data)
+        time.sleep(0.05)
+    assert eventually(lambda: heard == [b"good"])
+    assert [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")] == ["WARNING", "ERROR"]
+
+
+def test_a_query_is_answered_and_one_that_is_not_ends_without_waiting(network):
+    car, office = network(), network()
+    answering = car.answer("s/control/get", lambda data: b"you said " + data)
+    car.answer("s/control/bad", lambda data: 1 / 0)
+    assert eventually(lambda: office.ask("s/control/get", b"hello") == b"you said hello")
+    for key in ("s/control/bad", "s/control/nobody"):
+        start = time.monotonic()
+        assert office.ask(key, timeout_s=3.0) is None
+        assert time.monotonic() - start < 1.0
+    answering.close()
+    assert eventually(lambda: office.ask("s/control/get") is None)
+
+
+def test_a_watcher_sees_who_is_there_who_comes_and_who_goes(network):
+    car, office = network(), network()
+    first = car.token("s/a/alive")
+    seen = []
+    office.watch("s/*/alive", lambda key, alive: seen.append((key, alive)))
+    assert eventually(lambda: seen == [("s/a/alive", True)])
+    second = car.token("s/b/alive")
+    assert eventually(lambda: ("s/b/alive", True) in seen)
+    second.close()
+    assert eventually(lambda: ("s/b/alive", False) in seen)
+    first.close()
+    assert eventually(lambda: ("s/a/alive", False) in seen)
+    office.token("s/own/alive")
+    assert eventually(lambda: ("s/own/alive", True) in seen)
+
+
+def test_after_close_everything_says_so_and_nothing_is_left(network):
+    one = network()
+    before = set(threading.enumerate())
+    sender = one.sender("s/frame", Priority.FRAMES, lambda matching: None)
+    one.listen("s/x", lambda key, data: None)
+    one.answer("s/y", lambda data: data)
+    one.watch("s/*/alive", lambda key, alive: None)
+    one.close()
+    one.close()
+    sender.close()
+    with pytest.raises(TransportError):
+        sender.put(b"late")
+    with pytest.raises(TransportError):
+        one.inbox("s/frame")
+    with pytest.raises(TransportError):
+        one.token("s/alive")
+    assert eventually(lambda: set(threading.enumerate()) <= before)
+
+
+@pytest.mark.parametrize("key", ["", "/a", "a//b", "a/", "a/*", "a/b*", "a?b", "a/$*"])
+def test_a_key_that_is_none_is_refused(network, key):
+    one = network()
+    with pytest.raises(TransportError):
+        one.sender(key, Priority.STATUS)

@@ -1,0 +1,72 @@
+"""Keys and endpoints as people write them: a typing error is named, not sent somewhere else."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.transport.endpoints import Endpoints
+from lidarcodec.transport.keys import StreamKeys, matches
+
+
+@pytest.mark.parametrize(
+    ("expression", "key", "covered"),
+    [
+        ("a/b", "a/b", True),
+        ("a/b", "a/b/c", False),
+        ("a/*", "a/b", True),
+        ("a/*", "a", False),
+        ("a/*", "a/b/c", False),
+        ("a/**", "a", True),
+        ("a/**", "a/b/c", True),
+        ("**/alive", "a/b/alive", True),
+        ("a/**/c", "a/c", True),
+        ("a/**/c", "a/b/b/d", False),
+    ],
+)
+def test_an_expression_covers_what_zenoh_says_it_covers(expression, key, covered):
+    zenoh = pytest.importorskip("zenoh")
+    assert matches(expression, key) is covered
+    assert zenoh.KeyExpr(expression).includes(key) is covered
+
+
+@pytest.mark.parametrize("text", ["vehicle/lidar", "lidarcodec/v1/vehicle/lidar"])
+def test_a_stream_is_named_with_or_without_the_prefix(text):
+    assert StreamKeys.parse(text) == StreamKeys("vehicle", "lidar")
+
+
+@pytest.mark.parametrize("text", ["", "lidar", "a/b/c", "lidarcodec/v2/a/b", "a/*", "a/b c"])
+def test_a_key_that_names_no_stream_is_refused(text):
+    with pytest.raises(SettingsError):
+        StreamKeys.parse(text)
+
+
+def test_by_default_nothing_leaves_the_machine():
+    options = Endpoints().options() | Endpoints().rendezvous_options()
+    assert options["scouting/multicast/enabled"] is False
+    for one in (Endpoints().options(), Endpoints().rendezvous_options()):
+        for endpoint in one["listen/endpoints"] + one["connect/endpoints"]:
+            assert endpoint.startswith("tcp/127.0.0.1:")
+
+
+def test_behind_a_router_the_session_is_a_client_and_a_listener_is_a_peer():
+    assert Endpoints.of(connect="tcp/router:7447").effective_mode == "client"
+    assert Endpoints.of(connect="tcp/a:1", listen="tcp/0.0.0.0:1").effective_mode == "peer"
+    assert Endpoints.of(connect="tcp/a:1", mode="peer").effective_mode == "peer"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"connect": "192.168.1.5:7447"},
+        {"listen": "http/0.0.0.0:7447"},
+        {"listen": "tcp/0.0.0.0:7447", "mode": "client"},
+        {"mode": "client"},
+        {"mode": "leaf", "connect": "tcp/a:1"},
+        {"config": "/nowhere/zenoh.json5"},
+        {"loopback_port": 0},
+    ],
+)
+def test_endpoints_that_cannot_work_are_refused_with_a_reason(options):
+    with pytest.raises(TransportError):
+        Endpoints.of(**options)
