@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, Self
 
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
+
+if TYPE_CHECKING:
+    from lidarcodec.sources.poses import Poses
 
 
 class Source(Protocol):
@@ -34,3 +38,39 @@ class Source(Protocol):
     def __enter__(self) -> Source: ...
 
     def __exit__(self, *exc: object) -> None: ...
+
+
+class PacketSource(Source):
+    """A source with what they have in common.
+
+    label:    one line that says what it is, with what every figure from it needs said ("KITTI odometry, re-gridded")
+    poses:    where the sensor was, if known
+    start_ns: host time of the first packet, if known before it is read
+    """
+
+    label: str = ""
+    poses: Poses | None = None
+    start_ns: int | None = None
+
+    def __init__(self, sensor: SensorModel, *, live: bool = False) -> None:
+        self.sensor = sensor
+        self.live = live
+        self.counts: Counter[str] = Counter()
+        self.closed = False
+
+    @abstractmethod
+    def packets(self) -> Iterator[Packet]:
+        """Packets in order of receipt; a file is read from its beginning at each call.
+
+        Raises SourceError when the source cannot be read, PacketError for a sensor that is not supported.
+        """
+
+    def close(self) -> None:
+        """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""
+        self.closed = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()

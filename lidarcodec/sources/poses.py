@@ -1,0 +1,217 @@
+"""Poses: where the sensor was at any time, from a file of moments.
+
+    .npz  T_world_velo (F, 4, 4) with velo_mid (F,), seconds since the Unix epoch
+    .txt  TUM: "time x y z qx qy qz qw" a line, seconds since the Unix epoch
+    .txt  KITTI odometry: a 3 x 4 matrix a line, a line a scan; times.txt and calib.txt are read beside it
+
+Times that count from the beginning (KITTI odometry), or are made up where a file has none (one revolution of 103.4 ms
+a pose), are `relative`: they begin with the stream, `starting` moves them there. Between two moments the position runs
+straight and the turn is even (slerp); for one interval outside it goes on like that, further away nothing is known.
+
+>>> ahead = np.eye(4)
+>>> ahead[0, 3] = 2.0
+>>> Poses(np.array([0, 100]), np.stack([np.eye(4), ahead])).at(75)[0, 3]
+np.float64(1.5)
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SourceError
+
+logger = logging.getLogger(__name__)
+
+REVOLUTION_NS: Final = 103_400_000
+"""Mean of the KITTI drives; used where a file of poses has no times."""
+NPZ_TIMES: Final = ("velo_mid", "stamps", "time")
+Matrix = npt.NDArray[np.float64]
+
+
+class Poses:
+    """T_world_sensor at any time.
+
+    stamps_ns: (F,) int64, rising; matrices: (F, 4, 4) float64, rigid transforms
+    Raises SourceError if they are not that.
+    """
+
+    def __init__(self, stamps_ns: npt.NDArray[np.int64], matrices: Matrix, *, relative: bool = False) -> None:
+        if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != len(stamps_ns) or not len(stamps_ns):
+            raise SourceError(f"poses are (F, 4, 4) with F times, not {matrices.shape} with {stamps_ns.shape}")
+        turns = matrices[:, :3, :3]
+        if not np.isfinite(matrices).all() or np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-3:
+            raise SourceError("poses must be rigid transforms: a rotation matrix and a position, all finite")
+        if np.any(np.linalg.det(turns) < 0):
+            raise SourceError("poses must be rigid transforms, not mirrored ones")
+        if np.any(np.diff(stamps_ns) <= 0):
+            raise SourceError("the times of poses must rise from one to the next")
+        self.stamps_ns = stamps_ns.astype(np.int64)
+        self.positions = np.ascontiguousarray(matrices[:, :3, 3], dtype=np.float64)
+        self.quaternions = _quaternions(turns)
+        self.relative = relative
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def at(self, stamp_ns: int) -> Matrix | None:
+        """(4, 4) T_world_sensor at a host time; None where nothing is known. Cost: about 30 us."""
+        stamps = self.stamps_ns
+        if len(stamps) == 1:
+            return _matrix(self.positions[0], self.quaternions[0]) if stamp_ns == stamps[0] else None
+        after = min(max(int(np.searchsorted(stamps, stamp_ns)), 1), len(stamps) - 1)
+        start, end = int(stamps[after - 1]), int(stamps[after])
+        part = (stamp_ns - start) / (end - start)
+        if not -1.0 <= part <= 2.0:
+            return None
+        position = self.positions[after - 1] + part * (self.positions[after] - self.positions[after - 1])
+        return _matrix(position, _slerp(self.quaternions[after - 1], self.quaternions[after], part))
+
+    def starting(self, start_ns: int) -> Poses:
+        """These poses; relative ones moved so that their time 0 is `start_ns`."""
+        if not self.relative:
+            return self
+        moved = object.__new__(Poses)
+        moved.stamps_ns, moved.relative = self.stamps_ns + start_ns, False
+        moved.positions, moved.quaternions = self.positions, self.quaternions
+        return moved
+
+
+def read_poses(path: Path) -> Poses:
+    """Poses of a file: .npz, TUM or KITTI odometry.
+
+    Raises SourceError if it cannot be read or is none of them.
+    """
+    try:
+        if path.suffix == ".npz":
+            return _read_npz(path)
+        table = _table(path)
+        if table.shape[1] == 8:
+            return _from_tum(table)
+        if table.shape[1] == 12:
+            return _from_kitti(path, table)
+        raise SourceError(f"{path}: a line of poses has 8 numbers (TUM) or 12 (KITTI), not {table.shape[1]}")
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, MemoryError, EOFError) as error:
+        raise SourceError(f"cannot read poses from {path}: {error}") from None
+
+
+def _read_npz(path: Path) -> Poses:
+    with np.load(path, allow_pickle=False) as file:
+        name = next((n for n in ("T_world_velo", "T_world_sensor") if n in file.files), None)
+        if name is None:
+            raise SourceError(f"{path} holds no T_world_velo (F, 4, 4)")
+        matrices = np.asarray(file[name], np.float64)
+        time = next((n for n in NPZ_TIMES if n in file.files), None)
+        if time is None:
+            return _without_times(path, matrices)
+        return Poses(_nanoseconds(np.asarray(file[time], np.float64)), matrices)
+
+
+def _from_tum(table: Matrix) -> Poses:
+    length = np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+    if np.any(np.abs(length - 1.0) > 1e-2):
+        raise SourceError("a quaternion of poses has not the length 1")
+    x, y, z, w = (table[:, 4:] / length).T
+    matrices = np.zeros((len(table), 4, 4))
+    matrices[:, :3, :3] = _rotations(np.stack([w, x, y, z], axis=1))
+    matrices[:, :3, 3], matrices[:, 3, 3] = table[:, 1:4], 1.0
+    return Poses(_nanoseconds(table[:, 0]), matrices)
+
+
+def _from_kitti(path: Path, table: Matrix) -> Poses:
+    """The poses are those of the left camera; calib.txt says where the sensor is from there."""
+    matrices = np.zeros((len(table), 4, 4))
+    matrices[:, :3], matrices[:, 3, 3] = table.reshape(-1, 3, 4), 1.0
+    calibration = path.with_name("calib.txt")
+    if calibration.exists():
+        T_camera_velo = _camera_from_velo(calibration)
+        matrices = np.linalg.inv(T_camera_velo) @ matrices @ T_camera_velo
+    else:
+        logger.warning("%s: no calib.txt beside it, so its poses are taken as the sensor's, not the camera's", path)
+    times = path.with_name("times.txt")
+    if not times.exists():
+        return _without_times(path, matrices)
+    stamps = _nanoseconds(_table(times)[:, 0])
+    if len(stamps) < len(matrices):
+        raise SourceError(f"{times} has {len(stamps)} times for {len(matrices)} poses")
+    return Poses(stamps[: len(matrices)], matrices, relative=True)
+
+
+def _without_times(path: Path, matrices: Matrix) -> Poses:
+    logger.warning("%s has no times: one revolution of %.1f ms a pose is assumed", path, REVOLUTION_NS / 1e6)
+    # a pose is that of the middle of its revolution, where the sensor looks forward
+    stamps = np.arange(len(matrices), dtype=np.int64) * REVOLUTION_NS + REVOLUTION_NS // 2
+    return Poses(stamps, matrices, relative=True)
+
+
+def _camera_from_velo(path: Path) -> Matrix:
+    for line in path.read_text().splitlines():
+        name, _, numbers = line.partition(":")
+        if name in ("Tr", "Tr_velo_to_cam", "Tr_velo_cam"):
+            transform = np.eye(4)
+            transform[:3] = np.array(numbers.split(), np.float64).reshape(3, 4)
+            return transform
+    raise SourceError(f"{path} has no line 'Tr:' with the transform from sensor to camera")
+
+
+def _table(path: Path) -> Matrix:
+    lines = [line.split() for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise SourceError(f"{path} is empty")
+    return np.array(lines, np.float64)
+
+
+def _nanoseconds(seconds: Matrix) -> npt.NDArray[np.int64]:
+    if seconds.ndim != 1 or not np.all(np.abs(seconds) < 4e9):  # also catches NaN
+        raise SourceError("the times of poses must be seconds since the Unix epoch")
+    whole = np.floor(seconds)
+    return whole.astype(np.int64) * 1_000_000_000 + np.rint((seconds - whole) * 1e9).astype(np.int64)
+
+
+def _rotations(quaternions: Matrix) -> Matrix:
+    """(F, 3, 3) rotation matrices of (F, 4) unit quaternions w x y z."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _quaternions(turns: Matrix) -> Matrix:
+    """(F, 4) unit quaternions w x y z of (F, 3, 3) rotations: eigenvectors (Bar-Itzhack 2000), stable for any angle."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = turns.reshape(-1, 9).T
+    symmetric = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ]
+    )
+    return np.ascontiguousarray(np.linalg.eigh(np.moveaxis(symmetric, 2, 0))[1][:, :, 3])
+
+
+def _slerp(start: Matrix, end: Matrix, part: float) -> Matrix:
+    cosine = float(start @ end)
+    if cosine < 0.0:
+        end, cosine = -end, -cosine
+    angle = math.acos(min(cosine, 1.0))
+    if angle < 1e-6:
+        mixed = start + part * (end - start)
+        return mixed / np.linalg.norm(mixed)
+    return (math.sin((1.0 - part) * angle) * start + math.sin(part * angle) * end) / math.sin(angle)
+
+
+def _matrix(position: Matrix, quaternion: Matrix) -> Matrix:
+    matrix = np.eye(4)
+    matrix[:3, :3] = _rotations(quaternion[None])[0]
+    matrix[:3, 3] = position
+    return matrix

@@ -1,0 +1,99 @@
+"""A SOURCE as it is written on the command line, taken apart: kind, place, options.
+
+>>> spec = parse("udp://0.0.0.0:2368?src=192.168.3.43")
+>>> spec.scheme, spec.place, spec.options
+('udp', '0.0.0.0:2368', {'src': '192.168.3.43'})
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+from lidarcodec.errors import SourceError, UnknownNameError
+
+TRUE, FALSE = frozenset({"1", "true", "yes", ""}), frozenset({"0", "false", "no"})
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A source's kind ("" for a path), where it is, and the options behind the question mark."""
+
+    text: str
+    scheme: str
+    place: str
+    options: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The place as a path."""
+        return Path(self.place)
+
+    def only(self, *known: str) -> Spec:
+        """This spec, if it has no other options than these.
+
+        Raises UnknownNameError naming the first other one.
+        """
+        for name in self.options:
+            if name not in known:
+                raise UnknownNameError(
+                    f"option of {self.scheme or 'the'} source '{self.place}':", name, known or ("none",)
+                )
+        return self
+
+    def number(self, name: str, low: float, high: float) -> float | None:
+        """An option as a number between `low` and `high`; None if it was not given.
+
+        Raises SourceError otherwise.
+        """
+        text = self.options.get(name)
+        if text is None:
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not low <= value <= high:
+            raise SourceError(f"source option {name}={text}: a number from {low:g} to {high:g} is needed")
+        return value
+
+    def whole(self, name: str, low: int, high: int) -> int | None:
+        """An option as a whole number; None if it was not given.
+
+        Raises SourceError otherwise.
+        """
+        value = self.number(name, low, high)
+        if value is not None and value != int(value):
+            raise SourceError(f"source option {name}={self.options[name]}: a whole number is needed")
+        return None if value is None else int(value)
+
+    def flag(self, name: str) -> bool:
+        """An option that is on or off; off if it was not given.
+
+        Raises SourceError if it is neither.
+        """
+        text = self.options.get(name, "no").lower()
+        if text not in TRUE | FALSE:
+            raise SourceError(f"source option {name}={text}: 1 or 0 is needed")
+        return text in TRUE
+
+
+def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "sim")) -> Spec:
+    """The spec of a path or an address. A file whose name has a question mark is found by its full name first.
+
+    Raises UnknownNameError for an address of a kind that does not exist, SourceError for an empty text.
+    """
+    name = str(text)
+    if not name:
+        raise SourceError("no source given: a path, udp://HOST:PORT or sim:city is needed")
+    if isinstance(text, Path) or Path(name).exists():
+        return Spec(name, "", name)
+    place, _, query = name.partition("?")
+    options = dict(parse_qsl(query, keep_blank_values=True))
+    scheme, colon, rest = place.partition(":")
+    if colon and scheme in schemes:
+        return Spec(name, scheme, rest.removeprefix("//"), options)
+    if "://" in place:
+        raise UnknownNameError("kind of source", scheme, ("a path", *schemes))
+    return Spec(name, "", place, options)

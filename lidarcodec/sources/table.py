@@ -1,0 +1,107 @@
+"""The table of sources, and `open_source`, the single door: a path or an address in, a source out.
+
+Modules are named as text and imported on first use, so that nobody pays for what he does not open.
+
+>>> open_source("tcp://somewhere")
+Traceback (most recent call last):
+lidarcodec.errors.UnknownNameError: unknown kind of source 'tcp': choose one of a path, udp, sim
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Protocol, cast
+
+from lidarcodec.errors import SourceError
+from lidarcodec.sensor_model import Convention
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.pacing import PacedSource
+from lidarcodec.sources.poses import Poses, read_poses
+from lidarcodec.sources.spec import Spec, parse
+
+TABLE: dict[str, str] = {
+    "udp": "lidarcodec.sources.udp:UdpSource",
+    "sim": "lidarcodec.sources.simulator:SimulatorSource",
+    "folder": "lidarcodec.sources.kitti:KittiSource",
+    "recording": "lidarcodec.sources.recording:RecordingSource",
+    "capture": "lidarcodec.sources.capture:CaptureSource",
+}
+"""Kind -> module and class, which has a constructor `from_spec(spec, calibration)`."""
+SCHEMES = ("udp", "sim")
+MCAP_MAGIC = b"\x89MCAP"
+SCAN_SUFFIXES = (".bin", ".bin.xz")
+
+
+class SourceClass(Protocol):
+    """What stands in the table."""
+
+    def from_spec(self, spec: Spec, calibration: Path | None) -> PacketSource:
+        """The source that a spec names, opened."""
+
+
+def open_source(
+    spec: str | Path,
+    *,
+    calibration: Path | None = None,
+    poses: Path | None = None,
+    realtime: bool = False,
+    convention: Convention = "ros",
+    speed: float = 1.0,
+    loop: bool = False,
+    restamp: bool = False,
+) -> PacketSource:
+    """The source that a path, `udp://HOST:PORT` or `sim:SCENE?...` names, opened.
+
+    calibration: a db.xml or ROS yaml; else what is found beside it, in the stream, or a generic one
+    poses:       a file of poses for `source.poses`
+    realtime:    packets come at the sensor's own pace times `speed`, again and again with `loop`, stamped with the time
+                 of now with `restamp`
+    Raises SourceError, UnknownNameError (kind or option), CalibrationError, PacketError for another sensor.
+    """
+    parsed = parse(spec, SCHEMES)
+    kind = kind_of(parsed)
+    source = _class(kind).from_spec(parsed, calibration)
+    try:
+        source.sensor = source.sensor.with_convention(convention)
+        if poses is not None:
+            source.poses = _poses(Path(poses), source)
+        if (realtime or loop or restamp) and not source.live:
+            return PacedSource(source, speed=speed if realtime else float("inf"), loop=loop, restamp=restamp)
+    except BaseException:
+        source.close()
+        raise
+    return source
+
+
+def kind_of(spec: Spec) -> str:
+    """Which line of the table a spec belongs to: by its scheme, else by what the path holds.
+
+    Raises SourceError if there is nothing at that path.
+    """
+    if spec.scheme:
+        return spec.scheme
+    path = spec.path
+    try:
+        if path.is_dir():
+            return "folder"
+        if path.name.endswith(SCAN_SUFFIXES):
+            return "folder"
+        with path.open("rb") as file:
+            return "recording" if file.read(len(MCAP_MAGIC)) == MCAP_MAGIC else "capture"
+    except FileNotFoundError:
+        raise SourceError(f"{path} does not exist") from None
+    except OSError as error:
+        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+
+
+def _poses(path: Path, source: PacketSource) -> Poses:
+    poses = read_poses(path)
+    if poses.relative and source.start_ns is None:
+        raise SourceError(f"{path} has no absolute times, and the source no beginning that is known")
+    return poses.starting(source.start_ns or 0)
+
+
+def _class(kind: str) -> SourceClass:
+    module, _, name = TABLE[kind].partition(":")
+    return cast(SourceClass, getattr(importlib.import_module(module), name))

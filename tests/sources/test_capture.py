@@ -1,0 +1,314 @@
+"""What a user loses if these fail: his capture is not read, is read wrongly, or a damaged one brings the program down."""
+
+from __future__ import annotations
+
+import gzip
+import logging
+import lzma
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from tests.sources import captures as c
+
+from lidarcodec.errors import LidarCodecError, PacketError, SourceError
+from lidarcodec.sources import open_source
+
+PAYLOADS = [c.payload(k) for k in range(20)]
+STAMPS_US = [(c.T0_NS + k * 288_000) // 1000 * 1000 for k in range(20)]
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def put(data: bytes, name: str = "drive.pcap") -> Path:
+        path = tmp_path / name
+        path.write_bytes(data)
+        return path
+
+    return put
+
+
+def read(path: Path | str):
+    """Payloads, stamps and counts of a source."""
+    with open_source(path) as source:
+        packets = list(source.packets())
+        return [p.payload for p in packets], [p.stamp_ns for p in packets], dict(source.counts)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("nanoseconds", [False, True])
+def test_all_four_magics_give_the_same_packets_and_their_times(write, order, nanoseconds):
+    payloads, stamps, counts = read(write(c.pcap(map(c.frame, PAYLOADS), order=order, nanoseconds=nanoseconds)))
+    assert payloads == PAYLOADS
+    assert stamps == ([c.T0_NS + k * 288_000 for k in range(20)] if nanoseconds else STAMPS_US)
+    assert counts == {}
+
+
+def datagram_forms(payload: bytes) -> dict[str, tuple[int, list[bytes]]]:
+    """The same payload in every wrapping that capture programs write: link type and frames."""
+    ip, ip6 = c.ipv4(c.udp(payload)), c.ipv6(c.udp(payload))
+    whole, size = c.udp(payload), 800
+    fragments = [c.ipv4(whole[:size], flags=0x2000), c.ipv4(whole[size:], flags=size // 8)]
+    head6 = [struct.pack(">BBHI", 17, 0, 1, 9), struct.pack(">BBHI", 17, 0, size, 9)]
+    fragments6 = [c.ipv6(head6[0] + whole[:size], 44), c.ipv6(head6[1] + whole[size:], 44)]
+    sll = struct.pack(">HHH8sH", 0, 1, 6, bytes(8), 0x0800)
+    sll2 = struct.pack(">HHIHBB8s", 0x0800, 0, 1, 1, 0, 6, bytes(8))
+    return {
+        "ethernet": (1, [c.ethernet(ip)]),
+        "padded frame": (1, [c.ethernet(ip) + bytes(9)]),
+        "vlan": (1, [c.ethernet(ip, [0x8100])]),
+        "vlan in vlan": (1, [c.ethernet(ip, [0x88A8, 0x8100])]),
+        "ipv4 options": (1, [c.ethernet(c.ipv4(c.udp(payload), options=b"\x94\x04\0\0" * 3))]),
+        "total length 0": (1, [c.ethernet(ip[:2] + b"\0\0" + ip[4:])]),
+        "ipv6": (1, [c.ethernet(ip6, ethertype=0x86DD)]),
+        "ipv6 hop by hop": (1, [c.ethernet(c.ipv6(b"\x11\0" + bytes(6) + c.udp(payload), 0), ethertype=0x86DD)]),
+        "sll": (113, [sll + ip]),
+        "sll vlan": (113, [sll[:-2] + b"\x81\0" + b"\0\x05\x08\0" + ip]),
+        "sll2": (276, [sll2 + ip]),
+        "null": (0, [struct.pack("<I", 2) + ip]),
+        "loop ipv6": (108, [struct.pack(">I", 24) + ip6]),
+        "raw": (101, [ip]),
+        "raw ipv6": (101, [ip6]),
+        "raw ipv4": (228, [ip]),
+        "fragments": (1, list(map(c.ethernet, fragments))),
+        "fragments out of order": (1, list(map(c.ethernet, [fragments[1], fragments[0]]))),
+        "fragment twice": (1, list(map(c.ethernet, [fragments[0], fragments[0], fragments[1]]))),
+        "ipv6 fragments": (101, fragments6),
+    }
+
+
+@pytest.mark.parametrize("form", datagram_forms(PAYLOADS[0]))
+def test_a_payload_is_found_in_every_wrapping(write, form):
+    linktype, frames = datagram_forms(PAYLOADS[0])[form]
+    payloads, _, counts = read(write(c.pcap(frames, linktype=linktype)))
+    assert payloads == [PAYLOADS[0]]
+    assert counts == {}
+
+
+def test_fragments_that_never_complete_are_counted_and_take_bounded_memory(write):
+    whole = c.udp(PAYLOADS[1])
+    lost = [c.ethernet(c.ipv4(whole[:800], identity=k, flags=0x2000)) for k in range(500)]
+    overlap = [
+        c.ethernet(c.ipv4(whole[at:end], identity=999, flags=f)) for at, end, f in ((0, 800, 0x2000), (8, None, 1))
+    ]
+    beyond = [c.ethernet(c.ipv4(whole[:800], identity=998, flags=0x1FFF))]
+    payloads, _, counts = read(write(c.pcap([c.frame(PAYLOADS[0]), *lost, *overlap, *beyond])))
+    assert payloads == [PAYLOADS[0]]
+    assert counts == {"lost fragments": 500, "bad fragments": 2}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_pcapng_in_both_byte_orders(write, order):
+    payloads, stamps, counts = read(write(c.pcapng(map(c.frame, PAYLOADS), order=order)))
+    assert payloads == PAYLOADS
+    assert stamps == STAMPS_US
+    assert counts == {}
+
+
+@pytest.mark.parametrize(
+    ("resolution", "offset_s", "stamp", "expected_ns"),
+    [
+        (9, None, c.T0_NS, c.T0_NS),
+        (3, None, 1_700_000_000_123, 1_700_000_000_123_000_000),
+        (0x80 | 10, None, 1_700_000_000 * 1024 + 512, 1_700_000_000_500_000_000),
+        (9, 1_700_000_000, 123_456_789, c.T0_NS),
+    ],
+)
+def test_pcapng_clocks(write, resolution, offset_s, stamp, expected_ns):
+    data = c.section() + c.interface(resolution=resolution, offset_s=offset_s)
+    data += c.enhanced(c.frame(PAYLOADS[0]), stamp)
+    assert read(write(data))[1] == [expected_ns]
+
+
+def test_pcapng_sections_interfaces_simple_packets_and_strange_blocks(write):
+    frames = list(map(c.frame, PAYLOADS))
+    raw_ip = c.ipv4(c.udp(PAYLOADS[1]))
+    simple = c.block(3, struct.pack("<I", len(frames[2])) + frames[2])
+    old = c.block(2, struct.pack("<HHIIII", 0, 0, 0, 5, len(frames[3]), len(frames[3])) + frames[3], "<")
+    data = (
+        (c.section() + c.interface(1) + c.interface(101))
+        + (c.enhanced(frames[0], 1_000_000) + c.enhanced(raw_ip, 2_000_000, index=1) + simple + old)
+        + (c.block(0x0BAD, bytes(100)) + c.enhanced(frames[4], 3, index=7))
+        + (c.section(">") + c.interface(1, ">") + c.enhanced(frames[5], 4_000_000, ">"))
+    )
+    payloads, stamps, counts = read(write(data, "drive.pcapng"))
+    assert payloads == [PAYLOADS[k] for k in (0, 1, 2, 3, 5)]
+    assert stamps == [10**9, 2 * 10**9, 2 * 10**9, 5000, 4 * 10**9]
+    assert counts == {"without time stamp": 1, "packets of no interface": 1}
+
+
+COMPRESSIONS = {
+    "zst": lambda data: zstandard.compress(data, 3),
+    "xz": lambda data: lzma.compress(data, preset=0),
+    "gz": lambda data: gzip.compress(data, 1),
+    "joined xz": lambda data: lzma.compress(data[:5000], preset=0) + bytes(4) + lzma.compress(data[5000:], preset=0),
+    "joined zst": lambda data: zstandard.compress(data[:5000]) + zstandard.compress(data[5000:]),
+    "joined gz": lambda data: gzip.compress(data[:5000]) + gzip.compress(data[5000:]),
+}
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("make", [c.pcap, c.pcapng])
+def test_compression_is_known_by_content_whatever_the_name(write, compression, make):
+    data = COMPRESSIONS[compression](make(map(c.frame, PAYLOADS)))
+    assert read(write(data, "no hint"))[0] == PAYLOADS
+
+
+@pytest.mark.parametrize("compression", ["zst", "xz", "gz"])
+def test_cut_compressed_captures_give_what_is_whole(write, compression, caplog):
+    generator = np.random.default_rng(1)
+    payloads = [c.payload(k)[:1204] + b"\0\0" for k in range(300)]
+    noise = [c.frame(p[:100] + generator.bytes(1100) + p[1200:]) for p in payloads]
+    data = COMPRESSIONS[compression](c.pcap(noise))
+    with caplog.at_level(logging.WARNING, "lidarcodec.sources"):
+        found, _, counts = read(write(data[: len(data) * 3 // 4]))
+    assert 90 < len(found) < 300
+    assert found == [f[42:] for f in noise[: len(found)]]
+    assert counts == {"truncated": 1}
+    assert len([r for r in caplog.records if "truncated" in r.message]) == 1
+
+
+@pytest.mark.parametrize("compression", ["zst", "xz", "gz"])
+def test_damaged_compressed_captures_end_with_a_count(write, compression):
+    generator = np.random.default_rng(2)
+    data = bytearray(COMPRESSIONS[compression](c.pcap(c.frame(generator.bytes(1206)) for _ in range(100))))
+    data[len(data) // 2] ^= 0x55
+    try:
+        found, _, counts = read(write(bytes(data)))
+    except SourceError:  # nothing whole before the damage
+        return
+    assert len(found) <= 100
+    assert set(counts) <= {"damaged", "truncated", "bad packets", "other traffic", "wrong length", "other stream"}
+
+
+@pytest.mark.parametrize("make", [c.pcap, c.pcapng])
+def test_every_prefix_of_a_capture_gives_what_is_whole(write, make, caplog):
+    data, sizes = make(map(c.frame, PAYLOADS[:3])), []
+    for whole in range(1, 4):
+        sizes.append(len(make(map(c.frame, PAYLOADS[:whole]))))
+    for cut in [*range(0, len(data), 7), *(size + more for size in sizes for more in (-1, 0, 1)), len(data)]:
+        whole = sum(size <= cut for size in sizes)
+        caplog.clear()
+        path = write(data[:cut])
+        if whole == 0:
+            with pytest.raises(SourceError):
+                read(path)
+            continue
+        payloads, _, counts = read(path)
+        assert payloads == PAYLOADS[:whole]
+        assert counts == ({} if cut in sizes or cut > len(data) else {"truncated": 1})
+        assert len(caplog.records) == len([r for r in caplog.records if r.levelno < logging.WARNING]) + len(counts)
+
+
+@pytest.mark.parametrize("make", [c.pcap, c.pcapng])
+def test_mutated_captures_raise_only_our_errors(write, make):
+    data = make(map(c.frame, PAYLOADS[:6]))
+    generator = np.random.default_rng(7)
+    for _ in range(400):
+        mutated = bytearray(data)
+        for _ in range(int(generator.integers(1, 12))):
+            # mostly in headers: the lengths are there
+            at = int(generator.choice([int(generator.integers(len(data))), int(generator.integers(90))]))
+            mutated[at] = int(generator.choice([0, 255, 127, 128, int(generator.integers(256))]))
+        try:
+            payloads, stamps, _ = read(write(bytes(mutated)))
+        except LidarCodecError:
+            continue
+        assert all(len(p) == 1206 for p in payloads)
+        assert all(0 <= stamp < 2**63 for stamp in stamps)
+
+
+def test_random_bytes_behind_a_good_header_raise_only_our_errors(write):
+    generator = np.random.default_rng(8)
+    heads = [c.pcap([]), c.pcap([], linktype=113), c.section() + c.interface(), c.pcapng(map(c.frame, PAYLOADS[:1]))]
+    for number in range(200):
+        junk = generator.bytes(int(generator.integers(0, 3000)))
+        try:
+            read(write(heads[number % len(heads)] + junk))
+        except LidarCodecError:
+            continue
+
+
+def test_a_record_that_claims_gigabytes_ends_the_reading_at_once(write):
+    data = c.pcap(map(c.frame, PAYLOADS[:4])) + struct.pack("<IIII", 1, 0, 0x7FFF_FFFF, 1248) + bytes(5000)
+    payloads, _, counts = read(write(data))
+    assert payloads == PAYLOADS[:4]
+    assert counts == {"damaged": 1}
+
+
+def test_the_most_frequent_sensor_is_taken_and_the_rest_counted(write):
+    frames = []
+    for k in range(20):
+        frames += [c.frame(PAYLOADS[k])] * 2 + [c.frame(PAYLOADS[k], port=2369)]
+        frames += [c.frame(PAYLOADS[k], source=c.OTHER)]
+    frames += [c.frame(bytes(512), port=8308)] * 3 + [c.frame(bytes(100))] + [c.ethernet(bytes(40), ethertype=0x0806)]
+    path = write(c.pcap(frames))
+    payloads, _, counts = read(path)
+    assert payloads == [p for p in PAYLOADS for _ in range(2)]
+    assert counts == {"other stream": 40, "position packets": 3, "wrong length": 1, "other traffic": 1}
+    assert read(f"{path}?port=2369")[0] == PAYLOADS
+    assert read(f"{path}?src=192.168.3.44")[0] == PAYLOADS
+    with pytest.raises(SourceError, match=r"there are: 192.168.3.43 to port 2368"):
+        open_source(f"{path}?port=99")
+    with pytest.raises(SourceError, match="an IP address"):
+        open_source(f"{path}?src=sensor")
+
+
+def test_an_hdl64_among_more_packets_of_another_sensor_is_found(write):
+    other = (struct.pack("<HH", 0xEEFF, 0) + bytes(96)) * 12 + bytes(4) + b"\x37\x22"
+    frames = [c.frame(other, source=c.OTHER)] * 30 + [c.frame(p) for p in PAYLOADS]
+    payloads, _, counts = read(write(c.pcap(frames)))
+    assert payloads == PAYLOADS
+    assert counts == {"other stream": 30}
+    with pytest.raises(PacketError, match="VLP-16"):
+        read(write(c.pcap(frames[:30])))
+
+
+def test_a_file_without_sensor_packets_says_what_it_holds(write):
+    with pytest.raises(SourceError, match=r"its UDP datagrams are: 3 of 100 bytes"):
+        open_source(write(c.pcap([c.frame(bytes(100))] * 3)))
+    with pytest.raises(SourceError, match="no UDP datagrams at all"):
+        open_source(write(c.pcap([])))
+    with pytest.raises(SourceError, match="is no pcap or pcapng file: it begins with 68 65 6c 6c"):
+        open_source(write(b"hello world"))
+    with pytest.raises(SourceError, match="it is empty"):
+        open_source(write(b""))
+
+
+def test_packets_can_be_read_again_and_close_ends_them(write):
+    with open_source(write(c.pcap(map(c.frame, PAYLOADS)))) as source:
+        assert len(list(source.packets())) == len(list(source.packets())) == 20
+        running = source.packets()
+        next(running)
+        source.close()
+        source.close()
+        assert list(running) == []
+
+
+def test_the_real_s3_capture_gives_306_packets_and_one_warning(data_file, caplog):
+    with open_source(data_file("hdl64e_s3_atwall.pcap")) as source:
+        packets = list(source.packets())
+    assert len(packets) == 306
+    assert dict(source.counts) == {"truncated": 1}
+    assert len([r for r in caplog.records if r.levelno == logging.WARNING]) == 1
+    assert source.sensor.origin == "beside"
+    assert packets[0].stamp_ns == source.start_ns == 1404833944288631000
+    assert all(b.stamp_ns > a.stamp_ns for a, b in zip(packets, packets[1:], strict=False))
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor"), [("hdl32e_monterey_first800.pcap", "HDL-32E"), ("vlp16_sampleshort.pcap", "VLP-16")]
+)
+def test_captures_of_other_sensors_are_refused_by_name(data_file, name, sensor):
+    with pytest.raises(PacketError, match=sensor):
+        open_source(data_file(name))
+
+
+def test_a_compressed_kitti_capture_streams(data_file):
+    with open_source(data_file("kitti_tracking0006_f000-010.pcap.xz")) as source:
+        stamps = np.array([packet.stamp_ns for packet in source.packets()])
+    assert len(stamps) == (5_002_936 - 24) // 1264
+    assert dict(source.counts) == {}
+    assert 280_000 < np.median(np.diff(stamps)) < 295_000
