@@ -1,8 +1,9 @@
-"""What a user loses if these fail: his capture is not read, is read wrongly, or a damaged one brings the program down."""
+"""What a user loses if these fail: his capture is not read, or wrongly, or a damaged one brings the program down."""
 
 from __future__ import annotations
 
 import gzip
+import itertools
 import logging
 import lzma
 import struct
@@ -11,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from tests.sources import captures as c
 
 from lidarcodec.errors import LidarCodecError, PacketError, SourceError
 from lidarcodec.sources import open_source
+from tests.sources import captures as c
 
 PAYLOADS = [c.payload(k) for k in range(20)]
 STAMPS_US = [(c.T0_NS + k * 288_000) // 1000 * 1000 for k in range(20)]
@@ -295,7 +296,7 @@ def test_the_real_s3_capture_gives_306_packets_and_one_warning(data_file, caplog
     assert len([r for r in caplog.records if r.levelno == logging.WARNING]) == 1
     assert source.sensor.origin == "beside"
     assert packets[0].stamp_ns == source.start_ns == 1404833944288631000
-    assert all(b.stamp_ns > a.stamp_ns for a, b in zip(packets, packets[1:], strict=False))
+    assert all(b.stamp_ns > a.stamp_ns for a, b in itertools.pairwise(packets))
 
 
 @pytest.mark.parametrize(

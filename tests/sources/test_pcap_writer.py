@@ -7,12 +7,12 @@ import struct
 
 import dpkt
 import pytest
-from tests.sources import captures as c
 
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sources import open_source
 from lidarcodec.sources.pcap_writer import PcapWriter, checksum
+from tests.sources import captures as c
 
 PACKETS = [Packet(c.payload(k), c.T0_NS + k * 288_123) for k in range(50)]
 

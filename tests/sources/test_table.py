@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 
 import pytest
-from tests.sources import captures as c
 
 from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.sources import open_source
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.spec import parse
+from tests.sources import captures as c
 
 
 @pytest.fixture
@@ -90,7 +91,7 @@ def test_a_loop_goes_on_with_rising_stamps_until_it_is_closed(capture):
             if len(stamps) == 100:
                 source.close()
     assert len(stamps) == 100
-    assert all(b > a for a, b in zip(stamps, stamps[1:], strict=False))
+    assert all(b > a for a, b in itertools.pairwise(stamps))
 
 
 def test_close_ends_a_replay_that_waits(tmp_path):
