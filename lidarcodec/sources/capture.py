@@ -19,7 +19,7 @@ from lidarcodec.sources.decompress import ByteStream
 from lidarcodec.sources.pcap import MAGICS, Ending, Record, read_pcap
 from lidarcodec.sources.pcapng import MAGIC as PCAPNG_MAGIC
 from lidarcodec.sources.pcapng import read_pcapng
-from lidarcodec.sources.spec import Spec
+from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.units import PACKET_BYTES
 
 logger = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ class CaptureSource(PacketSource):
         from lidarcodec.sensors import find_calibration
 
         self.path = path
-        self.stream, payloads, self.start_ns = _choose(path, port, _address(src))
+        self.stream, payloads, self.start_ns = _choose(path, port, None if src is None else address_of(src).packed)
         super().__init__(find_calibration(path, calibration, payloads))
         self.label = f"capture {path.name}, {_name(self.stream)}"
         self._warned = False
@@ -169,13 +169,6 @@ def _supported(wanted: list[Stream], streams: dict[Stream, list[bytes]]) -> Stre
         else:
             return stream
     raise refusals[0]
-
-
-def _address(text: str | None) -> bytes | None:
-    try:
-        return None if text is None else ip_address(text).packed
-    except ValueError:
-        raise SourceError(f"source option src={text}: an IP address is needed") from None
 
 
 def _name(stream: Stream) -> str:

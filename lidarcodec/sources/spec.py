@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from urllib.parse import parse_qsl
 
@@ -77,6 +78,17 @@ class Spec:
         if text not in TRUE | FALSE:
             raise SourceError(f"source option {name}={text}: 1 or 0 is needed")
         return text in TRUE
+
+
+def address_of(text: str) -> IPv4Address | IPv6Address:
+    """The sender's address that an option `src` names.
+
+    Raises SourceError if it is none.
+    """
+    try:
+        return ip_address(text)
+    except ValueError:
+        raise SourceError(f"source option src={text}: an IP address is needed") from None
 
 
 def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "sim")) -> Spec:
