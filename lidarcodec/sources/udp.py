@@ -174,9 +174,9 @@ class UdpSource(PacketSource):
         super().close()
         self._wake.send(b"x")
         self._arrived.set()
-        if threading.current_thread() is not self._thread:
-            self._thread.join()
+        self._thread.join()
         self._wake.close()
+        self._woken.close()
 
     def _run(self) -> None:
         """The receiving thread: socket -> queue, until `close`."""
@@ -194,7 +194,6 @@ class UdpSource(PacketSource):
         finally:
             self._arrived.set()
             self._socket.close()
-            self._woken.close()
 
     def _drain(self) -> None:
         """Take what the kernel holds; no more than a queue full, so that `close` is seen under any load."""

@@ -88,11 +88,14 @@ def test_the_sender_can_be_chosen_or_left_open():
             other(PAYLOADS[1])
             assert take(source, 1)[0].payload == PAYLOADS[1]
         assert source.counts["strangers"] == 1
-    with open_source("udp://0.0.0.0:0?wait=0&any=1") as source:
-        with sending(source) as send, sending(source, "127.0.0.2") as other:
-            send(PAYLOADS[0])
-            other(PAYLOADS[1])
-            assert {p.payload for p in take(source, 2)} == set(PAYLOADS[:2])
+    with (
+        open_source("udp://0.0.0.0:0?wait=0&any=1") as source,
+        sending(source) as send,
+        sending(source, "127.0.0.2") as other,
+    ):
+        send(PAYLOADS[0])
+        other(PAYLOADS[1])
+        assert {p.payload for p in take(source, 2)} == set(PAYLOADS[:2])
 
 
 def test_another_sensor_is_refused_by_name_but_does_not_stop_the_right_one():
