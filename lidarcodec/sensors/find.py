@@ -54,8 +54,15 @@ def beside(capture: Path) -> Iterator[Path]:
     if capture.is_dir():
         candidates.insert(0, capture / "db.xml")
     for candidate in candidates:
-        if candidate.is_file() and candidate != capture:
+        if candidate != capture and _is_file(candidate):
             yield candidate
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that became too long
+        return False
 
 
 def _of_stream(payloads: Sequence[bytes]) -> SensorModel | None:

@@ -37,6 +37,8 @@ _OPENING = (
     yaml.FlowSequenceStartToken,
     yaml.FlowMappingStartToken,
 )
+# PyYAML lets errors of its conversions through: a date of month 13 is a ValueError, and so on.
+_NOT_YAML = (yaml.YAMLError, ValueError, LookupError, ArithmeticError, RecursionError)
 _CLOSING = (yaml.BlockEndToken, yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
 
 
@@ -48,7 +50,7 @@ def parse(data: bytes) -> Calibration:
     _check_tokens(data)
     try:
         tree = yaml.load(data, _LOADER)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+    except _NOT_YAML as error:
         raise CalibrationError(f"it is not YAML: {_first_line(error)}") from error
     lasers = tree.get("lasers") if isinstance(tree, dict) else None
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
@@ -82,16 +84,16 @@ def _decimals(step: float) -> int:
 
 
 def _check_tokens(data: bytes) -> None:
-    """Refuse anchors and deep nesting before a tree is made: both turn a few bytes into gigabytes or a full stack."""
+    """Refuse anchors, tags and deep nesting before a tree is made: they turn a few bytes into much, or anything."""
     depth = 0
     try:
         for token in yaml.scan(data, _LOADER):
-            if isinstance(token, (yaml.AliasToken, yaml.AnchorToken)):
-                raise CalibrationError("it uses YAML anchors, which no calibration needs")
+            if isinstance(token, (yaml.AliasToken, yaml.AnchorToken, yaml.TagToken)):
+                raise CalibrationError("it uses YAML anchors or tags, which no calibration needs")
             depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
             if depth > MAX_DEPTH:
                 raise CalibrationError(f"it nests deeper than {MAX_DEPTH} levels: that is no calibration")
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+    except _NOT_YAML as error:
         raise CalibrationError(f"it is not YAML: {_first_line(error)}") from error
 
 

@@ -43,6 +43,10 @@ def test_a_captures_name_is_what_stands_before_its_endings(tmp_path: Path, captu
     assert find_calibration(tmp_path / "driver.pcap", None, []).origin == "generic"
 
 
+def test_a_name_that_leaves_no_room_for_an_ending_is_no_obstacle(tmp_path: Path) -> None:
+    assert find_calibration(tmp_path / ("n" * 250 + ".pcap"), None, PLAIN).origin == "generic"
+
+
 def test_a_folder_may_hold_its_calibration(tmp_path: Path) -> None:
     folder = tmp_path / "2011_09_26.drive"
     folder.mkdir()
