@@ -4,6 +4,7 @@ NB_MODULE(_native, m) {
   m.doc() = "Native core of lidarcodec. Every function checks its sizes, raises lidarcodec.errors and holds no state.";
   bind_errors(m);
   bind_crc32c(m);
+  bind_activity(m);
   bind_mask(m);
   bind_simulator(m);
   bind_assembly(m);

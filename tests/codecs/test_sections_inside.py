@@ -1,0 +1,122 @@
+"""The shared sections one by one: what a codec's own tests cannot see from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from contracts import frames
+
+from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
+from lidarcodec.codecs.intensity import decode_intensity, encode_intensity, intensity_of, level_of
+from lidarcodec.codecs.planes import decode_pose, pose_sections
+from lidarcodec.codecs.zstd_frames import compress, decompress
+from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.sensor_model import Calibration, SensorModel
+
+
+def message(kind: SectionType, data: bytes, key: bool = True) -> Message:
+    """A message of one section."""
+    sections = (Section(kind, data),)
+    return Message(3, 1, 7, 0, key, 0, 0, sections)
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_a_calibration_comes_back_and_its_hash_alone_suffices_then(plain: bool) -> None:
+    sensor = frames.SENSOR.with_convention("veloview")
+    book = SensorBook()
+    data = encode_calibration(sensor, key=True, plain=plain)
+    came = book.sensor_of(message(SectionType.CALIBRATION, data))
+    assert (came.hash, came.convention, came.name, came.origin) == (sensor.hash, "veloview", "HDL-64E", "message")
+    assert came.range_step_m == 0.002
+    np.testing.assert_array_equal(came.calibration.table, sensor.calibration.table)
+    short = encode_calibration(sensor, key=False)
+    assert len(short) == 9
+    assert book.sensor_of(message(SectionType.CALIBRATION, short)) is came
+
+
+def test_a_hash_without_its_table_asks_for_a_key_frame() -> None:
+    with pytest.raises(MissingReferenceError, match="key frame") as caught:
+        SensorBook().sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.SENSOR, key=False)))
+    assert caught.value.needs == 7
+
+
+def test_a_decoder_does_not_collect_calibrations_without_end() -> None:
+    book = SensorBook()
+    for seed in range(20):
+        book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(seed), key=True)))
+    assert len(book._known) == 8
+    book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(19), key=False)))
+    with pytest.raises(MissingReferenceError):
+        book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(0), key=False)))
+
+
+def test_a_calibration_that_lies_about_its_hash_is_refused() -> None:
+    data = bytearray(encode_calibration(frames.SENSOR, key=True, plain=True))
+    data[-1] ^= 1
+    with pytest.raises(SectionError, match="calls itself"):
+        SensorBook().sensor_of(message(SectionType.CALIBRATION, bytes(data)))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\0", b"\3" + bytes(8), b"\0" + bytes(9), b"\1" + bytes(8), b"\1" + bytes(14), b"\2" + bytes(3000)],
+)
+def test_damaged_calibrations_are_refused(data: bytes) -> None:
+    with pytest.raises(SectionError):
+        SensorBook().sensor_of(message(SectionType.CALIBRATION, data))
+
+
+def test_a_sensor_that_does_not_fit_is_refused_by_the_encoder() -> None:
+    zeros = Calibration(np.zeros((11, 64), np.int32))
+    with pytest.raises(SectionError, match="does not fit"):
+        encode_calibration(SensorModel("x" * 300, zeros), key=True)
+
+
+def test_levels_are_the_nearest_of_evenly_spaced_ones() -> None:
+    every = np.arange(256, dtype=np.uint8)
+    for levels in range(2, 257):
+        came = intensity_of(level_of(every, levels), levels).astype(int)
+        ideal = np.rint(np.arange(levels) * 255 / (levels - 1))
+        assert np.abs(np.unique(came) - ideal).max() <= 1
+        assert np.abs(came - every).max() <= np.ceil(255 / (levels - 1) / 2)
+        assert (np.diff(came) >= 0).all()
+        assert (came[0], came[-1]) == (0, 255)
+    np.testing.assert_array_equal(intensity_of(level_of(every, 256), 256), every)
+
+
+def test_intensities_without_return_cost_nothing_where_they_are_zero() -> None:
+    frame = frames.scene(4)
+    cells = np.ones(frame.range.shape, np.bool_)
+    data = encode_intensity(frame.intensity, frame.valid, cells, 256, reduced=False)
+    assert data is not None
+    assert data[0] == 0
+    np.testing.assert_array_equal(decode_intensity(data, frame.valid, cells), frame.intensity)
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\1\0\0", b"\2", b"\2\7", b"\3abc", b"\1\xff\xff\xff\xff"])
+def test_damaged_intensities_are_refused(data: bytes) -> None:
+    frame = frames.scene(2)
+    with pytest.raises(SectionError):
+        decode_intensity(data, frame.valid, np.ones(frame.range.shape, np.bool_))
+
+
+def test_a_zstd_frame_must_say_the_size_that_is_expected() -> None:
+    data = compress(bytes(1000), 3)
+    assert decompress(data, 1000) == bytes(1000)
+    for wrong in (data[:-1], data + b"\0", data[1:], b"", data * 2):
+        with pytest.raises(SectionError):
+            decompress(wrong, 1000)
+    for size in (0, 999, 1001, 2**62):
+        with pytest.raises(SectionError, match="1000"):
+            decompress(data, size)
+
+
+def test_a_pose_must_be_a_rigid_transform() -> None:
+    frame = frames.scene(1)
+    for wrong in (np.full((4, 4), np.nan), np.zeros((4, 4)), np.ones((4, 4))):
+        with pytest.raises(LidarCodecError, match="pose"):
+            pose_sections(frame.with_(pose=wrong))
+    for data in (bytes(95), bytes(97), b"\xff" * 96):
+        with pytest.raises(SectionError, match="pose"):
+            decode_pose(message(SectionType.POSE, data))

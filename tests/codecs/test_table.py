@@ -1,0 +1,82 @@
+"""The table of codecs, and the settings that an operator may get wrong."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import lidarcodec.codecs
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import CodecSettings
+from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
+from lidarcodec.settings import StreamSettings
+
+
+def test_numbers_stay_what_they_are() -> None:
+    """They stand in every recording."""
+    assert {name: table.codec_id(name) for name in ("raw", "zstd", "pcodec")} == {"raw": 1, "zstd": 2, "pcodec": 3}
+    assert [table.codec_name(table.codec_id(name)) for name in table.names()] == list(table.names())
+
+
+def test_every_codec_file_is_in_the_table() -> None:
+    folder = Path(lidarcodec.codecs.__file__).parent
+    files = {path.stem for path in folder.glob("*.py") if re.search(r"^CODEC = ", path.read_text(), re.M)}
+    assert {name.replace("-", "_") for name in table.names()} == files
+
+
+def test_every_codec_describes_its_settings() -> None:
+    for name in table.names():
+        model = table.codec(name).settings
+        assert issubclass(model, CodecSettings)
+        assert model.model_config["extra"] == "forbid"
+        model()
+
+
+def test_unknown_codecs_are_named() -> None:
+    for ask in (table.codec_id, table.codec, lambda name: table.check(StreamSettings(codec=name))):
+        with pytest.raises(UnknownNameError, match="draco"):
+            ask("draco")
+    for ask in (table.codec_name, table.make_decoder):
+        with pytest.raises(UnsupportedVersionError, match="250"):
+            ask(250)
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "says"),
+    [
+        ({"codec_settings": {"quality": 9}}, "codec_settings.quality", "has no setting 'quality': it has level"),
+        ({"codec_settings": {"level": 0}}, "codec_settings.level", "level"),
+        ({"codec_settings": {"level": "high"}}, "codec_settings.level", "level"),
+        ({"codec": "raw", "codec_settings": {"level": 3}}, "codec_settings.level", "it has none"),
+        ({"codec": "zstd", "codec_settings": {"level": 20}}, "codec_settings.level", "19"),
+        ({"target_kbps": 3000}, "target_kbps", "target bitrate"),
+        ({"target_kbps": "auto"}, "target_kbps", "target bitrate"),
+        ({"reduction": "voxel"}, "reduction", "voxel"),
+        ({"keep_points": 1000}, "keep_points", "reduction"),
+        ({"keep_fraction": 0.5}, "keep_fraction", "reduction"),
+    ],
+)
+def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], field: str, says: str) -> None:
+    with pytest.raises(SettingsError, match=says) as caught:
+        table.make_encoder(StreamSettings(**settings), 1)
+    assert caught.value.field == field
+
+
+def test_settings_that_can_be_followed() -> None:
+    for name in table.names():
+        settings = StreamSettings(codec=name)
+        assert table.check(settings) is settings
+    assert table.check(StreamSettings(max_error_m=0.02, codec_settings={"level": 12}))
+
+
+def test_an_encoder_stays_the_codec_that_it_is() -> None:
+    encoder = table.make_encoder(StreamSettings(), 1)
+    with pytest.raises(SettingsError, match="cannot become"):
+        encoder.apply(StreamSettings(codec="raw"))
+
+
+def test_modules_are_imported_on_first_use() -> None:
+    assert import_module("lidarcodec.codecs.pcodec").CODEC is table.codec("pcodec")
