@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contracts import frames
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.intensity import decode_intensity, encode_intensity, intensity_of, level_of
@@ -13,6 +12,7 @@ from lidarcodec.codecs.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import Calibration, SensorModel
+from tests.contracts import frames
 
 
 def message(kind: SectionType, data: bytes, key: bool = True) -> Message:

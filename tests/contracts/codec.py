@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from contracts import frames
 
 from lidarcodec import wire
 from lidarcodec.codecs import table
@@ -22,6 +21,7 @@ from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.side import SideInfo
 from lidarcodec.wire.checksum import with_checksum
+from tests.contracts import frames
 
 STREAM = 0x1234_5678_9ABC_DEF0
 
@@ -34,19 +34,21 @@ class CodecUnderTest:
     encoder: Callable[[StreamSettings], Encoder]
     decoder: Callable[[], Decoder]
     bounded: bool = True
+    own: dict[str, object] = field(default_factory=dict)
 
     def settings(self, **values: object) -> StreamSettings:
         """Settings of this codec."""
-        return settings_from({"codec": self.name, **values})
+        return settings_from({"codec": self.name, "codec_settings": self.own, **values})
 
 
-def from_table(name: str) -> CodecUnderTest:
-    """The table's codec of that name."""
+def from_table(name: str, **own: object) -> CodecUnderTest:
+    """The table's codec of that name, with these settings of its own."""
     return CodecUnderTest(
         name,
         lambda settings: table.make_encoder(settings, STREAM),
         lambda: table.make_decoder(table.codec_id(name)),
         table.codec(name).bounded,
+        own,
     )
 
 

@@ -1,0 +1,202 @@
+"""Reader of recordings, whole or cut: every whole message that is there comes out, and what was lost is counted."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import IO, Final, NamedTuple
+
+from lidarcodec import wire
+from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.recording import records
+from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, unpack_batch
+from lidarcodec.recording.records import Channel, DamagedError, Record, Stored
+
+log = logging.getLogger(__name__)
+
+_MAX_CHANNELS: Final = 4096
+
+
+class _Place(NamedTuple):
+    """A place to begin reading: offset of a record of the data section, and messages to skip in it."""
+
+    record: int
+    skip: int
+
+
+class RecordingReader:
+    """Reads a recording from a binary file that can seek; neither opens nor closes it.
+
+    metadata: what the writer noted (vehicle, sensor, settings, ...), as texts; empty for files of other programs
+    channels: those at the beginning, by id
+    counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        """Raises SourceError if this is no MCAP file."""
+        self._stream = stream
+        self._size = records.size_of(stream)
+        self.counts: Counter[str] = Counter()
+        self.metadata: dict[str, str] = {}
+        self.channels: dict[int, Channel] = {}
+        self._warned = False
+        magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
+        if not magic or not records.MAGIC.startswith(magic):
+            raise SourceError("not a recording: it does not begin as an MCAP file does")
+        self._data_start = min(self._size, len(records.MAGIC))
+        self._read_beginning()
+
+    def messages(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[tuple[int, bytes]]:
+        """(stamp in ns, bytes) of each message, in the order in which they were recorded.
+
+        start_ns: begins at the last key message at or before it, or at the first message if there is none before it
+        topic: of the channel to read; by default the first one that holds messages
+        """
+        for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key):
+            yield stored.log_time, stored.data()
+
+    def packets(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[Packet]:
+        """Raw packets in the order in which they were recorded; with `start_ns` from the batch that holds it."""
+        for stored in self._read(PACKET_ENCODING, topic, start_ns, lambda _: True):
+            try:
+                yield from unpack_batch(stored.data())
+            except DecodeError as error:
+                self._damaged(error)
+
+    def _read_beginning(self) -> None:
+        """Metadata and channels up to the first message."""
+        try:
+            for record in records.records(self._stream, self._data_start, self._size):
+                if record.opcode == records.METADATA and record.whole:
+                    name, texts = records.metadata_of(self._stream, record)
+                    if name == METADATA_NAME:
+                        self.metadata = texts
+                elif list(self._inside(record, check=False)) or record.opcode == records.DATA_END:
+                    return
+        except DamagedError:
+            return  # it will be met and counted again when messages are read
+
+    def _learn(self, channel: Channel) -> None:
+        if len(self.channels) < _MAX_CHANNELS:
+            self.channels[channel.number] = channel
+
+    def _inside(self, record: Record, check: bool = True) -> Iterator[Stored]:
+        """Messages of a record of the data section; learns the channels in it."""
+        source, inner = self._stream, [record].__iter__()
+        if record.opcode == records.CHUNK:
+            chunk = records.chunk_of(self._stream, record)
+            source, start, end = records.opened(self._stream, chunk, self._size, check)
+            inner = records.records(source, start, end)
+        for one in inner:
+            if one.opcode == records.MESSAGE and one.whole:
+                yield records.stored_of(source, one)
+            elif one.opcode == records.CHANNEL and one.whole:
+                self._learn(records.channel_of(source, one))
+
+    def _walk(self, start: int, check: bool = True) -> Iterator[tuple[int, list[Stored]]]:
+        """(offset, messages) of each record of the data section. Counts what is damaged and, at the end, cut."""
+        end = start
+        for record in records.records(self._stream, start, self._size):
+            if record.opcode in (records.DATA_END, records.FOOTER):
+                return
+            stored: list[Stored] = []
+            try:
+                stored.extend(self._inside(record, check))
+            except DamagedError as error:
+                if record.whole:
+                    self._damaged(error)
+            if record.whole:
+                end = record.end
+            elif stored:
+                end = stored[-1].start + stored[-1].length
+            yield record.offset, stored
+        self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
+        self._warn(f"a recording was cut: {self._size - end} bytes after its last whole message are lost")
+
+    def _read(
+        self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
+    ) -> Iterator[Stored]:
+        """Messages of one channel; with `start_ns` from the last one at or before it where one may start."""
+        place = _Place(self._data_start, 0)
+        if start_ns is not None:
+            place = self._last_place(encoding, topic, start_ns, may_start) or place
+        self.counts.clear()
+        for offset, stored in self._walk(place.record):
+            for one in stored[place.skip if offset == place.record else 0 :]:
+                if self._is(one.channel, encoding, topic):
+                    yield one
+
+    def _is(self, number: int, encoding: str, topic: str | None) -> bool:
+        channel = self.channels.get(number)
+        if channel is None or channel.encoding != encoding:
+            return False
+        if topic is not None:
+            return channel.topic == topic
+        return number == min(one.number for one in self.channels.values() if one.encoding == encoding)
+
+    def _last_place(
+        self, encoding: str, topic: str | None, start_ns: int, may_start: Callable[[Stored], bool]
+    ) -> _Place | None:
+        places = self._indexed() or self._scanned()
+        earlier: list[int] = []
+        for first_time, offset in places:
+            if first_time > start_ns:
+                break
+            earlier.append(offset)
+        for offset in reversed(earlier):
+            for at, stored in self._walk(offset, check=False):
+                fits = [
+                    number
+                    for number, one in enumerate(stored)
+                    if one.log_time <= start_ns and self._is(one.channel, encoding, topic) and may_start(one)
+                ]
+                if fits:
+                    return _Place(at, fits[-1])
+                break
+        return None
+
+    def _indexed(self) -> list[tuple[int, int]]:
+        """(time of the first message, offset) of each chunk out of the file's own index; empty if it has none."""
+        start = records.summary_start(self._stream, self._size)
+        if start is None:
+            return []
+        found: list[tuple[int, int]] = []
+        try:
+            for record in records.records(self._stream, start, self._size):
+                if record.opcode == records.CHANNEL and record.whole:
+                    self._learn(records.channel_of(self._stream, record))
+                elif record.opcode == records.CHUNK_INDEX:
+                    found.append(records.chunk_span(self._stream, record))
+        except DamagedError:
+            return []
+        return found if all(self._data_start <= offset < start for _, offset in found) else []
+
+    def _scanned(self) -> list[tuple[int, int]]:
+        """The same out of the data itself, without reading any message."""
+        return [(stored[0].log_time, at) for at, stored in self._walk(self._data_start, check=False) if stored]
+
+    def _damaged(self, error: Exception) -> None:
+        self.counts["damaged"] += 1
+        self._warn(f"a recording is damaged and a part of it left out: {error}")
+
+    def _warn(self, text: str) -> None:
+        if not self._warned:
+            self._warned = True
+            log.warning("%s", text)
+
+
+def _is_key(stored: Stored) -> bool:
+    try:
+        return wire.peek(stored.data(wire.HEADER_BYTES)).key
+    except DecodeError:
+        return False
+
+
+def read_recording(stream: IO[bytes], start_ns: int | None = None) -> Iterator[tuple[int, bytes]]:
+    """(stamp in ns, bytes) of each message of a recording; see `RecordingReader`.
+
+    Raises SourceError if the file is no recording.
+    """
+    return RecordingReader(stream).messages(start_ns)

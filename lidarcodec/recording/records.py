@@ -1,0 +1,223 @@
+"""MCAP records as they lie in a file, without reading what is not asked for, and with every length checked.
+
+The `mcap` package's own readers give up on a cut file, or read all of it first (docs/decisions); here a record that is
+not whole is simply where the recording ends. Layouts: mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import IO, Final, NamedTuple
+
+import lz4.frame
+import zstandard
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
+CHUNK_INDEX, METADATA, DATA_END = 8, 12, 15
+MAX_RECORD: Final = 65 * 2**20
+"""Largest record that is read into memory: a message of 64 MiB and what MCAP adds to it."""
+
+_HEAD: Final = struct.Struct("<BQ")
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_CHUNK_INDEX: Final = struct.Struct("<QQQQ")
+_FOOTER: Final = struct.Struct("<QQI")
+
+
+class DamagedError(Exception):
+    """A record that contradicts itself. Stays inside this package."""
+
+
+class Record(NamedTuple):
+    """A record: opcode, where its content begins, bytes of content, and whether all of it is there."""
+
+    opcode: int
+    start: int
+    length: int
+    whole: bool
+
+    @property
+    def offset(self) -> int:
+        """Where the record itself begins."""
+        return self.start - _HEAD.size
+
+    @property
+    def end(self) -> int:
+        """Where the next record begins."""
+        return self.start + self.length
+
+
+class Stored(NamedTuple):
+    """A stored message: channel, log time, and where its data is."""
+
+    channel: int
+    log_time: int
+    source: IO[bytes]
+    start: int
+    length: int
+
+    def data(self, limit: int = MAX_RECORD) -> bytes:
+        """The data, or as much of it as `limit` allows."""
+        return read(self.source, self.start, min(self.length, limit))
+
+
+class Chunk(NamedTuple):
+    """Head of a chunk: times of its first and last message, and where its records are."""
+
+    first_time: int
+    last_time: int
+    plain_bytes: int
+    crc: int
+    compression: str
+    start: int
+    length: int
+
+
+class Channel(NamedTuple):
+    """A channel: id, topic, encoding of its messages."""
+
+    number: int
+    topic: str
+    encoding: str
+
+
+def read(stream: IO[bytes], start: int, length: int) -> bytes:
+    """Exactly `length` bytes.
+
+    Raises DamagedError if they are not there.
+    """
+    if length > MAX_RECORD:
+        raise DamagedError(f"{length} bytes in one piece")
+    stream.seek(start)
+    data = stream.read(length)
+    if len(data) != length:
+        raise DamagedError(f"{length} bytes at {start} where {len(data)} are left")
+    return data
+
+
+def size_of(stream: IO[bytes]) -> int:
+    """Bytes of a file."""
+    return stream.seek(0, io.SEEK_END)
+
+
+def records(stream: IO[bytes], start: int, end: int) -> Iterator[Record]:
+    """Records between two offsets. The last one may not be whole; less than a record's head gives none.
+
+    Ends at opcode 0, which no record has: a file system that lost its power leaves zeros.
+    """
+    while end - start >= _HEAD.size:
+        opcode, length = _HEAD.unpack(read(stream, start, _HEAD.size))
+        if opcode == 0:
+            return
+        record = Record(opcode, start + _HEAD.size, length, start + _HEAD.size + length <= end)
+        yield record
+        if not record.whole:
+            return
+        start = record.end
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    if at + 4 > len(data):
+        raise DamagedError("a text beyond the end of its record")
+    end = at + 4 + int.from_bytes(data[at : at + 4], "little")
+    if end > len(data):
+        raise DamagedError("a text beyond the end of its record")
+    try:
+        return data[at + 4 : end].decode(), end
+    except UnicodeDecodeError:
+        raise DamagedError("a text that is not UTF-8") from None
+
+
+def channel_of(stream: IO[bytes], record: Record) -> Channel:
+    """The channel that a record describes."""
+    data = read(stream, record.start, record.length)
+    name, at = _text(data, 4)
+    encoding, _ = _text(data, at)
+    return Channel(int.from_bytes(data[:2], "little"), name, encoding)
+
+
+def metadata_of(stream: IO[bytes], record: Record) -> tuple[str, dict[str, str]]:
+    """Name and texts of a metadata record."""
+    data = read(stream, record.start, record.length)
+    name, at = _text(data, 0)
+    at, end = at + 4, at + 4 + int.from_bytes(data[at : at + 4], "little")
+    texts: dict[str, str] = {}
+    while at < end:
+        key, at = _text(data, at)
+        texts[key], at = _text(data, at)
+    return name, texts
+
+
+def stored_of(stream: IO[bytes], record: Record) -> Stored:
+    """The message of a record; its data is not read yet."""
+    if record.length < _MESSAGE.size:
+        raise DamagedError(f"a message record of {record.length} bytes")
+    channel, _, log_time, _ = _MESSAGE.unpack(read(stream, record.start, _MESSAGE.size))
+    return Stored(channel, log_time, stream, record.start + _MESSAGE.size, record.length - _MESSAGE.size)
+
+
+def chunk_of(stream: IO[bytes], record: Record) -> Chunk:
+    """Head of a chunk, which may not be whole."""
+    first, last, plain, crc, name_bytes = _CHUNK.unpack(read(stream, record.start, _CHUNK.size))
+    if name_bytes > 32:
+        raise DamagedError("a compression with a name of more than 32 bytes")
+    at = record.start + _CHUNK.size
+    tail = read(stream, at, name_bytes + 8)
+    start = at + name_bytes + 8
+    length = int.from_bytes(tail[name_bytes:], "little")
+    if start + length != record.end:
+        raise DamagedError(f"a chunk of {record.length} bytes with records of {length}")
+    return Chunk(first, last, plain, crc, tail[:name_bytes].decode("ascii", "replace"), start, length)
+
+
+def opened(stream: IO[bytes], chunk: Chunk, end: int, check: bool = True) -> tuple[IO[bytes], int, int]:
+    """Where the records of a chunk are: file, first offset, last offset.
+
+    end: of the file, which may cut the chunk; check: whether to compare the checksum of uncompressed records.
+    Raises DamagedError if they cannot be had.
+    """
+    if not chunk.compression:
+        last = min(chunk.start + chunk.length, end)
+        whole = last == chunk.start + chunk.length and chunk.length <= MAX_RECORD
+        if check and whole and chunk.crc and zlib.crc32(read(stream, chunk.start, chunk.length)) != chunk.crc:
+            raise DamagedError(f"a chunk at {chunk.start} whose checksum is wrong")
+        return stream, chunk.start, last
+    if chunk.plain_bytes > MAX_RECORD:
+        raise DamagedError(f"a chunk of {chunk.plain_bytes} bytes")
+    packed = read(stream, chunk.start, chunk.length)
+    try:
+        if chunk.compression == "zstd":
+            plain = zstandard.ZstdDecompressor().stream_reader(packed).read(chunk.plain_bytes + 1)
+        elif chunk.compression == "lz4":
+            plain = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.plain_bytes + 1)
+        else:
+            raise DamagedError(f"a chunk compressed with '{chunk.compression}'")
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise DamagedError(f"a damaged chunk: {error}") from None
+    if len(plain) != chunk.plain_bytes or (chunk.crc and zlib.crc32(plain) != chunk.crc):
+        raise DamagedError("a chunk that holds something else than it says")
+    return io.BytesIO(plain), 0, len(plain)
+
+
+def summary_start(stream: IO[bytes], size: int) -> int | None:
+    """Offset of the summary, None if the file has none or was cut."""
+    if size < len(MAGIC) * 2 + _HEAD.size + _FOOTER.size:
+        return None
+    tail = read(stream, size - len(MAGIC) - _FOOTER.size - _HEAD.size, _HEAD.size + _FOOTER.size + len(MAGIC))
+    opcode, length = _HEAD.unpack_from(tail)
+    start, _, _ = _FOOTER.unpack_from(tail, _HEAD.size)
+    if not tail.endswith(MAGIC) or opcode != FOOTER or length != _FOOTER.size or not 0 < start < size:
+        return None
+    return int(start)
+
+
+def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int]:
+    """Time of the first message and offset of the chunk that an index record names."""
+    if record.length < _CHUNK_INDEX.size:
+        raise DamagedError(f"a chunk index of {record.length} bytes")
+    first, _, start, _ = _CHUNK_INDEX.unpack(read(stream, record.start, _CHUNK_INDEX.size))
+    return first, start

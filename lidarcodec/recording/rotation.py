@@ -1,0 +1,199 @@
+"""RotatingRecorder: recordings of limited size in a folder of limited size, oldest out first.
+
+Every file begins with a key message, so it can be read alone. Whatever the disk does is counted and ends the recording,
+never the stream that is recorded. Writing takes as long as the disk takes: call it from a thread of its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO, Final
+
+from lidarcodec import wire
+from lidarcodec.errors import SettingsError
+from lidarcodec.packet import Packet
+from lidarcodec.recording.writer import RecordingWriter
+from lidarcodec.settings import StreamSettings, valid_name
+
+log = logging.getLogger(__name__)
+
+MIN_FILE_BYTES: Final = 2**20
+_OVERHEAD: Final = 320
+"""Bytes, at most, that a message adds to a file beside its own: chunk head, indexes, and its line in the summary."""
+_FRAME_BYTES: Final = 4096
+"""Bytes, at most, of a file without messages."""
+
+
+class RotatingRecorder:
+    """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
+
+    counts: `files`, `messages`, `bytes`, `deleted files`, `waiting for a key message` (not written), `not recorded`
+    stopped: why nothing is written any more, None while it is
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        vehicle: str,
+        sensor: str,
+        settings: StreamSettings | None = None,
+        *,
+        max_file_bytes: int = 256 * 2**20,
+        max_total_bytes: int = 8 * 2**30,
+        sync_bytes: int = 16 * 2**20,
+    ) -> None:
+        """max_total_bytes: of all files of this sensor in the folder, older runs included; sync_bytes: what a loss of
+        power may cost, at most. Raises SettingsError for sizes that leave no room for two files."""
+        if max_file_bytes < MIN_FILE_BYTES or max_total_bytes < 2 * max_file_bytes:
+            raise SettingsError(
+                f"recording files of {max_file_bytes} bytes in a folder of {max_total_bytes}: a file needs at least"
+                f" {MIN_FILE_BYTES} and the folder twice as much as a file", "max_file_bytes",
+            )  # fmt: skip
+        self.folder = folder
+        self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
+        self.settings = settings
+        self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
+        self.counts: Counter[str] = Counter()
+        self.stopped: str | None = None
+        self._file: IO[bytes] | None = None
+        self._writer: RecordingWriter | None = None
+        self._synced = self._in_file = 0
+
+    def write(self, data: bytes) -> bool:
+        """Records one message, as `wire.pack` gave it; whether it did. A file is begun, or changed, at key messages.
+
+        Raises DecodeError for bytes that are no message.
+        """
+        header = wire.peek(data)
+        if header.key and (self._writer is None or self._size_with(len(data)) > self.max_file_bytes):
+            self._begin(header.stamp_ns, len(data))
+        if self._writer is None and self.stopped is None:
+            self.counts["waiting for a key message"] += 1
+            return False
+        return self._add(len(data), lambda writer: writer.write(data))
+
+    def write_packets(self, packets: Sequence[Packet]) -> bool:
+        """Records a batch of raw packets; whether it did. Any batch may begin a file."""
+        if not packets:
+            return True
+        size = sum(len(packet.payload) + 8 for packet in packets)
+        if self._writer is None or self._size_with(size) > self.max_file_bytes:
+            self._begin(packets[0].stamp_ns, size)
+        return self._add(size, lambda writer: writer.write_packets(packets))
+
+    def close(self) -> None:
+        """Ends the current file; harmless when called twice."""
+        self._guarded(self._end)
+
+    @property
+    def path(self) -> Path | None:
+        """The file that is being written."""
+        return None if self._file is None else Path(self._file.name)
+
+    def files(self) -> list[Path]:
+        """Files of this sensor in the folder, oldest first."""
+        name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
+        found = [path for path in self.folder.iterdir() if name.fullmatch(path.name)]
+        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+    def _size_with(self, more: int) -> int:
+        """Bytes that the current file will have when a message of `more` bytes is added and it is closed."""
+        written = 0 if self._writer is None else self._writer.bytes_written
+        return written + more + _FRAME_BYTES + (self._in_file + 1) * _OVERHEAD
+
+    def _add(self, size: int, write: Callable[[RecordingWriter], None]) -> bool:
+        writer = self._writer
+        if self.stopped is None and writer is not None and self._guarded(lambda: self._write(writer, size, write)):
+            self.counts["messages"] += 1
+            self.counts["bytes"] += size
+            return True
+        self.counts["not recorded"] += 1
+        return False
+
+    def _write(self, writer: RecordingWriter, size: int, write: Callable[[RecordingWriter], None]) -> None:
+        if self._size_with(size) > self.max_file_bytes:  # no key message came in time
+            self._make_room(self._size_with(size))
+        write(writer)
+        self._in_file += 1
+        if writer.bytes_written - self._synced >= self.sync_bytes and self._file is not None:
+            os.fsync(self._file.fileno())
+            self._synced = writer.bytes_written
+
+    def _begin(self, stamp_ns: int, first_bytes: int) -> None:
+        if self.stopped is None:
+            self._guarded(lambda: self._open(stamp_ns, first_bytes))
+
+    def _open(self, stamp_ns: int, first_bytes: int) -> None:
+        self._end()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._make_room(max(self.max_file_bytes, self._size_with(first_bytes)))
+        time = datetime.fromtimestamp(max(0, stamp_ns) // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
+        number = 0
+        while True:
+            path = self.folder / f"{self.vehicle}_{self.sensor}_{time}_{number:04d}.mcap"
+            try:
+                self._file = path.open("xb")
+                break
+            except FileExistsError:
+                number += 1
+        self._writer = RecordingWriter(self._file, self.vehicle, self.sensor, self.settings)
+        self._synced = self._in_file = 0
+        self.counts["files"] += 1
+        _sync_folder(self.folder)
+
+    def _make_room(self, needed: int) -> None:
+        """Deletes the oldest files until the current one may take `needed` bytes; ends the recording if it may not."""
+        files = [(path, path.stat().st_size) for path in self.files() if path != self.path]
+        total = sum(size for _, size in files)
+        for path, size in files:
+            if total + needed <= self.max_total_bytes:
+                return
+            path.unlink()
+            total -= size
+            self.counts["deleted files"] += 1
+        if needed > self.max_total_bytes:
+            raise OSError(
+                f"a file of {needed} bytes in a folder of {self.max_total_bytes}: no key message began another"
+            )
+
+    def _end(self) -> None:
+        writer, file = self._writer, self._file
+        self._writer = self._file = None
+        if writer is None or file is None:
+            return
+        with file:
+            writer.close()
+            os.fsync(file.fileno())
+
+    def _guarded(self, work: Callable[[], None]) -> bool:
+        """Does the work; whether the disk let it. If not, the recording is over."""
+        try:
+            work()
+        except OSError as error:
+            self._stop(f"{error.strerror or error}")
+            return False
+        return True
+
+    def _stop(self, reason: str) -> None:
+        if self.stopped is None:
+            self.stopped = reason
+            log.error("recording to %s stopped: %s", self.folder, reason)
+        try:
+            self._end()
+        except OSError:
+            log.debug("the last file in %s has no index", self.folder)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes the name of a new file survive a loss of power."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,94 @@
+"""Writer of recordings. Every message is an MCAP chunk of its own: a file cut anywhere has lost only what was cut."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import IO, Final
+
+from mcap.writer import CompressionType, Writer
+
+import lidarcodec
+from lidarcodec import wire
+from lidarcodec.errors import HeaderError
+from lidarcodec.packet import Packet
+from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, pack_batch, topic
+from lidarcodec.settings import StreamSettings, valid_name
+from lidarcodec.wire.header import MAJOR, MINOR
+
+_ONE_MESSAGE: Final = 1
+"""Chunk size: MCAP closes a chunk when it has reached it, so after each message."""
+
+
+class RecordingWriter:
+    """Writes messages, packets or both of one sensor to a binary file that it neither opens nor closes."""
+
+    def __init__(
+        self,
+        stream: IO[bytes],
+        vehicle: str,
+        sensor: str,
+        settings: StreamSettings | None = None,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        """metadata: further texts to keep with the recording. Raises SettingsError for a name that is none."""
+        self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
+        self._stream = stream
+        self._finished = False
+        self._channels: dict[str, int] = {}
+        self._mcap = Writer(stream, chunk_size=_ONE_MESSAGE, compression=CompressionType.NONE)
+        self._mcap.start(profile="", library=f"lidarcodec {lidarcodec.__version__}")
+        about = {
+            "format": f"{MAJOR}.{MINOR}",
+            "version": lidarcodec.__version__,
+            "vehicle": vehicle,
+            "sensor": sensor,
+            **({} if settings is None else {"settings": settings.model_dump_json()}),
+        }
+        self._mcap.add_metadata(METADATA_NAME, dict(metadata or {}) | about)
+
+    def write(self, data: bytes) -> None:
+        """Adds one message, as `wire.pack` gave it, and hands it to the operating system.
+
+        Raises DecodeError for bytes that do not begin with the header of a message of their length, OSError.
+        """
+        header = wire.peek(data)
+        if header.total_bytes != len(data):
+            raise HeaderError(f"a message that announces {header.total_bytes} bytes and has {len(data)}", 8)
+        self._add(MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
+
+    def write_packets(self, packets: Sequence[Packet]) -> None:
+        """Adds a batch of raw packets, say those of one frame; an empty one is left out.
+
+        Raises PacketError, SectionError, OSError.
+        """
+        if packets:
+            self._add(PACKET_ENCODING, packets[0].stamp_ns, pack_batch(packets), 0)
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes of the file so far."""
+        return self._stream.tell()
+
+    def close(self) -> None:
+        """Writes index and footer; harmless when called twice. The file itself stays open."""
+        if not self._finished:
+            self._finished = True
+            self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._stream.flush()
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _add(self, encoding: str, stamp_ns: int, data: bytes, sequence: int) -> None:
+        if encoding not in self._channels:
+            name = topic(self.vehicle, self.sensor, encoding)
+            self._channels[encoding] = self._mcap.register_channel(name, encoding, schema_id=0)
+        at = max(0, stamp_ns)  # MCAP knows no time before 1970
+        self._mcap.add_message(self._channels[encoding], at, data, at, sequence & 0xFFFFFFFF)
+        self._stream.flush()

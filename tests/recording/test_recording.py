@@ -1,0 +1,252 @@
+"""A recording is often all that is left of a drive: it must open anywhere, and a cut one must give what it has."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+
+from lidarcodec import wire
+from lidarcodec.codecs import table
+from lidarcodec.errors import DecodeError, HeaderError, PacketError, SectionError, SettingsError, SourceError
+from lidarcodec.message import Message, Section
+from lidarcodec.packet import Packet
+from lidarcodec.recording import MESSAGE_ENCODING, RecordingReader, RecordingWriter, read_recording
+from lidarcodec.recording.layout import pack_batch, unpack_batch
+from lidarcodec.settings import StreamSettings
+from tests.contracts import frames
+
+TENTH = 100_000_000
+
+
+def message(index: int, key: bool, size: int = 40, stamp_ns: int | None = None) -> bytes:
+    """A message without meaning, of a tenth of a second."""
+    stamp = 10**18 + index * TENTH if stamp_ns is None else stamp_ns
+    return wire.pack(Message(3, 9, index, stamp, key, 0, 0, (Section(1, bytes([index % 256]) * size),)))
+
+
+def packet(number: int) -> Packet:
+    """A payload of its own for each number."""
+    return Packet(number.to_bytes(4, "little") * 301 + b"\0\0", 10**18 + number * 288_000)
+
+
+def drive(count: int = 30, interval: int = 7) -> list[bytes]:
+    """Messages with a key message every `interval`."""
+    return [message(index, index % interval == 0) for index in range(count)]
+
+
+def recorded(data: list[bytes], **values: object) -> bytes:
+    """A whole recording of messages."""
+    file = io.BytesIO()
+    with RecordingWriter(file, "truck", "roof", **values) as writer:  # type: ignore[arg-type]
+        for one in data:
+            writer.write(one)
+    return file.getvalue()
+
+
+def test_any_mcap_reader_opens_a_recording() -> None:
+    data = drive()
+    file = recorded(data, settings=StreamSettings(max_error_m=0.02), metadata={"source": "test"})
+    reader = make_reader(io.BytesIO(file), validate_crcs=True)
+    found = list(reader.iter_messages())
+    assert [one.data for _, _, one in found] == data
+    assert {channel.topic for _, channel, _ in found} == {"lidarcodec/v1/truck/roof/frame"}
+    assert {channel.message_encoding for _, channel, _ in found} == {MESSAGE_ENCODING}
+    assert [one.log_time for _, _, one in found] == [10**18 + index * TENTH for index in range(30)]
+    assert [one.sequence for _, _, one in found] == list(range(30))
+    about = next(iter(reader.iter_metadata())).metadata
+    assert (about["vehicle"], about["sensor"], about["format"], about["source"]) == ("truck", "roof", "1.0", "test")
+    assert json.loads(about["settings"])["max_error_m"] == 0.02
+
+
+def test_what_was_written_comes_back() -> None:
+    data = drive()
+    reader = RecordingReader(io.BytesIO(recorded(data)))
+    assert reader.metadata["vehicle"] == "truck"
+    assert [one for _, one in reader.messages()] == data
+    assert [stamp for stamp, _ in reader.messages()] == [10**18 + index * TENTH for index in range(30)]
+    assert not reader.counts
+
+
+def test_a_recording_cut_at_any_byte_gives_every_whole_message_before_the_cut(caplog: pytest.LogCaptureFixture) -> None:
+    data = [*drive(5, 2), message(5, True, size=0), message(6, False, size=300)]
+    file = recorded(data)
+    ends = [file.index(one) + len(one) for one in data]
+    for cut in range(len(file)):
+        caplog.clear()
+        reader = RecordingReader(io.BytesIO(file[:cut])) if cut else None
+        if reader is None:
+            with pytest.raises(SourceError):
+                RecordingReader(io.BytesIO(b""))
+            continue
+        came = [one for _, one in reader.messages()]
+        assert came == data[: sum(end <= cut for end in ends)], cut
+        finished = cut >= file.rindex(data[-1]) + len(data[-1]) and reader.counts["cut"] == 0
+        assert finished or reader.counts["bytes lost"] <= max(map(len, data)) + 200
+        assert len(caplog.records) == reader.counts["cut"]
+
+
+def test_a_recording_that_ends_in_zeros_gives_what_is_before_them() -> None:
+    """What a file system leaves after a loss of power."""
+    data = drive(9)
+    file = recorded(data)
+    reader = RecordingReader(io.BytesIO(file[: file.index(data[5])] + bytes(100_000)))
+    assert [one for _, one in reader.messages()] == data[:5]
+    assert reader.counts["cut"] == 1
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_seeking_begins_at_a_key_message(cut: bool) -> None:
+    data = drive(30, 7)
+    file = recorded(data)
+    if cut:  # without its index
+        file = file[: file.rindex(data[-1]) + len(data[-1])]
+    reader = RecordingReader(io.BytesIO(file))
+    for seconds, first in ((-5.0, 0), (0.0, 0), (0.65, 0), (0.7, 7), (1.35, 7), (2.0, 14), (2.9, 28), (100.0, 28)):
+        came = [one for _, one in reader.messages(10**18 + round(seconds * 10**9))]
+        assert came == data[first:], seconds
+        assert wire.peek(came[0]).key
+
+
+def test_seeking_with_a_damaged_index_still_works() -> None:
+    data = drive(20, 5)
+    file = bytearray(recorded(data))
+    start = int.from_bytes(file[-8 - 20 : -8 - 12], "little")
+    at = file.index(bytes([8]), start)
+    file[at + 9 + 16 : at + 9 + 24] = b"\xff" * 8
+    came = [one for _, one in RecordingReader(io.BytesIO(bytes(file))).messages(10**18 + 12 * TENTH)]
+    assert came == data[10:]
+
+
+def test_raw_packets_come_back_with_their_stamps() -> None:
+    sent = [packet(number) for number in range(100)]
+    file = io.BytesIO()
+    with RecordingWriter(file, "truck", "roof") as writer:
+        for at in range(0, 100, 30):
+            writer.write_packets(sent[at : at + 30])
+        writer.write_packets([])
+        writer.write(message(0, True))
+    reader = RecordingReader(file)
+    assert list(reader.packets()) == sent
+    assert list(reader.packets(sent[65].stamp_ns)) == sent[60:]
+    assert len(list(reader.messages())) == 1
+    assert [one.number for one in reader.channels.values()] == [1, 2]
+
+
+def test_a_batch_of_packets_is_checked() -> None:
+    with pytest.raises(SectionError):
+        pack_batch([])
+    with pytest.raises(PacketError):
+        pack_batch([Packet(b"short", 0)])
+    data = pack_batch([packet(1), packet(2)])
+    for wrong in (b"", data[:-1], data + b"\0", b"\0\0\0\0", b"\xff\xff\xff\xff" + data[4:]):
+        with pytest.raises(SectionError):
+            unpack_batch(wrong)
+
+
+def test_recordings_of_other_tools_are_read() -> None:
+    """`mcap compress` and `mcap recover` write larger, compressed chunks."""
+    data = drive(40, 6)
+    for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
+        for chunked in (True, False):
+            file = io.BytesIO()
+            writer = Writer(
+                file, chunk_size=700, compression=compression, use_chunking=chunked, index_types=IndexType.ALL
+            )
+            writer.start()
+            other = writer.register_channel("imu", "json", 0)
+            channel = writer.register_channel("lidarcodec/v1/a/b/frame", MESSAGE_ENCODING, 0)
+            for index, one in enumerate(data):
+                writer.add_message(other, 10**18 + index * TENTH, b"{}", 0)
+                writer.add_message(channel, 10**18 + index * TENTH, one, 0)
+            writer.finish()
+            reader = RecordingReader(file)
+            assert [one for _, one in reader.messages()] == data
+            assert [one for _, one in reader.messages(10**18 + 20 * TENTH)] == data[18:]
+            assert not reader.counts
+
+
+def test_two_sensors_in_one_file_are_told_apart_by_topic() -> None:
+    file = io.BytesIO()
+    writer = Writer(file, compression=CompressionType.NONE)
+    writer.start()
+    for name in ("left", "right"):
+        channel = writer.register_channel(f"lidarcodec/v1/truck/{name}/frame", MESSAGE_ENCODING, 0)
+        writer.add_message(channel, 5, message(len(name), True), 5)
+    writer.finish()
+    reader = RecordingReader(file)
+    assert [one for _, one in reader.messages()] == [message(4, True)]
+    assert [one for _, one in reader.messages(topic="lidarcodec/v1/truck/right/frame")] == [message(5, True)]
+    assert list(reader.messages(topic="lidarcodec/v1/truck/top/frame")) == []
+
+
+def test_damage_in_the_middle_costs_that_message_only(caplog: pytest.LogCaptureFixture) -> None:
+    data = drive(12)
+    file = bytearray(recorded(data))
+    for one in (data[3], data[8]):
+        file[file.index(one) + 60] ^= 0x10
+    reader = RecordingReader(io.BytesIO(bytes(file)))
+    assert [one for _, one in reader.messages()] == data[:3] + data[4:8] + data[9:]
+    assert reader.counts["damaged"] == 2
+    assert len(caplog.records) == 1, "warned once, with the rest counted"
+
+
+def test_mutated_recordings_give_messages_or_nothing() -> None:
+    rng = np.random.default_rng(3)
+    logging.getLogger("lidarcodec.recording.reader").disabled = True
+    try:
+        file = recorded(drive(6, 3))
+        for _ in range(600):
+            mutant = bytearray(file)
+            for _ in range(int(rng.integers(1, 6))):
+                mutant[int(rng.integers(8, len(mutant)))] = int(rng.integers(256))
+            reader = RecordingReader(io.BytesIO(bytes(mutant)))
+            for stamp_ns in (None, 10**18 + 4 * TENTH):
+                assert len(list(reader.messages(stamp_ns))) <= 6
+                assert not list(reader.packets(stamp_ns))
+    finally:
+        logging.getLogger("lidarcodec.recording.reader").disabled = False
+
+
+def test_other_files_are_refused() -> None:
+    for data in (b"", b"\xa1\xb2\xc3\xd4 a pcap", b"PK\3\4"):
+        with pytest.raises(SourceError, match="not a recording"):
+            read_recording(io.BytesIO(data))
+
+
+def test_only_messages_and_proper_names_are_recorded() -> None:
+    for names in (("a/b", "roof"), ("truck", "")):
+        with pytest.raises(SettingsError):
+            RecordingWriter(io.BytesIO(), *names)
+    writer = RecordingWriter(io.BytesIO(), "truck", "roof")
+    with pytest.raises(DecodeError):
+        writer.write(b"anything")
+    with pytest.raises(HeaderError, match="announces"):
+        writer.write(message(1, True)[:-1])
+
+
+def test_a_stamp_before_1970_is_kept_in_the_message() -> None:
+    data = [message(0, True, stamp_ns=-(10**9)), message(1, False, stamp_ns=5)]
+    came = list(read_recording(io.BytesIO(recorded(data))))
+    assert [stamp for stamp, _ in came] == [0, 5]
+    assert wire.peek(came[0][1]).stamp_ns == -(10**9)
+
+
+@pytest.mark.parametrize("name", table.names())
+def test_frames_come_out_of_a_recording(name: str) -> None:
+    encoder = table.make_encoder(StreamSettings(codec=name, key_interval=4), 5)
+    sent = [frames.scene(3, index=index) for index in range(10)]
+    file = recorded([wire.pack(one) for frame in sent for one in encoder.encode(frame)])
+    decoder = table.make_decoder(table.codec_id(name))
+    came = [
+        frame
+        for _, data in read_recording(io.BytesIO(file), sent[6].stamp_ns)
+        for frame in decoder.decode(wire.unpack(data))
+    ]
+    assert [frame.index for frame in came] == [4, 5, 6, 7, 8, 9]
+    assert all((frame.range == sent[frame.index].range).all() for frame in came)

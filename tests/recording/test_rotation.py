@@ -1,0 +1,141 @@
+"""The recorder on the vehicle: it may fill its share of the disk and no more, and never take the stream with it."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import pytest
+
+from lidarcodec import wire
+from lidarcodec.errors import HeaderError, SettingsError
+from lidarcodec.recording import RecordingReader, RotatingRecorder
+from tests.recording.test_recording import drive, message, packet
+
+MIB = 2**20
+
+
+def big(index: int, key: bool) -> bytes:
+    """A message of 100 kB."""
+    return message(index, key, size=100_000)
+
+
+def test_files_are_changed_at_key_messages_and_the_oldest_go(tmp_path: Path) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
+    for index in range(200):
+        assert recorder.write(big(index, index % 5 == 0))
+        assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 4 * MIB
+    recorder.close()
+    recorder.close()
+    files = recorder.files()
+    assert 3 <= len(files) == recorder.counts["files"] - recorder.counts["deleted files"]
+    indices: list[int] = []
+    for path in files:
+        assert path.stat().st_size <= MIB
+        with path.open("rb") as file:
+            reader = RecordingReader(file)
+            headers = [wire.peek(data) for _, data in reader.messages()]
+            assert not reader.counts
+        assert headers[0].key
+        indices += [header.frame_index for header in headers]
+    assert indices == list(range(indices[0], 200)), "what is left is the newest, without a gap"
+    assert recorder.stopped is None
+
+
+def test_a_recorder_waits_for_a_key_message(tmp_path: Path) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof")
+    assert [recorder.write(one) for one in drive(10, 4)[1:]] == [False] * 3 + [True] * 6
+    assert recorder.counts["waiting for a key message"] == 3
+    recorder.close()
+
+
+def test_a_stream_whose_key_messages_are_rare_stays_within_the_folder(tmp_path: Path) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=3 * MIB)
+    done = [recorder.write(big(index, index in (0, 20))) for index in range(60)]
+    assert all(done[:40])
+    assert not done[-1]
+    assert "no key message" in str(recorder.stopped)
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * MIB
+
+
+def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
+    for name in ("holiday.mcap", "truck_roof_x.mcap", "truck2_roof_20200101T000000Z_0000.mcap"):
+        (tmp_path / name).write_bytes(bytes(3 * MIB))
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=2 * MIB)
+    for index in range(60):
+        recorder.write(big(index, True))
+    recorder.close()
+    assert len([path for path in tmp_path.iterdir() if path.stat().st_size == 3 * MIB]) == 3
+    assert recorder.counts["deleted files"] > 0
+
+
+def test_files_of_an_earlier_run_count(tmp_path: Path) -> None:
+    for _ in range(3):
+        recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=2 * MIB)
+        for index in range(15):
+            recorder.write(big(index, True))
+        recorder.close()
+        assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 2 * MIB
+
+
+def test_packets_are_rotated_too(tmp_path: Path) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=3 * MIB)
+    for at in range(0, 3480, 348):
+        assert recorder.write_packets([packet(number) for number in range(at, at + 348)])
+    assert recorder.write_packets([])
+    recorder.close()
+    came = []
+    for path in recorder.files():
+        with path.open("rb") as file:
+            came += list(RecordingReader(file).packets())
+    assert came == [packet(number) for number in range(3480 - len(came), 3480)]
+    assert len(came) >= 348
+
+
+def test_a_full_disk_stops_the_recording_and_nothing_else(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (350_000, before[1]))
+    try:
+        done = [recorder.write(big(index, index == 0)) for index in range(8)]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert done == [True] * 3 + [False] * 5
+    assert recorder.counts["not recorded"] == 5
+    assert recorder.stopped
+    assert len(caplog.records) == 1
+    recorder.close()
+    with recorder.files()[0].open("rb") as file:
+        assert len(list(RecordingReader(file).messages())) == 3
+
+
+def test_a_folder_that_cannot_be_written_stops_the_recording(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    recorder = RotatingRecorder(tmp_path / "file" / "folder", "truck", "roof")
+    assert not recorder.write(big(0, True))
+    assert recorder.stopped
+
+
+def test_what_is_on_disk_after_a_kill_can_be_read(tmp_path: Path) -> None:
+    """Every message is handed to the operating system at once: a process that dies loses none."""
+    recorder = RotatingRecorder(tmp_path, "truck", "roof")
+    data = drive(9)
+    for one in data:
+        recorder.write(one)
+    path = recorder.path
+    assert path is not None
+    copy = tmp_path / "copy"
+    copy.write_bytes(path.read_bytes())
+    with copy.open("rb") as file:
+        assert [one for _, one in RecordingReader(file).messages()] == data
+    recorder.close()
+    assert recorder.path is None
+
+
+def test_sizes_that_leave_no_room_are_refused(tmp_path: Path) -> None:
+    for sizes in ({"max_file_bytes": 1000}, {"max_file_bytes": 2 * MIB, "max_total_bytes": 3 * MIB}):
+        with pytest.raises(SettingsError, match="at least"):
+            RotatingRecorder(tmp_path, "truck", "roof", **sizes)
+    with pytest.raises(HeaderError):
+        RotatingRecorder(tmp_path, "truck", "roof").write(b"nothing")
+    assert not list(tmp_path.iterdir())
