@@ -1,7 +1,8 @@
 """Encoder and decoder of codecs whose messages hold one frame each. A codec adds how it writes ranges.
 
 Every message can be decoded once its calibration is known: a lost one costs one frame and nothing more. Key messages
-carry the calibration table; the others its hash.
+carry the calibration table; the others its hash. Only with `mask_history` a mask refers to the masks sent since the
+last key message: a lost message then costs all frames up to the next one.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
+from lidarcodec.codecs.history import MaskHistory
 from lidarcodec.codecs.planes import Planes, decode_planes, encode_planes
-from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
@@ -32,6 +34,8 @@ class IntraEncoder(ABC):
         self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
         self._since_key: int | None = None
         self._sensor: tuple[str, str] | None = None
+        self._history: MaskHistory | None = None
+        self._last_index = -1
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings from the next frame on. True: the next message will be a key message.
@@ -49,11 +53,11 @@ class IntraEncoder(ABC):
         Raises LidarCodecError for a frame that contradicts itself.
         """
         sensor = (frame.sensor.hash, frame.sensor.convention)
-        key = key or self._key_is_due() or sensor != self._sensor
+        key = key or self._key_is_due() or sensor != self._sensor or frame.index <= self._last_index
         calibration = encode_calibration(frame.sensor, key, self.plain_calibration)
         sections, needs = self._sections(frame, key)
         self._since_key = 1 if key else (self._since_key or 0) + 1
-        self._sensor = sensor
+        self._sensor, self._last_index = sensor, frame.index
         return [
             Message(
                 codec=self.codec_id,
@@ -77,8 +81,20 @@ class IntraEncoder(ABC):
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         """Sections beside the calibration, and the index of the frame that they refer to."""
-        planes = encode_planes(frame, self.settings.intensity_levels)
-        return [Section(SectionType.RANGE, self._range(frame, frame.valid)), *planes], None
+        history = self._history if self._mask_history() and not key else None
+        previous = None if history is None else history.before(frame.azimuth, frame.sensor)
+        needs = None if history is None else self._last_index
+        planes = encode_planes(frame, self.settings.intensity_levels, previous)
+        sections = [Section(SectionType.RANGE, self._range(frame, frame.valid)), *planes]
+        self._history = None
+        if self._mask_history():
+            self._history = history or MaskHistory()
+            self._history.remember(frame.valid, frame.azimuth, frame.sensor)
+        return sections, needs
+
+    def _mask_history(self) -> bool:
+        """Whether masks may refer to those before."""
+        return False
 
     @abstractmethod
     def _range(self, frame: Frame, valid: Mask) -> bytes:
@@ -91,6 +107,9 @@ class IntraDecoder(ABC):
     def __init__(self, codec_id: int) -> None:
         self.codec_id = codec_id
         self._sensors = SensorBook()
+        self._history = MaskHistory()
+        self._last: tuple[int, int] | None = None
+        self._unseen: list[tuple[Planes, SensorModel]] = []
 
     def decode(self, message: Message) -> list[Frame]:
         """The message's frame.
@@ -105,14 +124,29 @@ class IntraDecoder(ABC):
         planes = self._planes(message, sensor)
         ranges = np.zeros(planes.valid.shape, np.uint16)
         ranges[planes.valid] = self._returns(message.section(SectionType.RANGE), planes.valid, sensor)
-        return [frame_of(message, sensor, planes, ranges)]
+        frame = frame_of(message, sensor, planes, ranges)
+        if message.needs is None:
+            self._history, self._unseen = MaskHistory(), []
+        self._unseen.append((planes, sensor))
+        self._last = (message.stream_id, message.frame_index)
+        return [frame]
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""
         return []
 
     def _planes(self, message: Message, sensor: SensorModel) -> Planes:
-        return decode_planes(message, sensor)
+        if message.needs is None:
+            return decode_planes(message, sensor)
+        if self._last != (message.stream_id, message.needs):
+            raise MissingReferenceError(
+                f"frame {message.frame_index} needs frame {message.needs}, which was not decoded: ask for a key frame",
+                message.needs,
+            )
+        for planes, of in self._unseen:  # brought in only now, so that streams without history pay nothing for it
+            self._history.remember(planes.valid, planes.azimuth, of)
+        self._unseen = []
+        return decode_planes(message, sensor, self._history)
 
     @abstractmethod
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

@@ -38,6 +38,9 @@ class PcodecSettings(CodecSettings):
 
     level: int = Field(default=8, ge=1, le=12)
     """pcodec's compression level; 12 gains 0.3 % over 8."""
+    mask_history: bool = False
+    """Whether masks refer to those of the last turn: a little smaller, but a lost message then costs all frames up to
+    the next key frame."""
 
 
 def compress_groups(values: Ranges, level: int) -> bytes:
@@ -99,6 +102,9 @@ def decompress_groups(data: bytes, size: int) -> Ranges:
 
 class PcodecEncoder(IntraEncoder):
     """Encoder of `pcodec`."""
+
+    def _mask_history(self) -> bool:
+        return own_settings(PcodecSettings, self.settings).mask_history
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         step = self.settings.step

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import entropy
+from lidarcodec.codecs.history import MaskHistory
 from lidarcodec.codecs.intensity import decode_intensity, encode_intensity
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -116,12 +117,13 @@ def check_side(side: SideInfo, message: Message) -> SideInfo:
     return side
 
 
-def decode_planes(message: Message, sensor: SensorModel, previous: Mask | None = None) -> Planes:
-    """All of a frame but its ranges.
+def decode_planes(message: Message, sensor: SensorModel, history: MaskHistory | None = None) -> Planes:
+    """All of a frame but its ranges. history: of the masks that this one refers to.
 
     Raises DecodeError.
     """
     azimuth, fired = entropy.decode_azimuth(message.section(SectionType.AZIMUTH), message.width)
+    previous = None if history is None else history.before(azimuth, sensor)
     kind = SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK
     valid = entropy.decode_mask(message.section(kind), fired, sensor, previous)
     coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
