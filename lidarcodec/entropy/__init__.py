@@ -1,1 +1,25 @@
+"""Entropy coding: adaptive binary range coder, and the coders of mask, azimuth and side information built on it."""
 
+from lidarcodec.entropy.azimuth_coder import (
+    RotationRuns,
+    columns_in_turn,
+    decode_azimuth,
+    encode_azimuth,
+    rotation_from_runs,
+    rotation_runs,
+)
+from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
+from lidarcodec.entropy.side_coder import decode_side, encode_side
+
+__all__ = [
+    "RotationRuns",
+    "columns_in_turn",
+    "decode_azimuth",
+    "decode_mask",
+    "decode_side",
+    "encode_azimuth",
+    "encode_mask",
+    "encode_side",
+    "rotation_from_runs",
+    "rotation_runs",
+]

@@ -1,3 +1,73 @@
-#include "bindings.hpp"
+#include <algorithm>
 
-void bind_mask(nb::module_&) {}
+#include "bindings.hpp"
+#include "error.hpp"
+#include "mask_coder.hpp"
+
+namespace {
+
+using lidarcodec::EarlierMask;
+using lidarcodec::kMaskRows;
+using lidarcodec::MaskGeometry;
+
+MaskGeometry geometry_of(const In<std::uint8_t, 2>& fired, const In<std::uint8_t, 1>& half,
+                         const In<std::int32_t, 1>& rotation) {
+  if (fired.shape(0) != 2 || half.shape(0) != kMaskRows || rotation.shape(0) != kMaskRows) {
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask needs fired (2, W), half (64,) and rotation (64,)");
+  }
+  MaskGeometry geometry;
+  geometry.width = fired.shape(1);
+  geometry.fired = fired.data();
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    geometry.half[row] = half.data()[row] != 0;
+    geometry.rotation[row] = rotation.data()[row];
+  }
+  return geometry;
+}
+
+EarlierMask earlier_of(const In<std::uint8_t, 2>& earlier) {
+  if (earlier.shape(0) != kMaskRows)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "an earlier mask has 64 rows");
+  return {earlier.data(), earlier.shape(1)};
+}
+
+}  // namespace
+
+void bind_mask(nb::module_& m) {
+  m.def(
+      "encode_mask",
+      [](In<std::uint8_t, 2> mask, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half, In<std::int32_t, 1> rotation,
+         In<std::uint8_t, 2> earlier, std::uint32_t turn) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        const EarlierMask before = earlier_of(earlier);
+        if (mask.shape(0) != kMaskRows || mask.shape(1) != geometry.width) {
+          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as what fired");
+        }
+        std::vector<std::uint8_t> data;
+        {
+          nb::gil_scoped_release release;
+          data = lidarcodec::encode_mask(mask.data(), geometry, before, turn);
+        }
+        return give_bytes(data);
+      },
+      nb::arg("mask").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
+      nb::arg("rotation").noconvert(), nb::arg("earlier").noconvert(), nb::arg("turn"),
+      "Bytes of a mask; `earlier` is (64, 0) for none; `turn`: columns in a full turn, 0 to find it from the mask.");
+  m.def(
+      "decode_mask",
+      [](nb::bytes data, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half, In<std::int32_t, 1> rotation,
+         In<std::uint8_t, 2> earlier) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        const EarlierMask before = earlier_of(earlier);
+        const std::uint8_t* bytes = data_of(data);
+        const std::size_t size = data.size();
+        std::vector<std::uint8_t> mask;
+        {
+          nb::gil_scoped_release release;
+          mask = lidarcodec::decode_mask(bytes, size, geometry, before);
+        }
+        return give(std::move(mask), {kMaskRows, geometry.width});
+      },
+      nb::arg("data"), nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
+      nb::arg("earlier").noconvert(), "(64, W) uint8 of 0 and 1.");
+}

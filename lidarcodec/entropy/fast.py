@@ -1,0 +1,69 @@
+"""The native coders, with their types; nobody else of this package touches the extension module.
+
+Each has a pure-Python twin in `reference`, `reference_mask` or `reference_azimuth` that gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import _native
+
+
+def encode_numbers(streams: Sequence[npt.NDArray[np.uint64]]) -> bytes:
+    """Bytes of several streams of whole numbers, (N,) uint64 each, small ones cheap; each stream learns by itself."""
+    counts = np.array([len(stream) for stream in streams], np.uint64)
+    values = np.concatenate([np.zeros(0, np.uint64), *streams])
+    return cast(bytes, _native.encode_numbers(values, counts))
+
+
+def decode_numbers(data: bytes, counts: Sequence[int]) -> list[npt.NDArray[np.uint64]]:
+    """Streams of `counts` numbers, (N,) uint64 each.
+
+    Raises SectionError or TruncatedError. Takes 8 bytes a number: check the counts before.
+    """
+    values = _native.decode_numbers(data, np.array(counts, np.uint64))
+    ends = np.cumsum(counts, dtype=np.int64).tolist()
+    return [values[end - count : end] for end, count in zip(ends, counts, strict=True)]
+
+
+def encode_mask(
+    mask: npt.NDArray[np.bool_],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    earlier: npt.NDArray[np.bool_],
+    turn: int,
+) -> bytes:
+    """Bytes of a (64, W) mask; see `mask_coder`. half, rotation: (64,); earlier: (64, 0): none; turn 0: find it."""
+    arrays = (mask.view(np.uint8), fired.view(np.uint8), half, rotation, earlier.view(np.uint8))
+    return cast(bytes, _native.encode_mask(*arrays, turn))
+
+
+def decode_mask(
+    data: bytes,
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    earlier: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]:
+    """(64, W) bool. Raises SectionError or TruncatedError."""
+    mask: npt.NDArray[np.uint8] = _native.decode_mask(
+        data, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
+    )
+    return mask.view(np.bool_)
+
+
+def encode_azimuth(azimuth: npt.NDArray[np.uint16], fired: npt.NDArray[np.bool_]) -> bytes:
+    """Bytes of the rotations of a frame, (2, W) each; see `azimuth_coder`."""
+    return cast(bytes, _native.encode_azimuth(azimuth, fired.view(np.uint8)))
+
+
+def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.bool_]]:
+    """azimuth (2, W) uint16 and fired (2, W) bool. Raises SectionError or TruncatedError."""
+    azimuth, fired = _native.decode_azimuth(data, width)
+    return azimuth, fired.view(np.bool_)
