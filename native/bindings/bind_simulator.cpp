@@ -1,3 +1,91 @@
-#include "bindings.hpp"
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/unique_ptr.h>
 
-void bind_simulator(nb::module_&) {}
+#include <cmath>
+
+#include "bindings.hpp"
+#include "error.hpp"
+#include "simulator.hpp"
+
+namespace {
+
+namespace sim = lidarcodec::sim;
+
+constexpr std::size_t kMostPackets = 100'000;
+
+sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_s) {
+  sim::SimulatorOptions options;
+  options.scene = scene;
+  options.world = {seed, speed, traffic};
+  options.start_s = start_s;
+  return options;
+}
+
+}  // namespace
+
+void bind_simulator(nb::module_& m) {
+  nb::class_<sim::Simulator>(m, "Simulator", "A simulated HDL-64E S2 on a drive; see lidarcodec.sources.simulator.")
+      .def(
+          "__init__",
+          [](sim::Simulator* self, const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_s) {
+            new (self) sim::Simulator(options_of(scene, seed, speed, traffic, start_s));
+          },
+          nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("start_s"))
+      .def(
+          "packets",
+          [](sim::Simulator& self, std::size_t count) {
+            if (count > kMostPackets) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "at most 100000 packets a call");
+            std::vector<std::uint8_t> bytes(count * sim::kPacketBytes);
+            {
+              nb::gil_scoped_release release;
+              self.packets(count, bytes.data());
+            }
+            return give(std::move(bytes), {count, static_cast<std::size_t>(sim::kPacketBytes)});
+          },
+          nb::arg("count"), "The next packets: uint8 (count, 1206).")
+      .def(
+          "packets_with_truth",
+          [](sim::Simulator& self, std::size_t count) {
+            if (count > kMostPackets) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "at most 100000 packets a call");
+            std::vector<std::uint8_t> bytes(count * sim::kPacketBytes);
+            sim::Truth truth;
+            {
+              nb::gil_scoped_release release;
+              self.packets(count, bytes.data(), &truth);
+            }
+            const std::size_t firings = count * sim::kFiringsPerPacket, lasers = sim::kLasers;
+            return nb::make_tuple(give(std::move(bytes), {count, static_cast<std::size_t>(sim::kPacketBytes)}),
+                                  give(std::move(truth.distance_m), {firings, lasers}), give(std::move(truth.label), {firings, lasers}));
+          },
+          nb::arg("count"), "The next packets, true distances float32 (firings, 64) in metres and labels uint8 (firings, 64).")
+      .def("ground_height", &sim::Simulator::ground_height, nb::arg("x"), nb::arg("y"))
+      .def_prop_ro("made", &sim::Simulator::packets_made, "Packets made so far.");
+  m.def(
+      "simulator_poses",
+      [](const std::string& scene, std::uint64_t seed, double speed, double traffic, In<std::int64_t, 1> times) {
+        std::vector<std::int64_t> t(times.data(), times.data() + times.shape(0));
+        for (std::size_t k = 0; k < t.size(); ++k)
+          if (t[k] < 0 || (k > 0 && t[k] < t[k - 1])) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "times must rise from 0");
+        const std::size_t n = t.size();
+        std::vector<double> out(n * 16);
+        {
+          nb::gil_scoped_release release;
+          sim::Simulator::poses(options_of(scene, seed, speed, traffic, 0), t, out.data());
+        }
+        return give(std::move(out), {n, std::size_t{4}, std::size_t{4}});
+      },
+      nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("t_ns").noconvert(),
+      "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0, in rising order.");
+  m.def(
+      "simulator_calibration",
+      [] {
+        std::vector<std::int32_t> out;
+        for (const sim::LaserRow& r : sim::kLaserTable)
+          for (const std::int16_t v : {r.rot_cdeg, r.vert_cdeg, r.dist_mm, r.vert_offset_mm, r.horiz_offset_mm, r.focal_mm, r.slope_tenth})
+            out.push_back(v);
+        return give(std::move(out), {std::size_t{64}, std::size_t{7}});
+      },
+      "The simulated unit's calibration, int32 (64, 7): rotation, elevation [0.01 degree], distance, vertical offset, "
+      "horizontal offset, focal distance [mm], focal slope [0.1].");
+  m.attr("SIMULATOR_PACKET_NS") = sim::kPacketNs;
+}

@@ -1,0 +1,60 @@
+// The ground of the town: carriageway with a crown, kerbs, pavement, yards, closed streets; and a beam's hit with it.
+//
+// Distances to the kerb and heights are kept on a grid of 0.5 m in tiles of 32 m, made when first touched and dropped
+// when others need the place: memory stays flat however far the car drives.
+#pragma once
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "sim_scene.hpp"
+#include "sim_town.hpp"
+
+namespace lidarcodec::sim {
+
+constexpr double kKerb = 0.12;  // height of a kerb
+
+class TownGround {
+ public:
+  explicit TownGround(const Town& town);
+
+  // Puts the ground into `hit` where it is nearer.
+  void trace(const Ray& ray, Hit& hit);
+  // Height of what one stands on.
+  double surface(V2 p);
+
+ private:
+  static constexpr int kCells = 64;
+  static constexpr double kStep = 0.5;
+  static constexpr double kTile = kCells * kStep;
+  static constexpr int kCache = 16;
+
+  struct Sample {
+    float kerb;    // distance to the kerb: negative on the carriageway
+    float height;  // of the land
+    float across_y, across_x;  // distance to the middle of the nearest street along y, along x
+  };
+  struct Tile {
+    std::int64_t tx = 0, ty = 0;
+    Street along_y, along_x;
+    std::vector<Sample> samples;        // (kCells + 1)^2
+    std::vector<std::uint8_t> cover;    // kCells^2, a Material
+  };
+  struct Spot {
+    double kerb, height;
+  };
+
+  const Tile& tile_at(double x, double y);
+  void make(Tile& tile) const;
+  Spot spot(double x, double y);
+  static double pavement_z(const Spot& s) { return s.height + kKerb + 0.02 * clamp_to(s.kerb, 0.0, 3.0); }
+  static double road_z(const Spot& s) { return s.height + 0.02 * clamp_to(-s.kerb, 0.0, 3.5); }
+  void shade(const Ray& ray, double t, bool road, Hit& hit);
+  Material marking(const Tile& tile, const Sample& s, V2 p) const;
+
+  const Town& town_;
+  std::array<std::unique_ptr<Tile>, static_cast<std::size_t>(kCache) * kCache> tiles_;
+  const Tile* last_ = nullptr;
+};
+
+}  // namespace lidarcodec::sim

@@ -1,0 +1,89 @@
+#include "simulator.hpp"
+
+#include "error.hpp"
+
+namespace lidarcodec::sim {
+namespace {
+
+constexpr std::uint64_t kIndexPackets = 29;  // a twelfth of a turn: 8.4 ms
+constexpr double kSlack = 0.5;               // metres the sensor moves in that time, and the offsets of the lasers
+
+std::unique_ptr<World> make_world(const SimulatorOptions& options) {
+  if (!(options.world.speed >= 0 && options.world.speed <= 40))
+    throw Error(ErrorCode::Settings, "speed is 0.5 to 40 m/s, or 0 for what the scene has");
+  if (options.world.speed > 0 && options.world.speed < 0.5) throw Error(ErrorCode::Settings, "speed is at least 0.5 m/s");
+  if (!(options.world.traffic >= 0 && options.world.traffic <= 3)) throw Error(ErrorCode::Settings, "traffic is 0 to 3");
+  if (options.scene == "city") return make_city(options.world);
+  if (options.scene == "road") return make_road(options.world);
+  if (options.scene == "street") return make_street(options.world);
+  throw Error(ErrorCode::Settings, "no such scene");
+}
+
+}  // namespace
+
+Simulator::Simulator(const SimulatorOptions& options)
+    : world_(make_world(options)), sensor_(hash_of(0x64E52, 1)), receiver_(sensor_, hash_of(options.world.seed, 101)),
+      rotor_(hash_of(options.world.seed, 102)), status_(options.start_s, hash_of(options.world.seed, 103)),
+      luck_(hash_of(options.world.seed, 104)) {}
+
+void Simulator::look_around(std::int64_t t_ns, V3 at) {
+  objects_.clear();
+  world_->gather(t_ns, kReach, objects_);
+  index_.build(objects_, at, kReach, kSlack, 0.01);
+  index_ns_ = t_ns;
+}
+
+void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
+  if (truth) {
+    truth->distance_m.reserve(count * kFiringsPerPacket * kLasers);
+    truth->label.reserve(count * kFiringsPerPacket * kLasers);
+  }
+  std::array<Echo, kLasers> echoes;
+  for (std::size_t n = 0; n < count; ++n, ++packet_, out += kPacketBytes) {
+    const std::int64_t start = static_cast<std::int64_t>(packet_) * kPacketNs;
+    if (packet_ % kIndexPackets == 0) look_around(start, world_->pose(start).at);
+    for (int f = 0; f < kFiringsPerPacket; ++f) {
+      const std::int64_t now = start + f * kFiringNs;
+      const std::uint64_t firing = packet_ * kFiringsPerPacket + static_cast<std::uint64_t>(f);
+      const Pose pose = world_->pose(now);
+      const double dt = static_cast<double>(now - index_ns_) * 1e-9;
+      const int azimuth = rotor_.next();
+      for (int laser = 0; laser < kLasers; ++laser) {
+        const Beam beam = sensor_.beam(laser, azimuth);
+        Ray ray{pose.at + pose.turn(beam.origin), pose.turn(beam.direction), hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
+        Hit hit;
+        hit.t = kReach;
+        // Steep beams end on the ground soon: with that known, few objects are left to try. Level ones the other way round.
+        if (ray.direction.z < -0.06) {
+          world_->trace_ground(ray, hit);
+          index_.trace(ray, dt, hit);
+        } else {
+          index_.trace(ray, dt, hit);
+          world_->trace_ground(ray, hit);
+        }
+        echoes[static_cast<std::size_t>(laser)] = receiver_.receive(laser, firing, hit);
+        if (truth) {
+          truth->distance_m.push_back(hit.material == Material::Nothing ? 0.0F : static_cast<float>(hit.t));
+          truth->label.push_back(static_cast<std::uint8_t>(hit.label));
+        }
+      }
+      write_firing(out, f, azimuth, echoes);
+    }
+    status_.write(packet_, out + 1200);
+  }
+}
+
+void Simulator::poses(const SimulatorOptions& options, const std::vector<std::int64_t>& t_ns, double* out) {
+  const std::unique_ptr<World> world = make_world(options);
+  for (const std::int64_t t : t_ns) {
+    const Pose p = world->pose(t);
+    const double at[3] = {p.at.x, p.at.y, p.at.z};
+    for (int row = 0; row < 3; ++row) {
+      for (int k = 0; k < 3; ++k) *out++ = p.m[static_cast<std::size_t>(3 * row + k)];
+      *out++ = at[row];
+    }
+    *out++ = 0, *out++ = 0, *out++ = 0, *out++ = 1;
+  }
+}
+
+}  // namespace lidarcodec::sim
