@@ -1,22 +1,21 @@
 """SimulatorSource: packets of an HDL-64E S2 on a car that drives through a made-up town. No file, no network, no end.
 
-The scene is made and seen by the native core; the same seed gives the same bytes on every machine.
+The scene is made and seen by the native core; the same seed gives the same bytes on every machine. docs/simulator.md
+says what is in it and how it compares with real drives.
 
 >>> source = SimulatorSource.from_spec("sim:city?seed=3&frames=1")
->>> sum(1 for packet in source.packets())
-348
->>> source.sensor.origin
-'simulated'
+>>> stamps = [packet.stamp_ns for packet in source.packets()]
+>>> len(stamps), source.sensor.origin, source.poses(stamps).shape
+(348, 'simulated', (348, 4, 4))
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from functools import lru_cache
+from pathlib import Path
 from typing import Final
-from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +24,11 @@ from lidarcodec import _native
 from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import Calibration, SensorModel
-from lidarcodec.units import FRAME_PACKETS
+from lidarcodec.sensors import read_calibration
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.poses import Poses
+from lidarcodec.sources.spec import Spec, parse
+from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 
 SCENES: Final = ("city", "road", "street")
 START_NS: Final = 1_767_225_600_000_000_000
@@ -34,10 +37,14 @@ PACKET_NS: Final[int] = _native.SIMULATOR_PACKET_NS
 """Time from packet to packet: 288 us by a quartz that is 21 ppm slow."""
 LABELS: Final = ("none", "ground", "building", "vegetation", "vehicle", "person", "pole", "other")
 """What a return belongs to, by the number in `truth`."""
-
-_CHUNK = 29  # packets a native call: a twelfth of a turn
-_MAX_SEED = 2**63
-_MAX_FRAMES = 10**9
+CHUNK_PACKETS: Final = 29
+"""Packets a native call: a twelfth of a turn."""
+MAX_SEED: Final = 2**53 - 1
+MAX_FRAMES: Final = 10**9
+MAX_TRUTH: Final = 100_000
+FARTHEST_M: Final = 1e8
+LONGEST_NS: Final = 30 * 86_400 * 10**9
+"""Poses are found up to 30 days into a drive."""
 
 
 @lru_cache(maxsize=1)
@@ -48,8 +55,8 @@ def simulated_sensor() -> SensorModel:
         "HDL-64E S2",
         Calibration.from_values(
             {
-                "rot_correction_rad": np.radians(rot * 0.01),
-                "vert_correction_rad": np.radians(vert * 0.01),
+                "rot_correction_rad": rot * math.radians(0.01),
+                "vert_correction_rad": vert * math.radians(0.01),
                 "dist_correction_m": dist * 0.001,
                 "dist_correction_x_m": dist * 0.001,
                 "dist_correction_y_m": dist * 0.001,
@@ -63,7 +70,44 @@ def simulated_sensor() -> SensorModel:
     )
 
 
-class SimulatorSource:
+class SimulatedPoses(Poses):
+    """T_world_sensor of a simulated drive at any time: not looked up, but driven again. x and y are metres in the
+    world of the scene, z is up; the first pose is not the identity.
+    """
+
+    def __init__(self, options: tuple[str, int, float, float], start_ns: int) -> None:
+        self._finder = _native.SimulatorPoses(*options)
+        self._options, self._start_ns = options, start_ns
+        self.stamps_ns = np.array([start_ns], np.int64)
+        self.relative = False
+
+    def __call__(self, stamps_ns: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """(N, 4, 4) float64 at N host times, in any order: the very poses that the packets were made with.
+
+        Going on from the last call is fast (0.1 ms a second driven), going back drives again from the start.
+        Raises SourceError for times before the start or 30 days after it.
+        """
+        times = np.asarray(stamps_ns, np.int64).reshape(-1) - self._start_ns
+        if times.size and not 0 <= times.min() <= times.max() <= LONGEST_NS:
+            raise SourceError(f"sim:{self._options[0]}: poses are known from the start of the drive for 30 days")
+        order = np.argsort(times, kind="stable")
+        found: npt.NDArray[np.float64] = np.empty((len(times), 4, 4))
+        found[order] = self._finder.at(np.ascontiguousarray(times[order]))
+        return found
+
+    def at(self, stamp_ns: int) -> npt.NDArray[np.float64] | None:
+        """(4, 4) T_world_sensor at a host time; None before the start."""
+        if not 0 <= stamp_ns - self._start_ns <= LONGEST_NS:
+            return None
+        found: npt.NDArray[np.float64] = self([stamp_ns])[0]
+        return found
+
+    def starting(self, start_ns: int) -> Poses:
+        """These poses: their times are absolute."""
+        return self
+
+
+class SimulatorSource(PacketSource):
     """A drive through a simulated scene, as a source of packets; every call of `packets` starts it anew.
 
     scene:    `city`, `road` or `street`
@@ -77,7 +121,8 @@ class SimulatorSource:
     Raises UnknownNameError for another scene, SourceError for a value out of range.
     """
 
-    live: bool = False
+    poses: SimulatedPoses
+    start_ns: int
 
     def __init__(
         self,
@@ -91,61 +136,57 @@ class SimulatorSource:
     ) -> None:
         if scene not in SCENES:
             raise UnknownNameError("simulated scene", scene, SCENES)
-        if not 0 <= seed < _MAX_SEED:
-            raise SourceError(f"sim:{scene}: seed is a whole number from 0 to {_MAX_SEED - 1}, not {seed}")
-        if frames is not None and not 1 <= frames <= _MAX_FRAMES:
-            raise SourceError(f"sim:{scene}: frames is a whole number from 1 to {_MAX_FRAMES}, not {frames}")
+        if not 0 <= seed <= MAX_SEED:
+            raise SourceError(f"sim:{scene}: seed is a whole number from 0 to {MAX_SEED}, not {seed}")
+        if frames is not None and not 1 <= frames <= MAX_FRAMES:
+            raise SourceError(f"sim:{scene}: frames is a whole number from 1 to {MAX_FRAMES}, not {frames}")
         if speed is not None and not 0.5 <= speed <= 40.0:
             raise SourceError(f"sim:{scene}: speed is 0.5 to 40 m/s, not {speed}")
         if not 0.0 <= traffic <= 3.0:
             raise SourceError(f"sim:{scene}: traffic is a share from 0 to 3, not {traffic}")
-        if not 0 <= start_ns < 2**62:
+        if not 0 <= start_ns < 2**61:
             raise SourceError(f"sim:{scene}: start_ns is a time since 1970 in ns, not {start_ns}")
-        self.sensor = simulated_sensor()
-        self.counts: Counter[str] = Counter()
+        super().__init__(simulated_sensor())
+        self.label = f"simulated {scene}, seed {seed}"
         self.scene, self.seed, self.frames = scene, seed, frames
         self.start_ns = start_ns
         self._options = (scene, seed, 0.0 if speed is None else float(speed), float(traffic))
-        self._closed = False
+        self.poses = SimulatedPoses(self._options, start_ns)
 
     @classmethod
-    def from_spec(cls, spec: str) -> SimulatorSource:
+    def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatorSource:
         """The source that `sim:SCENE?key=value&...` names; keys: seed, frames, speed, traffic.
 
-        Raises UnknownNameError for another scene, SourceError for an unknown key or a bad value.
+        calibration: a file to decode with instead of the simulated unit's own table
+        Raises UnknownNameError for another scene or key, SourceError for a bad value.
         """
-        parts = urlsplit(spec)
-        if parts.scheme != "sim" or parts.netloc or parts.fragment:
-            raise SourceError(
-                f"'{spec}' is no simulator: write sim:city, sim:road or sim:street, with ?seed=1&frames=100"
-            )
-        given: dict[str, int | float] = {}
-        for key, value in parse_qsl(parts.query, keep_blank_values=True):
-            kind = _SPEC_KEYS.get(key)
-            if kind is None:
-                raise SourceError(f"{spec}: unknown key '{key}': known are {', '.join(_SPEC_KEYS)}")
-            if key in given:
-                raise SourceError(f"{spec}: {key} is given twice")
-            try:
-                given[key] = kind(value)
-            except ValueError:
-                wanted = "a whole number" if kind is int else "a number"
-                raise SourceError(f"{spec}: {key} is {wanted}, not '{value}'") from None
-            if not math.isfinite(given[key]):
-                raise SourceError(f"{spec}: {key} is a number, not '{value}'")
-        return cls(parts.path or "city", **given)  # type: ignore[arg-type]
+        given = parse(spec) if isinstance(spec, str) else spec
+        if given.scheme != "sim":
+            raise SourceError(f"'{given.text}' is no simulator: sim:city, sim:road or sim:street is needed")
+        given.only("seed", "frames", "speed", "traffic")
+        seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
+        source = cls(
+            given.place or "city",
+            1 if seed is None else seed,
+            given.whole("frames", 1, MAX_FRAMES),
+            speed=given.number("speed", 0.5, 40.0),
+            traffic=1.0 if traffic is None else traffic,
+        )
+        if calibration is not None:
+            source.sensor = read_calibration(calibration)
+        return source
 
     def packets(self) -> Iterator[Packet]:
         """The drive's packets, from its start."""
-        simulator = _native.Simulator(*self._options, self.start_ns // 10**9)
+        simulator = _native.Simulator(*self._options, self.start_ns)
         left = math.inf if self.frames is None else self.frames * FRAME_PACKETS
         first = 0
-        while left > 0 and not self._closed:
-            count = int(min(_CHUNK, left))
+        while left > 0 and not self.closed:
+            count = int(min(CHUNK_PACKETS, left))
             data = simulator.packets(count).tobytes()
-            size = len(data) // count
             for k in range(count):
-                yield Packet(data[k * size : (k + 1) * size], self.start_ns + (first + k) * PACKET_NS)
+                payload = data[k * PACKET_BYTES : (k + 1) * PACKET_BYTES]
+                yield Packet(payload, self.start_ns + (first + k) * PACKET_NS)
             first += count
             left -= count
 
@@ -156,35 +197,17 @@ class SimulatorSource:
         hardware laser, 0 = nothing there, and labels (6 P, 64) uint8, indices into LABELS.
         Raises SourceError for more than 100000 packets.
         """
-        if not 0 <= packets <= 100_000:
+        if not 0 <= packets <= MAX_TRUTH:
             raise SourceError(f"sim:{self.scene}: truth of 0 to 100000 packets, not {packets}")
-        simulator = _native.Simulator(*self._options, self.start_ns // 10**9)
+        simulator = _native.Simulator(*self._options, self.start_ns)
         payloads, distance_m, labels = simulator.packets_with_truth(packets)
         return payloads, distance_m, labels
 
-    def poses(self, stamps_ns: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(N, 4, 4) float64, T_world_sensor at host times: the exact poses the packets were made with.
-
-        The drive is driven again without looking at anything: about 1 ms for 10 s of the city.
-        Raises SourceError for times before the start.
-        """
-        times = np.asarray(stamps_ns, np.int64).reshape(-1) - self.start_ns
-        if times.size and times.min() < 0:
-            raise SourceError(f"sim:{self.scene}: the drive has no pose before its start at {self.start_ns} ns")
-        order = np.argsort(times, kind="stable")
-        found: npt.NDArray[np.float64] = np.empty((len(times), 4, 4))
-        found[order] = _native.simulator_poses(*self._options, np.ascontiguousarray(times[order]))
-        return found
-
-    def close(self) -> None:
-        """Ends a `packets` that goes on; harmless when called twice."""
-        self._closed = True
-
-    def __enter__(self) -> SimulatorSource:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
-
-_SPEC_KEYS: dict[str, type[int] | type[float]] = {"seed": int, "frames": int, "speed": float, "traffic": float}
+    def ground_height(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without growth."""
+        at = np.ascontiguousarray(np.asarray(places, np.float64).reshape(-1, 2))
+        if not np.all(np.abs(at) < FARTHEST_M):
+            raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")
+        simulator = _native.Simulator(*self._options, self.start_ns)
+        height: npt.NDArray[np.float64] = simulator.ground_height(at)
+        return height

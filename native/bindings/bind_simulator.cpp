@@ -12,12 +12,13 @@ namespace {
 namespace sim = lidarcodec::sim;
 
 constexpr std::size_t kMostPackets = 100'000;
+constexpr std::int64_t kLongestNs = std::int64_t{30} * 86400 * 1'000'000'000;
 
-sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_s) {
+sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_ns) {
   sim::SimulatorOptions options;
   options.scene = scene;
   options.world = {seed, speed, traffic};
-  options.start_s = start_s;
+  options.start_ns = start_ns;
   return options;
 }
 
@@ -27,10 +28,10 @@ void bind_simulator(nb::module_& m) {
   nb::class_<sim::Simulator>(m, "Simulator", "A simulated HDL-64E S2 on a drive; see lidarcodec.sources.simulator.")
       .def(
           "__init__",
-          [](sim::Simulator* self, const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_s) {
-            new (self) sim::Simulator(options_of(scene, seed, speed, traffic, start_s));
+          [](sim::Simulator* self, const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_ns) {
+            new (self) sim::Simulator(options_of(scene, seed, speed, traffic, start_ns));
           },
-          nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("start_s"))
+          nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("start_ns"))
       .def(
           "packets",
           [](sim::Simulator& self, std::size_t count) {
@@ -58,24 +59,45 @@ void bind_simulator(nb::module_& m) {
                                   give(std::move(truth.distance_m), {firings, lasers}), give(std::move(truth.label), {firings, lasers}));
           },
           nb::arg("count"), "The next packets, true distances float32 (firings, 64) in metres and labels uint8 (firings, 64).")
-      .def("ground_height", &sim::Simulator::ground_height, nb::arg("x"), nb::arg("y"))
+      .def(
+          "ground_height",
+          [](sim::Simulator& self, In<double, 2> places) {
+            const std::size_t n = places.shape(0);
+            if (places.shape(1) != 2) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "places are (N, 2)");
+            const double* p = places.data();
+            for (std::size_t k = 0; k < 2 * n; ++k)
+              if (!(p[k] > -1e8 && p[k] < 1e8)) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "the world ends at 1e8 m");
+            std::vector<double> out(n);
+            {
+              nb::gil_scoped_release release;
+              for (std::size_t k = 0; k < n; ++k) out[k] = self.ground_height(p[2 * k], p[2 * k + 1]);
+            }
+            return give(std::move(out), {n});
+          },
+          nb::arg("places").noconvert(), "Height of the ground at places (N, 2).")
       .def_prop_ro("made", &sim::Simulator::packets_made, "Packets made so far.");
-  m.def(
-      "simulator_poses",
-      [](const std::string& scene, std::uint64_t seed, double speed, double traffic, In<std::int64_t, 1> times) {
-        std::vector<std::int64_t> t(times.data(), times.data() + times.shape(0));
-        for (std::size_t k = 0; k < t.size(); ++k)
-          if (t[k] < 0 || (k > 0 && t[k] < t[k - 1])) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "times must rise from 0");
-        const std::size_t n = t.size();
-        std::vector<double> out(n * 16);
-        {
-          nb::gil_scoped_release release;
-          sim::Simulator::poses(options_of(scene, seed, speed, traffic, 0), t, out.data());
-        }
-        return give(std::move(out), {n, std::size_t{4}, std::size_t{4}});
-      },
-      nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("t_ns").noconvert(),
-      "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0, in rising order.");
+  nb::class_<sim::PoseFinder>(m, "SimulatorPoses", "Exact poses of a simulated drive.")
+      .def(
+          "__init__",
+          [](sim::PoseFinder* self, const std::string& scene, std::uint64_t seed, double speed, double traffic) {
+            new (self) sim::PoseFinder(options_of(scene, seed, speed, traffic, 0));
+          },
+          nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"))
+      .def(
+          "at",
+          [](sim::PoseFinder& self, In<std::int64_t, 1> times) {
+            const std::size_t n = times.shape(0);
+            const std::int64_t* t = times.data();
+            for (std::size_t k = 0; k < n; ++k)
+              if (t[k] < 0 || t[k] > kLongestNs) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "a drive lasts from 0 to 30 days");
+            std::vector<double> out(n * 16);
+            {
+              nb::gil_scoped_release release;
+              for (std::size_t k = 0; k < n; ++k) self.at(t[k], out.data() + 16 * k);
+            }
+            return give(std::move(out), {n, std::size_t{4}, std::size_t{4}});
+          },
+          nb::arg("t_ns").noconvert(), "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0; rising order is fast.");
   m.def(
       "simulator_calibration",
       [] {

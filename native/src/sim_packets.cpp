@@ -11,10 +11,10 @@ void put16(std::uint8_t* p, std::uint32_t v) {
   p[1] = static_cast<std::uint8_t>(v >> 8);
 }
 
-// Days since 1970-01-01 to a date of the proleptic Gregorian calendar.
+// Days since 1970-01-01 to a date of the Gregorian calendar; years are counted from March, in eras of 400.
 void date_of(std::int64_t days, int& year, int& month, int& day) {
   const std::int64_t z = days + 719468;
-  const std::int64_t era = (z >= 0 ? z : z - 146096) / 146097;
+  const std::int64_t era = z / 146097;
   const std::int64_t doe = z - era * 146097;
   const std::int64_t yoe = (doe - doe / 1460 + doe / 36524 - doe / 146096) / 365;
   const std::int64_t doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
@@ -42,7 +42,7 @@ int Rotor::next() {
   return azimuth;
 }
 
-Status::Status(std::int64_t start_s, std::uint64_t seed) : start_s_(start_s), seed_(seed) {
+Status::Status(std::int64_t start_ns, std::uint64_t seed) : start_ns_(start_ns), seed_(seed) {
   // HDL-64E user manual, appendix on the calibration bytes: a heading, 64 lasers of 4 rounds, 3 rounds of parameters.
   const std::uint8_t head[7] = {'U', 'N', 'I', 'T', '#', 24, 24};
   table_.assign(head, head + 7);
@@ -76,9 +76,9 @@ Status::Status(std::int64_t start_s, std::uint64_t seed) : start_s_(start_s), se
 
 void Status::write(std::uint64_t packet, std::uint8_t* tail) const {
   const std::int64_t ns = static_cast<std::int64_t>(packet) * kPacketNs;
-  const std::int64_t seconds = start_s_ + ns / 1'000'000'000;
-  const std::int64_t past_hour = ((start_s_ % 3600 + 3600) % 3600) * 1'000'000 + ns / 1000;
-  const auto stamp = static_cast<std::uint32_t>(past_hour % 3'600'000'000);
+  const std::int64_t now_us = (start_ns_ + ns) / 1000;
+  const std::int64_t seconds = now_us / 1'000'000;
+  const auto stamp = static_cast<std::uint32_t>(now_us % 3'600'000'000);
   for (int k = 0; k < 4; ++k) tail[k] = static_cast<std::uint8_t>(stamp >> (8 * k));
   const int turn = static_cast<int>(packet % 16);
   if (turn >= 9) {
@@ -86,11 +86,9 @@ void Status::write(std::uint64_t packet, std::uint8_t* tail) const {
     tail[5] = table_[static_cast<std::size_t>(packet / 16 % 260) * 7 + static_cast<std::size_t>(turn - 9)];
     return;
   }
-  std::int64_t day_s = seconds % 86400;
-  std::int64_t days = seconds / 86400;
-  if (day_s < 0) day_s += 86400, --days;
+  const std::int64_t day_s = seconds % 86400;
   int year = 0, month = 0, day = 0;
-  date_of(days, year, month, day);
+  date_of(seconds / 86400, year, month, day);
   // Warms up over the first minutes, then wavers.
   const double minutes = static_cast<double>(ns) / 60e9;
   const double heat = 27.0 + 14.0 * minutes / (minutes + 4.0) + 1.5 * sin_turns(minutes / 7.0 + unit_of(seed_));

@@ -28,13 +28,13 @@ class Rotor {
 // The status bytes: time of day, temperature, firmware, and the calibration table in 260 rounds of seven bytes.
 class Status {
  public:
-  // Seconds since 1970 at packet 0.
-  Status(std::int64_t start_s, std::uint64_t seed);
+  // `start_ns`: GPS time at packet 0, ns since 1970.
+  Status(std::int64_t start_ns, std::uint64_t seed);
   // Writes the tail of packet number `packet` (6 bytes).
   void write(std::uint64_t packet, std::uint8_t* tail) const;
 
  private:
-  std::int64_t start_s_;
+  std::int64_t start_ns_;
   std::uint64_t seed_;
   std::vector<std::uint8_t> table_;
 };

@@ -23,7 +23,7 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
 
 Simulator::Simulator(const SimulatorOptions& options)
     : world_(make_world(options)), sensor_(hash_of(0x64E52, 1)), receiver_(sensor_, hash_of(options.world.seed, 101)),
-      rotor_(hash_of(options.world.seed, 102)), status_(options.start_s, hash_of(options.world.seed, 103)),
+      rotor_(hash_of(options.world.seed, 102)), status_(options.start_ns, hash_of(options.world.seed, 103)),
       luck_(hash_of(options.world.seed, 104)) {}
 
 void Simulator::look_around(std::int64_t t_ns, V3 at) {
@@ -73,17 +73,18 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
   }
 }
 
-void Simulator::poses(const SimulatorOptions& options, const std::vector<std::int64_t>& t_ns, double* out) {
-  const std::unique_ptr<World> world = make_world(options);
-  for (const std::int64_t t : t_ns) {
-    const Pose p = world->pose(t);
-    const double at[3] = {p.at.x, p.at.y, p.at.z};
-    for (int row = 0; row < 3; ++row) {
-      for (int k = 0; k < 3; ++k) *out++ = p.m[static_cast<std::size_t>(3 * row + k)];
-      *out++ = at[row];
-    }
-    *out++ = 0, *out++ = 0, *out++ = 0, *out++ = 1;
+PoseFinder::PoseFinder(const SimulatorOptions& options) : options_(options), world_(make_world(options)) {}
+
+void PoseFinder::at(std::int64_t t_ns, double* out) {
+  if (t_ns < last_ns_) world_ = make_world(options_);
+  last_ns_ = t_ns;
+  const Pose p = world_->pose(t_ns);
+  const double at[3] = {p.at.x, p.at.y, p.at.z};
+  for (std::size_t row = 0; row < 3; ++row) {
+    for (std::size_t k = 0; k < 3; ++k) *out++ = p.m[3 * row + k];
+    *out++ = at[row];
   }
+  *out++ = 0, *out++ = 0, *out++ = 0, *out++ = 1;
 }
 
 }  // namespace lidarcodec::sim

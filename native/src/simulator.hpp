@@ -14,7 +14,7 @@ namespace lidarcodec::sim {
 struct SimulatorOptions {
   std::string scene = "city";  // city, road, street
   WorldOptions world;
-  std::int64_t start_s = 0;  // GPS time at packet 0, seconds since 1970
+  std::int64_t start_ns = 0;  // GPS time at packet 0, ns since 1970
 };
 
 // What is behind each return: the true distance along the beam in metres (0 = nothing) and a Label.
@@ -32,8 +32,6 @@ class Simulator {
   void packets(std::size_t count, std::uint8_t* out, Truth* truth = nullptr);
   std::uint64_t packets_made() const { return packet_; }
 
-  // Poses of the sensor, T_world_sensor, at times in ns since packet 0, in rising order; 16 numbers each.
-  static void poses(const SimulatorOptions& options, const std::vector<std::int64_t>& t_ns, double* out);
   double ground_height(double x, double y) { return world_->ground_height({x, y}); }
 
  private:
@@ -49,6 +47,19 @@ class Simulator {
   std::uint64_t packet_ = 0;
   std::uint64_t luck_;
   std::int64_t index_ns_ = 0;
+};
+
+// The exact poses of a drive, without looking at anything: 0.1 ms for a second of the city.
+class PoseFinder {
+ public:
+  explicit PoseFinder(const SimulatorOptions& options);
+  // T_world_sensor, 16 numbers, at `t_ns` >= 0 since packet 0; an earlier time than the last drives again from the start.
+  void at(std::int64_t t_ns, double* out);
+
+ private:
+  SimulatorOptions options_;
+  std::unique_ptr<World> world_;
+  std::int64_t last_ns_ = 0;
 };
 
 }  // namespace lidarcodec::sim
