@@ -204,7 +204,7 @@ class SimulatorSource(PacketSource):
         return payloads, distance_m, labels
 
     def ground_height(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without growth."""
+        """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without grass."""
         at = np.ascontiguousarray(np.asarray(places, np.float64).reshape(-1, 2))
         if not np.all(np.abs(at) < FARTHEST_M):
             raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")

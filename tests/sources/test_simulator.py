@@ -1,5 +1,5 @@
-"""What a user loses if these fail: a simulated drive that cannot be repeated, that no Velodyne tool reads, or whose points
-do not lie on what was simulated."""
+"""What a user loses if these fail: a simulated drive that cannot be repeated, that no Velodyne tool reads, or whose
+points do not lie on what was simulated."""
 
 from __future__ import annotations
 
