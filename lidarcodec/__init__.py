@@ -1,11 +1,68 @@
 """lidarcodec: a streaming, packet-level LiDAR codec. Packets in, packets out, a fraction of the bits between."""
 
-from lidarcodec.frame import Frame
-from lidarcodec.message import Message
-from lidarcodec.packet import Packet
-from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from lidarcodec.errors import LidarCodecError
+
+if TYPE_CHECKING:
+    from lidarcodec.api import decode, encode, read_frames
+    from lidarcodec.assembly import packets_of
+    from lidarcodec.frame import Frame
+    from lidarcodec.message import Message
+    from lidarcodec.packet import Packet
+    from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+    from lidarcodec.sensor_model import SensorModel
+    from lidarcodec.settings import StreamSettings
+    from lidarcodec.sources import open_source
+    from lidarcodec.wire import pack, unpack
 
 __version__ = "0.1.0"
 
-__all__ = ["Frame", "Message", "Packet", "SensorModel", "StreamSettings", "__version__"]
+_HOME = {
+    "Frame": "frame",
+    "Message": "message",
+    "Packet": "packet",
+    "SensorModel": "sensor_model",
+    "StreamDecoder": "pipeline",
+    "StreamEncoder": "pipeline",
+    "StreamSettings": "settings",
+    "decode": "api",
+    "encode": "api",
+    "open_source": "sources",
+    "pack": "wire",
+    "packets_of": "assembly",
+    "read_frames": "api",
+    "unpack": "wire",
+}
+"""Where each public name lives; it is imported on first use, so that `import lidarcodec` costs nothing."""
+
+__all__ = [
+    "Frame",
+    "LidarCodecError",
+    "Message",
+    "Packet",
+    "SensorModel",
+    "StreamDecoder",
+    "StreamEncoder",
+    "StreamSettings",
+    "__version__",
+    "decode",
+    "encode",
+    "open_source",
+    "pack",
+    "packets_of",
+    "read_frames",
+    "unpack",
+]
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOME.get(name)
+    if home is None:
+        raise AttributeError(f"module 'lidarcodec' has no attribute '{name}'")
+    return getattr(import_module(f"lidarcodec.{home}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,62 @@
+"""The public face for offline work: open a source, iterate frames, encode, decode. `lidarcodec.subscribe` is the live one.
+
+>>> import lidarcodec
+>>> frames = lidarcodec.read_frames("sim:city?frames=2")
+>>> messages = lidarcodec.encode(frames, codec="pcodec", max_error_m=0.01)
+>>> for frame in lidarcodec.decode(messages):
+...     cloud = frame.cloud()
+...     print(frame.index, frame.range.shape, cloud.dtype.names[:3])
+0 (64, 2088) ('x', 'y', 'z')
+1 (64, 2088) ('x', 'y', 'z')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.sources import open_source
+from lidarcodec.sources.base import Source
+from lidarcodec.wire import pack, unpack
+
+
+def read_frames(source: Source | str | Path, framing: str = "packets", *, calibration: Path | None = None) -> Iterator[Frame]:
+    """Frames of a source, or of what `open_source` makes of a path or URL; that one is closed at the end.
+
+    Raises SourceError, CalibrationError or PacketError when the source cannot be read.
+    """
+    if isinstance(source, str | Path):
+        with open_source(source, calibration=calibration) as opened:
+            yield from frames_of(opened.packets(), opened.sensor, framing)
+    else:
+        yield from frames_of(source.packets(), source.sensor, framing)
+
+
+def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Any) -> Iterator[bytes]:
+    """Messages of frames as bytes, under `settings` or StreamSettings given by name.
+
+    Raises SettingsError or UnknownNameError, before the first frame is read, when a setting is not allowed.
+    """
+    encoder = StreamEncoder(settings.changed(**changes) if settings else settings_from(changes))
+
+    def messages() -> Iterator[bytes]:
+        for frame in frames:
+            yield from map(pack, encoder.encode(frame))
+        yield from map(pack, encoder.flush())
+
+    return messages()
+
+
+def decode(messages: Iterable[bytes]) -> Iterator[Frame]:
+    """Frames of messages.
+
+    Raises DecodeError at the first message that cannot be decoded; to go on behind it use a StreamDecoder.
+    """
+    decoder = StreamDecoder()
+    for data in messages:
+        yield from decoder.decode(unpack(data))
+    yield from decoder.flush()
