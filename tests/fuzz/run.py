@@ -1,0 +1,141 @@
+"""Feeds damaged packets, messages and captures to everything that reads bytes from outside.
+
+    python -m tests.fuzz.run --cases 100000 --seed 1
+
+Prints, by target, how many cases gave which error of the project, and how many were decoded after all. Anything else
+than an error of lidarcodec.errors, or a decode that takes over a second or 512 MiB, ends the run with the case on disk.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from lidarcodec.assembly import Assembler, packets_of
+from lidarcodec.codecs import table
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.settings import settings_from
+from lidarcodec.wire import pack, unpack
+from tests.fuzz.mutations import mutated, mutated_message
+from tests.packets import sensor, turning
+
+SLOWEST_S = 1.0
+LARGEST_MIB = 512
+
+Target = Callable[[random.Random], tuple[bytes, Callable[[bytes], object]]]
+
+
+def decode_all(data: bytes) -> None:
+    """Everything a receiver does with the bytes of a message."""
+    for frame in StreamDecoder().decode(unpack(data)):
+        frame.cloud()
+        if frame.side is not None:
+            packets_of(frame)
+
+
+def message_target(codec: str, *, resealed: bool) -> Target:
+    """Damaged messages of one codec."""
+    clean: list[bytes] = []
+    for settings in ({}, {"max_error_m": 0.05, "intensity": "levels=16"}, {"intensity": "off"}):
+        for packets in (1, 7):
+            encoder = StreamEncoder(settings_from({"codec": codec, **settings}), stream_id=1)
+            for frame in frames_of(turning(packets * 2), sensor(), f"packets:{packets}"):
+                clean += map(pack, encoder.encode(frame))
+
+    def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
+        return mutated_message(rng.choice(clean), rng, resealed=resealed), decode_all
+
+    return case
+
+
+def packet_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
+    """Damaged payloads, through a lossless codec and back: they must come back exactly."""
+    payloads = [mutated(p.payload, rng)[:1206].ljust(1206, b"\0") for p in turning(rng.choice((1, 3)), rng.randrange(99))]
+
+    def round_trip(data: bytes) -> None:
+        packets = [Packet(data[at : at + 1206], at) for at in range(0, len(data), 1206)]
+        encoder, decoder = StreamEncoder(settings_from({"codec": rng.choice(table.names())}), 1), StreamDecoder()
+        back: list[bytes] = []
+        for frame in frames_of(packets, sensor(), rng.choice(("packets:2", "revolution"))):
+            for message in encoder.encode(frame):
+                for decoded in decoder.decode(unpack(pack(message))):
+                    back += [p.payload for p in packets_of(decoded)]
+        if back != [p.payload for p in packets]:
+            raise AssertionError("packets did not come back")
+
+    return b"".join(payloads), round_trip
+
+
+def length_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
+    """Payloads of any length."""
+    return rng.randbytes(rng.choice((0, 1, 512, 1205, 1207, 3000))), lambda d: Assembler(sensor()).push(Packet(d, 0))
+
+
+def targets() -> dict[str, Target]:
+    """Everything that is fuzzed, by name."""
+    from tests.fuzz.files import capture_target, recording_target  # they need the readers; kept apart
+
+    found: dict[str, Target] = {"packets": packet_target, "packet lengths": length_target}
+    for codec in table.names():
+        found[f"{codec} messages"] = message_target(codec, resealed=False)
+        found[f"{codec} messages, checksum made right"] = message_target(codec, resealed=True)
+    return found | {"captures": capture_target(), "recordings": recording_target()}
+
+
+def run(cases: int, seed: int, crash_dir: Path) -> dict[str, Counter[str]]:
+    """Outcome counts by target of `cases` cases in all.
+
+    Raises whatever is not an error of the project, with the bytes kept in `crash_dir`.
+    """
+    outcomes: dict[str, Counter[str]] = {}
+    todo = targets()
+    for name, make in todo.items():
+        counts = outcomes[name] = Counter()
+        for number in range(-(-cases // len(todo))):
+            rng = random.Random(f"{seed}/{name}/{number}")
+            data, feed = make(rng)
+            began = time.perf_counter()
+            try:
+                feed(data)
+                counts["decoded"] += 1
+            except LidarCodecError as error:
+                counts[type(error).__name__] += 1
+            except BaseException:
+                crash_dir.mkdir(parents=True, exist_ok=True)
+                (crash_dir / f"crash-{name.replace(' ', '_')}-{number}").write_bytes(data)
+                print(f"{name}, case {number}: the bytes are in {crash_dir}")
+                raise
+            took, peak = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+            if took > SLOWEST_S or peak > LARGEST_MIB:
+                raise AssertionError(f"{name}, case {number}: {took:.1f} s, {peak} MiB")
+    return outcomes
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--crashes", type=Path, default=Path("crash-found"))
+    options = parser.parse_args()
+    np.seterr(all="ignore")
+    began = time.perf_counter()
+    outcomes = run(options.cases, options.seed, options.crashes)
+    for name, counts in outcomes.items():
+        listed = ", ".join(f"{what} {n}" for what, n in counts.most_common())
+        print(f"{name:45} {counts.total():7} cases: {listed}")
+    total = sum(counts.total() for counts in outcomes.values())
+    print(f"{total} cases in {time.perf_counter() - began:.0f} s, seed {options.seed}: no other exception, no crash")
+
+
+if __name__ == "__main__":
+    main()
