@@ -1,0 +1,75 @@
+"""Damaged files: captures, plain and compressed, and recordings."""
+
+from __future__ import annotations
+
+import io
+import lzma
+import random
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import zstandard
+
+from lidarcodec.pipeline import StreamEncoder, frames_of
+from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.sources import open_source
+from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.wire import pack
+from tests.fuzz.mutations import mutated
+from tests.packets import sensor, turning
+
+Case = tuple[bytes, Callable[[bytes], object]]
+
+
+def capture_target() -> Callable[[random.Random], Case]:
+    """Damaged pcap files, as they are and compressed; every prefix length comes up sooner or later."""
+    buffer = io.BytesIO()
+    PcapWriter(buffer).write_all(turning(20))
+    plain = buffer.getvalue()
+    forms = {
+        ".pcap": plain,
+        ".pcap.zst": zstandard.ZstdCompressor().compress(plain),
+        ".pcap.xz": lzma.compress(plain, preset=0),
+    }
+    folder = tempfile.TemporaryDirectory(prefix="lidarcodec-fuzz-")
+
+    def case(rng: random.Random) -> Case:
+        suffix = rng.choice(list(forms))
+        clean = forms[suffix]
+        data = clean[: rng.randrange(len(clean))] if rng.random() < 0.3 else mutated(clean, rng)
+
+        def read(damaged: bytes) -> None:
+            path = Path(folder.name) / f"damaged{suffix}"
+            path.write_bytes(damaged)
+            with open_source(path) as source:
+                list(frames_of(source.packets(), source.sensor))
+
+        return data, read
+
+    return case
+
+
+def recording_target() -> Callable[[random.Random], Case]:
+    """Damaged and cut recordings, of messages and of raw packets."""
+    buffer = io.BytesIO()
+    with RecordingWriter(buffer, vehicle="v", sensor="s") as writer:
+        encoder = StreamEncoder(stream_id=1)
+        for frame in frames_of(turning(12), sensor(), "packets:3"):
+            for message in encoder.encode(frame):
+                writer.write(pack(message))
+        writer.write_packets(turning(3))
+    clean = buffer.getvalue()
+
+    def case(rng: random.Random) -> Case:
+        data = clean[: rng.randrange(len(clean))] if rng.random() < 0.3 else mutated(clean, rng)
+
+        def read(damaged: bytes) -> None:
+            reader = RecordingReader(io.BytesIO(damaged))
+            list(reader.messages())
+            list(reader.messages(start_ns=turning(12)[7].stamp_ns))
+            list(reader.packets())
+
+        return data, read
+
+    return case
