@@ -24,7 +24,9 @@ from lidarcodec.sources.base import Source
 from lidarcodec.wire import pack, unpack
 
 
-def read_frames(source: Source | str | Path, framing: str = "packets", *, calibration: Path | None = None) -> Iterator[Frame]:
+def read_frames(
+    source: Source | str | Path, framing: str = "packets", *, calibration: Path | None = None
+) -> Iterator[Frame]:
     """Frames of a source, or of what `open_source` makes of a path or URL; that one is closed at the end.
 
     Raises SourceError, CalibrationError or PacketError when the source cannot be read.

@@ -68,7 +68,7 @@ class StreamEncoder:
 
 
 class StreamDecoder:
-    """Decodes the messages of a stream and follows its changes of codec, and restarts of its publisher, from the headers.
+    """Decodes the messages of a stream; follows changes of codec and restarts of the publisher by the headers alone.
 
     Raises only errors of the DecodeError tree, and goes on with the next message.
     """

@@ -40,7 +40,7 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 def mutated_message(data: bytes, rng: random.Random, *, resealed: bool) -> bytes:
-    """A damaged message; `resealed`: its size field and checksum made right again, so that what lies behind is tested."""
+    """A damaged message; `resealed`: size and checksum made right again, so that what lies behind is tested."""
     if not resealed:
         return mutated(data, rng)
     head = rng.random() < 0.3

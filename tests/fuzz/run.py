@@ -59,7 +59,9 @@ def message_target(codec: str, *, resealed: bool) -> Target:
 
 def packet_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
     """Damaged payloads, through a lossless codec and back: they must come back exactly."""
-    payloads = [mutated(p.payload, rng)[:1206].ljust(1206, b"\0") for p in turning(rng.choice((1, 3)), rng.randrange(99))]
+    payloads = [
+        mutated(p.payload, rng)[:1206].ljust(1206, b"\0") for p in turning(rng.choice((1, 3)), rng.randrange(99))
+    ]
 
     def round_trip(data: bytes) -> None:
         packets = [Packet(data[at : at + 1206], at) for at in range(0, len(data), 1206)]
