@@ -12,6 +12,7 @@ table for all: 5 % less at 2 mm, 9 % at 2 cm, 10 % at 10 cm.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -38,7 +39,7 @@ class Groups:
     counts: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        rising = all(low < high for low, high in zip(self.starts, self.starts[1:], strict=False))
+        rising = all(low < high for low, high in pairwise(self.starts))
         if not self.starts or self.starts[0] != 0 or not rising or self.starts[-1] >= ACTIVITIES:
             raise SectionError(f"groups of activities that begin at {self.starts}")
         if len(self.counts) != len(self.starts):

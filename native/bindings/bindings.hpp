@@ -30,6 +30,7 @@ inline const std::uint8_t* data_of(const nb::bytes& b) { return reinterpret_cast
 void bind_errors(nb::module_& m);
 void bind_crc32c(nb::module_& m);
 void bind_activity(nb::module_& m);
+void bind_neighbour(nb::module_& m);
 void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);

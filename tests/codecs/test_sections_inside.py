@@ -94,7 +94,7 @@ def test_intensities_without_return_cost_nothing_where_they_are_zero() -> None:
     np.testing.assert_array_equal(decode_intensity(data, frame.valid, cells), frame.intensity)
 
 
-@pytest.mark.parametrize("data", [b"", b"\0", b"\1\0\0", b"\2", b"\2\7", b"\3abc", b"\1\xff\xff\xff\xff"])
+@pytest.mark.parametrize("data", [b"", b"\0", b"\0\1abc", b"\1\0\0", b"\2", b"\2\7", b"\3abc", b"\1\xff\xff\xff\xff"])
 def test_damaged_intensities_are_refused(data: bytes) -> None:
     frame = frames.scene(2)
     with pytest.raises(SectionError):

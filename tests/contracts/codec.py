@@ -63,12 +63,13 @@ def send(codec: CodecUnderTest, sent: list[Frame], **values: object) -> tuple[li
 
 
 def assert_side_equal(came: SideInfo | None, sent: SideInfo | None) -> None:
-    """Every array of the side information is the same."""
+    """The packets' bytes are the same; the host's times of receipt, which are in none, within half a microsecond."""
     assert (came is None) == (sent is None)
     if came is None or sent is None:
         return
     np.testing.assert_array_equal(came.layouts[came.layout], sent.layouts[sent.layout])
-    for name in ("packet_ns", "gps_us", "status", "irregular", "second"):
+    assert np.abs(came.packet_ns - sent.packet_ns).max(initial=0) <= 500
+    for name in ("gps_us", "status", "irregular", "second"):
         np.testing.assert_array_equal(getattr(came, name), getattr(sent, name), err_msg=name)
 
 
@@ -135,10 +136,10 @@ def check_reduced(codec: CodecUnderTest) -> None:
 
 def check_intensity(codec: CodecUnderTest) -> None:
     """`off` gives zeros; N levels give the nearest level at every return, and zeros elsewhere."""
-    for frame in (frames.noise(4), frames.scene(3), frames.three_to_one(2)):
+    for frame in (frames.noise(80), *frames.ordinary().values()):
         (came,), _ = send(codec, [frame], intensity="off", max_error_m=0)
         assert not came.intensity.any()
-        for levels in (2, 3, 16, 100, 255):
+        for levels in (2, 16, 255):
             (came,), _ = send(codec, [frame], intensity=f"levels={levels}", max_error_m=0)
             error = np.abs(came.intensity.astype(int) - frame.intensity)[frame.valid]
             assert error.max(initial=0) <= 255 / (levels - 1) / 2 + 0.5
@@ -273,7 +274,7 @@ def resealed(data: bytes | bytearray) -> bytes:
 def check_truncated(codec: CodecUnderTest) -> None:
     """Every prefix of a message is refused with an error of ours."""
     for data in small_messages(codec):
-        for size in [*range(0, 200), *range(200, len(data), 37), len(data) - 1]:
+        for size in [*range(min(200, len(data))), *range(200, len(data), 37), len(data) - 1]:
             with pytest.raises(DecodeError):
                 wire.unpack(data[:size])
 

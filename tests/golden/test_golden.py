@@ -1,0 +1,126 @@
+"""Messages that earlier versions wrote. They stand in recordings, so every later version must read them, forever.
+
+A golden file holds messages one after the other, and is named by its format version: `v1_pcodec_lossless.bin`. The
+`.json` beside it holds a digest of every frame that must come out. `make golden` writes the files that are missing and
+never touches one that exists.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcodec import wire
+from lidarcodec.codecs import table
+from lidarcodec.errors import UnsupportedVersionError
+from lidarcodec.frame import Frame
+from lidarcodec.settings import StreamSettings
+from lidarcodec.wire.header import MAJOR
+from tests.contracts import frames
+
+FOLDER = Path(__file__).parent
+WRITE = os.environ.get("LIDARCODEC_GOLDEN") == "write"
+STREAM = 0x0123_4567_89AB_CDEF
+
+
+def settings_of() -> dict[str, StreamSettings]:
+    """Settings by name of the golden file without version: two for each codec, and those that change the format."""
+    found: dict[str, StreamSettings] = {}
+    for name in table.names():
+        bound = 0.01 if table.codec(name).bounded else None
+        found[f"{name}_lossless"] = StreamSettings(codec=name, max_error_m=0 if bound else None, key_interval=3)
+        found[f"{name}_coarse"] = StreamSettings(codec=name, max_error_m=bound, intensity="levels=16", key_interval=3)
+    found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
+    return found
+
+
+def stream() -> list[Frame]:
+    """Frames that use every section and every way to write it."""
+    rng = np.random.default_rng(11)
+    sent = [
+        frames.scene(4),
+        frames.irregular_side(6).with_(pose=frames.pose()),
+        frames.three_to_one(3),
+        frames.scene(4).with_(keep=rng.random((64, 24)) < 0.3),
+        frames.noise(2),
+        frames.scene(2).with_(side=None),
+        frames.one_return(),
+        frames.ordinary()["empty"],
+        frames.scene(40, seed=12),
+    ]
+    return [frame.with_(index=index) for index, frame in enumerate(sent)]
+
+
+def digest(frame: Frame) -> str:
+    """Names everything in a frame."""
+    parts = [
+        f"{frame.index} {frame.stamp_ns} {frame.sensor.hash} {frame.sensor.convention} {frame.sensor.range_step_m}"
+    ]
+    arrays = [frame.range, frame.intensity, frame.azimuth, frame.fired]
+    if frame.side is not None:
+        side = frame.side
+        arrays += [side.packet_ns, side.gps_us, side.status, side.layouts[side.layout], side.irregular, side.second]
+    if frame.pose is not None:
+        arrays.append(frame.pose)
+    for array in arrays:
+        parts.append(f"{array.dtype.str}{array.shape}")
+        parts.append(hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest())
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:32]
+
+
+def split(data: bytes) -> Iterator[bytes]:
+    """Messages one after the other."""
+    while data:
+        size = wire.peek(data).total_bytes
+        yield data[:size]
+        data = data[size:]
+
+
+def decoded(data: bytes) -> list[Frame]:
+    """Frames of a golden file."""
+    came: list[Frame] = []
+    decoder = table.make_decoder(wire.peek(data).codec)
+    for one in split(data):
+        came += decoder.decode(wire.unpack(one))
+    return came + decoder.flush()
+
+
+@pytest.mark.parametrize("name", settings_of())
+def test_a_golden_file_exists_for_every_codec(name: str) -> None:
+    path = FOLDER / f"v{MAJOR}_{name}.bin"
+    if WRITE and not path.exists():
+        encoder = table.make_encoder(settings_of()[name], STREAM)
+        messages = [one for frame in stream() for one in encoder.encode(frame)] + encoder.flush()
+        data = b"".join(wire.pack(one) for one in messages)
+        path.write_bytes(data)
+        path.with_suffix(".json").write_text(json.dumps([digest(frame) for frame in decoded(data)], indent=1) + "\n")
+    assert path.exists(), f"{path.name} is missing: run `make golden` and commit it"
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("v*_*.bin")), ids=lambda path: path.stem)
+def test_golden_messages_are_read_as_ever(path: Path) -> None:
+    expected = json.loads(path.with_suffix(".json").read_text())
+    assert [digest(frame) for frame in decoded(path.read_bytes())] == expected
+    assert len(expected) == len(list(split(path.read_bytes())))
+
+
+@pytest.mark.parametrize("name", [name for name in settings_of() if name.endswith("_lossless")])
+def test_lossless_golden_messages_hold_what_was_sent(name: str) -> None:
+    """The frames are written down in this folder's code: should their making ever change, so does this test."""
+    path = FOLDER / f"v1_{name}.bin"
+    for came, sent in zip(decoded(path.read_bytes()), stream(), strict=True):
+        np.testing.assert_array_equal(came.range, np.where(sent.valid, sent.range, 0))
+
+
+def test_a_newer_major_version_is_refused_clearly() -> None:
+    for path in FOLDER.glob("v1_*.bin"):
+        data = bytearray(next(split(path.read_bytes())))
+        data[4] = MAJOR + 1
+        with pytest.raises(UnsupportedVersionError, match=f"version {MAJOR + 1}"):
+            wire.unpack(bytes(data))
