@@ -26,11 +26,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SourceError
+from lidarcodec.sources.kitti_points import REVOLUTION_NS
 
 logger = logging.getLogger(__name__)
 
-REVOLUTION_NS: Final = 103_400_000
-"""Mean of the KITTI drives; used where a file of poses has no times."""
 NPZ_TIMES: Final = ("velo_mid", "stamps", "time")
 Matrix = npt.NDArray[np.float64]
 
@@ -109,7 +108,8 @@ def _read_npz(path: Path) -> Poses:
         matrices = np.asarray(file[name], np.float64)
         time = next((n for n in NPZ_TIMES if n in file.files), None)
         if time is None:
-            return _without_times(path, matrices)
+            # the data folder's poses are those of the middle of a turn, where the sensor looks forward
+            return _without_times(path, matrices, REVOLUTION_NS // 2)
         return Poses(_nanoseconds(np.asarray(file[time], np.float64)), matrices)
 
 
@@ -136,17 +136,16 @@ def _from_kitti(path: Path, table: Matrix) -> Poses:
         logger.warning("%s: no calib.txt beside it, so its poses are taken as the sensor's, not the camera's", path)
     times = path.with_name("times.txt")
     if not times.exists():
-        return _without_times(path, matrices)
+        return _without_times(path, matrices, 0)
     stamps = _nanoseconds(_table(times)[:, 0])
     if len(stamps) < len(matrices):
         raise SourceError(f"{times} has {len(stamps)} times for {len(matrices)} poses")
     return Poses(stamps[: len(matrices)], matrices, relative=True)
 
 
-def _without_times(path: Path, matrices: Matrix) -> Poses:
+def _without_times(path: Path, matrices: Matrix, first_ns: int) -> Poses:
     logger.warning("%s has no times: one revolution of %.1f ms a pose is assumed", path, REVOLUTION_NS / 1e6)
-    # a pose is that of the middle of its revolution, where the sensor looks forward
-    stamps = np.arange(len(matrices), dtype=np.int64) * REVOLUTION_NS + REVOLUTION_NS // 2
+    stamps = np.arange(len(matrices), dtype=np.int64) * REVOLUTION_NS + first_ns
     return Poses(stamps, matrices, relative=True)
 
 

@@ -1,1 +1,0 @@
-"""What each subcommand does; `lidarcodec.cli` imports a module only when its command is called."""
