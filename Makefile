@@ -53,8 +53,8 @@ bench-compare: $(STAMPS)/dev $(NATIVE) ## measure, and compare with this machine
 golden: $(STAMPS)/dev $(NATIVE) ## write golden files that are missing; never touches one that exists
 	LIDARCODEC_GOLDEN=write $(BIN)/python -m pytest -q tests/golden
 
-fuzz: $(STAMPS)/dev ## hostile bytes against the core under AddressSanitizer, and against the whole decoder
-	PYTHON=$(BIN)/python tools/fuzz.sh $(ARGS)
+fuzz: $(STAMPS)/dev ## hostile bytes: the core under AddressSanitizer, then the whole decoder (CASES, SEED, SECONDS_EACH)
+	@PYTHON=$(BIN)/python tools/fuzz.sh
 
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
 	$(BIN)/python -m benchmarks.soak $(ARGS)

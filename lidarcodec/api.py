@@ -1,4 +1,4 @@
-"""The public face for offline work: open a source, iterate frames, encode, decode. `lidarcodec.subscribe` is the live one.
+"""The public face for offline work: open a source, iterate frames, encode, decode. `subscribe` is the live one.
 
 >>> import lidarcodec
 >>> frames = lidarcodec.read_frames("sim:city?frames=2")

@@ -1,0 +1,160 @@
+"""A frame as a picture: its points in perspective, coloured by height, above its range image.
+
+>>> from lidarcodec import read_frames
+>>> picture_of(next(read_frames("sim:city?frames=1")), "sim:city").shape
+(1220, 1920, 3)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.frame import Frame
+from lidarcodec.units import AZIMUTH_TURN, LASERS, RANGE_STEP_M
+
+Image = npt.NDArray[np.uint8]
+
+WIDTH, VIEW_HEIGHT, STRIP_HEIGHT, MARGIN = 1920, 860, 256, 52
+FINE = 2
+"""Drawn this many times larger and scaled down, so that points have soft edges."""
+BACKGROUND = (24, 16, 12)
+TEXT = (214, 206, 198)
+QUIET = (120, 104, 92)
+EYE_M = np.array([-21.0, -11.0, 13.5])
+TARGET_M = np.array([9.0, 1.5, -2.0])
+FIELD_OF_VIEW_DEG = 58.0
+GROUND_Z_M = -1.75
+HEIGHTS_M = (-3.6, 4.8)
+RANGES_M = (2.0, 90.0)
+RINGS_M = (10.0, 20.0, 40.0, 80.0)
+HULL_M = (-2.6, 1.6, -0.9, 0.9, 1.5)
+"""The car around the sensor: back, front, right, left, and its height."""
+
+
+def _colours(values: npt.NDArray[Any], low: float, high: float, reverse: bool = False) -> Image:
+    """(N, 3) colours of values between low and high."""
+    level = np.clip((values - low) / (high - low), 0.0, 1.0)
+    steps = np.rint((1.0 - level if reverse else level) * 255).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(steps.reshape(-1, 1), cv2.COLORMAP_TURBO)[:, 0], np.uint8)
+
+
+def _camera() -> npt.NDArray[np.float64]:
+    """Rows: right, down and forward of the camera, in the sensor's axes."""
+    forward = (TARGET_M - EYE_M) / np.linalg.norm(TARGET_M - EYE_M)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def _project(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Pixel coordinates (N, 2) and depth in metres (N,) of points (N, 3) in the sensor's frame."""
+    seen = (points - EYE_M) @ _camera().T
+    depth = seen[:, 2]
+    focal = width / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG) / 2)
+    safe = np.where(depth > 0.1, depth, np.inf)
+    return np.stack([seen[:, 0] / safe * focal + width / 2, seen[:, 1] / safe * focal + height / 2], axis=1), depth
+
+
+def _polyline(image: Image, points: npt.NDArray[np.float64], colour: tuple[int, int, int], thick: int) -> None:
+    """Draw a line through points in metres, leaving out what is behind the camera."""
+    height, width = image.shape[:2]
+    pixels, depth = _project(points, width, height)
+    ends = np.rint(pixels).astype(int)
+    for start in np.flatnonzero((depth[:-1] > 1.0) & (depth[1:] > 1.0)):
+        cv2.line(image, tuple(map(int, ends[start])), tuple(map(int, ends[start + 1])), colour, thick, cv2.LINE_AA)
+
+
+def _draw_ground(image: Image) -> None:
+    turn = np.linspace(0.0, 2 * np.pi, 181)
+    for radius in RINGS_M:
+        circle = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full_like(turn, GROUND_Z_M)], axis=1)
+        _polyline(image, circle, (62, 48, 40), FINE)
+
+
+def _draw_car(image: Image) -> None:
+    back, front, right, left, height = HULL_M
+    top = GROUND_Z_M + height
+    for z in (GROUND_Z_M, top):
+        corners = [[back, right, z], [front, right, z], [front, left, z], [back, left, z], [back, right, z]]
+        _polyline(image, np.array(corners), TEXT, FINE)
+    for x, y in ((back, right), (front, right), (front, left), (back, left)):
+        _polyline(image, np.array([[x, y, GROUND_Z_M], [x, y, top]]), TEXT, FINE)
+
+
+def perspective_of(frame: Frame) -> Image:
+    """(860, 1920, 3) BGR: the points seen from behind and above the car, coloured by height."""
+    width, height = WIDTH * FINE, VIEW_HEIGHT * FINE
+    image = np.empty((height, width, 3), np.uint8)
+    image[:] = BACKGROUND
+    _draw_ground(image)
+    cloud = frame.cloud()
+    points = np.stack([cloud[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    pixels, depth = _project(points, width, height)
+    at = np.rint(pixels)
+    inside = (depth > 0.5) & (at >= 2).all(axis=1) & (at[:, 0] < width - 3) & (at[:, 1] < height - 3)
+    order = np.flatnonzero(inside)[np.argsort(-depth[inside])]
+    column, row = at[order].astype(int).T
+    # Bright where the surface reflects, dimmer with distance: shapes stand out and the horizon fades.
+    light = (0.78 + 0.42 * np.sqrt(cloud["intensity"][order] / 255.0)) * np.clip(1.2 - depth[order] / 220.0, 0.55, 1.0)
+    colours = np.minimum(_colours(points[order, 2], *HEIGHTS_M) * light[:, None] + 22.0, 255.0).astype(np.uint8)
+    for shift_row in range(-1, 2):
+        for shift_column in range(-1, 2):
+            near = (abs(shift_row) + abs(shift_column) < 2) | (depth[order] < 30.0)
+            image[row[near] + shift_row, column[near] + shift_column] = colours[near]
+    _draw_car(image)
+    return np.asarray(cv2.resize(image, (WIDTH, VIEW_HEIGHT), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def range_strip_of(frame: Frame) -> Image:
+    """(256, 1920, 3) BGR: rings from the top, forward in the middle, near red and far blue, dark = no return.
+
+    Rows are turned by each laser's rotation correction, so that upright edges stand upright.
+    """
+    strip = np.empty((LASERS, WIDTH, 3), np.uint8)
+    strip[:] = BACKGROUND
+    ring, column = np.nonzero(frame.valid)
+    laser = frame.sensor.laser_of_ring[ring]
+    turned = frame.azimuth[laser // 32, column] * (360.0 / AZIMUTH_TURN)
+    direction_deg = turned - np.degrees(frame.sensor.calibration["rot_correction_rad"])[laser]
+    across = np.rint((direction_deg + 180.0) % 360.0 * ((WIDTH - 1) / 360.0)).astype(int)
+    metres = np.maximum(frame.range[ring, column] * RANGE_STEP_M, RANGES_M[0])
+    strip[ring, across] = _colours(np.log(metres), np.log(RANGES_M[0]), np.log(RANGES_M[1]), reverse=True)
+    return np.asarray(cv2.resize(strip, (WIDTH, STRIP_HEIGHT), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def _write(image: Image, text: str, x: int, y: int, colour: tuple[int, int, int], size: float = 0.62) -> None:
+    cv2.putText(image, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+
+
+def picture_of(frame: Frame, title: str) -> Image:
+    """(1220, 1920, 3) BGR: perspective above, range image below, each with a line of text."""
+    heading = np.empty((MARGIN, WIDTH, 3), np.uint8)
+    heading[:] = BACKGROUND
+    between = heading.copy()
+    valid = int(np.count_nonzero(frame.valid))
+    _write(heading, title, 24, 34, TEXT, 0.72)
+    _write(between, f"{valid:,} points of {LASERS} x {frame.width}: range image, forward in the middle", 24, 34, QUIET)
+    view = perspective_of(frame)
+    for radius in RINGS_M[:3]:
+        pixels, _ = _project(np.array([[0.0, -radius, GROUND_Z_M]]), WIDTH, VIEW_HEIGHT)
+        x, y = map(int, np.rint(pixels[0]))
+        if 0 <= x < WIDTH - 60 and 20 <= y < VIEW_HEIGHT:
+            _write(view, f"{radius:.0f} m", x + 6, y, QUIET, 0.5)
+    return np.concatenate([heading, view, between, range_strip_of(frame)])
+
+
+def save_picture(image: Image, path: Path) -> None:
+    """Write a picture as PNG.
+
+    Raises OSError if it cannot be written.
+    """
+    done, data = cv2.imencode(".png", image)
+    if not done:
+        raise OSError(f"{path}: the picture could not be encoded")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data.tobytes())

@@ -1,0 +1,216 @@
+"""The command line: one subcommand is one short function, and what it does is in `lidarcodec.commands`.
+
+Nothing heavy is imported here, so that `lidarcodec --help` answers at once. Exit codes: 0 done (also when stopped by
+SIGINT or SIGTERM), 1 failed at work, 2 wrong usage. An error is one line on stderr; a traceback only with `--debug`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any
+
+import typer
+
+from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
+_STOPPED = 130
+"""What typer makes of a KeyboardInterrupt."""
+
+app = typer.Typer(
+    help="Velodyne HDL-64 packets in, the same packets out, a fraction of the bits between.",
+    add_completion=False,
+    invoke_without_command=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder), udp://HOST:PORT, or "
+    "sim:city|road|street[?seed=1&frames=100]. Every option can also be set by an environment variable.",
+)
+
+
+def _option(*names: str, **about: Any) -> Any:
+    """An option that can also be given as LIDARCODEC_<ITS NAME>."""
+    variable = names[0].split("/")[0].lstrip("-").replace("-", "_").upper()
+    return typer.Option(*names, envvar=f"LIDARCODEC_{variable}", **about)
+
+
+Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
+CalibrationFile = Annotated[
+    Path | None, _option("--calibration", metavar="FILE", help="db.xml or ROS yaml; else found as `info` says.")
+]
+CodecName = Annotated[str | None, _option("--codec", metavar="NAME", help="Default: pcodec.")]
+Pairs = Annotated[
+    list[str] | None,
+    _option("--set", metavar="KEY=VALUE", help="A field of the stream's settings, else of the codec's. Repeatable."),
+]
+FrameCount = Annotated[int | None, _option("--frames", min=1, metavar="N", help="Stop after N frames.")]
+SkipCount = Annotated[int, _option("--skip", min=0, metavar="N", help="Leave out the first N frames.")]
+AsJson = Annotated[bool, _option("--json", help="Print JSON.")]
+
+
+@app.callback()
+def _common(
+    context: typer.Context,
+    debug: Annotated[bool, _option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.", is_eager=True)] = False,
+) -> None:
+    del debug  # main() looks for it, wherever it stands
+    if version:
+        from lidarcodec import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help(), err=True)
+        raise typer.Exit(WRONG_USAGE)
+
+
+@app.command()
+def info(
+    source: Annotated[str | None, typer.Argument(metavar="[SOURCE]", show_default=False)] = None,
+    message: Annotated[
+        int | None, _option("--message", min=0, metavar="N", help="Dump message N of a recording.")
+    ] = None,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what a source or a recording holds; without SOURCE: versions, extras, ports, clock and settings."""
+    from lidarcodec.commands import info as command
+
+    command.run(source, message, calibration, as_json)
+
+
+@app.command()
+def encode(
+    source: Source,
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", show_default=False)],
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+) -> None:
+    """Encode a source into a recording."""
+    from lidarcodec.commands import encode as command
+
+    command.run(source, out, codec, pairs or [], frames, skip, calibration)
+
+
+@app.command()
+def decode(
+    recording: Annotated[Path, typer.Argument(metavar="IN.mcap", show_default=False)],
+    out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False, help=".pcap .npz .ply .las, or a folder")],
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+) -> None:
+    """Decode a recording into packets (.pcap), images (.npz), points (.ply .las) or a folder of KITTI .bin files."""
+    from lidarcodec.commands import decode as command
+
+    command.run(recording, out, frames, skip)
+
+
+@app.command()
+def verify(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
+    source: Source,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare a recording with the source it was made from; exit code 1 if it breaks what its settings promise."""
+    from lidarcodec.commands import verify as command
+
+    if not command.run(recording, source, calibration, as_json):
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def bench(
+    source: Source,
+    codec: Annotated[str | None, _option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,
+    pairs: Annotated[
+        list[str] | None,
+        _option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable: all combinations."),
+    ] = None,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    plot: Annotated[
+        Path | None, _option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
+    from lidarcodec.commands import bench as command
+
+    command.run(source, codec, pairs or [], frames, skip, calibration, plot, as_json)
+
+
+@app.command()
+def simulate(
+    source: Annotated[str, typer.Argument(metavar="sim:SCENE", show_default=False)],
+    out: Annotated[Path, typer.Argument(metavar="OUT.pcap", show_default=False)],
+    frames: FrameCount = None,
+) -> None:
+    """Write a simulated drive as a capture: sim:city, sim:road or sim:street, with ?seed=1&frames=100."""
+    from lidarcodec.commands import simulate as command
+
+    command.run(source, out, frames)
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}"
+    return text
+
+
+def _complain(error: BaseException) -> int:
+    """Say in one line what is wrong; the exit code for it."""
+    if isinstance(error, typer.TyperException):
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "lidarcodec"
+        text = " ".join(error.format_message().split()).rstrip(".")
+        sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
+        return WRONG_USAGE
+    known = isinstance(error, LidarCodecError | OSError)
+    text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
+    sys.stderr.write(f"lidarcodec: {text}\n")
+    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
+
+
+def _stop(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; its exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    debug = "--debug" in given or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
+    given = [word for word in given if word != "--debug"]
+    logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
+    signal.signal(signal.SIGTERM, _stop)
+    signal.signal(signal.SIGINT, _stop)
+    try:
+        code = app(given, prog_name="lidarcodec", standalone_mode=False)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return DONE
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except Exception as error:
+        if debug:
+            raise
+        return _complain(error)
+    return DONE if code in (None, _STOPPED) else int(code)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

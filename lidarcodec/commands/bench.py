@@ -1,0 +1,35 @@
+"""`lidarcodec bench`: codecs and settings side by side on one source."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.settings import sweep
+from lidarcodec.commands.sources import check_finite
+from lidarcodec.evaluation.bench import bench
+from lidarcodec.evaluation.report import plot as draw
+from lidarcodec.evaluation.report import text_table
+
+
+def run(
+    source: str,
+    codecs: str | None,
+    pairs: list[str],
+    frames: int | None,
+    skip: int,
+    calibration: Path | None,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure each setting and print the results."""
+    settings = sweep(codecs, pairs)
+    check_finite(source, frames)
+    results = []
+    for number, chosen in enumerate(settings, 1):
+        with progress(f"{chosen.codec} ({number} of {len(settings)})", frames) as tick:
+            results.append(bench(source, chosen, frames=frames, skip=skip, calibration=calibration, tick=tick))
+    print(json.dumps(results, indent=2) if as_json else text_table(results))
+    if plot is not None:
+        draw(results, plot)

@@ -1,0 +1,224 @@
+"""Where `decode` puts frames: packets (.pcap), images (.npz), points (.ply, .las), or a folder of KITTI .bin files.
+
+All of them take frame after frame, so that a long recording needs no more memory than a short one.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
+from lidarcodec.sources.pcap_writer import PcapWriter
+
+Array = npt.NDArray[Any]
+
+
+class Output(Protocol):
+    """A file or folder that takes frames; `close` makes it whole."""
+
+    def write(self, frame: Frame) -> None:
+        """Append one frame."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+class PcapOutput:
+    """The packets as the sensor sent them, with their host times."""
+
+    def __init__(self, path: Path) -> None:
+        self._handle = path.open("wb")
+        self._writer = PcapWriter(self._handle)
+
+    def write(self, frame: Frame) -> None:
+        for packet in packets_of(frame):
+            self._writer.write(packet)
+
+    def close(self) -> None:
+        self._handle.close()
+
+
+class NpzOutput:
+    """Images in the sensor's integers, a folder a frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`, `/index`,
+    `/stamp_ns`, `/column_ns`, and `/calibration`, the hash that names the table in `calibration/HASH`."""
+
+    def __init__(self, path: Path) -> None:
+        self._zip = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+        self._known: set[str] = set()
+        self._count = 0
+
+    def _add(self, name: str, array: npt.ArrayLike) -> None:
+        with self._zip.open(f"{name}.npy", "w", force_zip64=True) as member:
+            np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+
+    def _add_calibration(self, sensor: SensorModel) -> None:
+        if not self._known:
+            self._add("calibration/fields", np.array(list(CALIBRATION_FIELDS)))
+            self._add("calibration/steps", np.array(list(CALIBRATION_FIELDS.values())))
+        if sensor.hash not in self._known:
+            self._add(f"calibration/{sensor.hash}", sensor.calibration.table)
+            self._known.add(sensor.hash)
+
+    def write(self, frame: Frame) -> None:
+        self._add_calibration(frame.sensor)
+        parts: dict[str, npt.ArrayLike] = {
+            "range": np.where(frame.valid, frame.range, np.uint16(0)),
+            "intensity": frame.intensity,
+            "azimuth": frame.azimuth,
+            "fired": frame.fired,
+            "index": np.int64(frame.index),
+            "stamp_ns": np.int64(frame.stamp_ns),
+            "calibration": np.array(frame.sensor.hash),
+        }
+        if frame.side is not None:
+            parts["column_ns"] = frame.side.column_ns
+        for name, array in parts.items():
+            self._add(f"{self._count:06d}/{name}", array)
+        self._count += 1
+
+    def close(self) -> None:
+        self._zip.close()
+
+
+class PlyOutput:
+    """Binary PLY: x y z in metres, intensity, laser, ring, frame, and t in seconds since the first point."""
+
+    DTYPE: Final = np.dtype(
+        [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"),
+         ("frame", "<i4"), ("t", "<f8")]
+    )  # fmt: skip
+    TYPE_NAMES: Final = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int"}
+    COUNT_DIGITS: Final = 12
+
+    def __init__(self, path: Path) -> None:
+        self._handle = path.open("wb")
+        self._count = 0
+        self._start_ns: int | None = None
+        self._write_header()
+
+    def _write_header(self) -> None:
+        # The number of points is known at the end: it is written over the first one, padded to the same length.
+        properties = "".join(
+            f"property {self.TYPE_NAMES[self.DTYPE[name].str[1:]]} {name}\n" for name in self.DTYPE.names or ()
+        )
+        padding = "0" * (self.COUNT_DIGITS - len(str(self._count)))
+        self._handle.write(
+            f"ply\nformat binary_little_endian 1.0\ncomment lidarcodec {padding}\n"
+            f"element vertex {self._count}\n{properties}end_header\n".encode()
+        )
+
+    def write(self, frame: Frame) -> None:
+        cloud = frame.cloud()
+        if self._start_ns is None:
+            self._start_ns = frame.stamp_ns
+        rows = np.empty(len(cloud), self.DTYPE)
+        for name in ("x", "y", "z", "intensity", "laser", "ring"):
+            rows[name] = cloud[name]
+        rows["frame"] = frame.index
+        rows["t"] = (cloud["t_ns"] - self._start_ns) * 1e-9
+        self._handle.write(rows.tobytes())
+        self._count += len(rows)
+
+    def close(self) -> None:
+        self._handle.seek(0)
+        self._write_header()
+        self._handle.close()
+
+
+class LasOutput:
+    """LAS 1.4 in millimetres: intensity spread to 16 bits, user_data = ring, point_source_id = laser, gps_time = host
+    time in seconds since the Unix epoch."""
+
+    STEP_M: Final = 0.001
+
+    def __init__(self, path: Path) -> None:
+        import laspy
+
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        header.scales = np.full(3, self.STEP_M)
+        header.offsets = np.zeros(3)
+        header.generating_software = "lidarcodec"
+        self._header = header
+        self._writer = laspy.open(path, mode="w", header=header)
+
+    def write(self, frame: Frame) -> None:
+        import laspy
+
+        cloud = frame.cloud()
+        points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=self._header)
+        points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
+        points.intensity = cloud["intensity"].astype(np.uint16) * 257
+        points.user_data = cloud["ring"]
+        points.point_source_id = cloud["laser"].astype(np.uint16)
+        points.gps_time = cloud["t_ns"] * 1e-9
+        points.return_number = np.ones(len(cloud), np.uint8)
+        points.number_of_returns = np.ones(len(cloud), np.uint8)
+        self._writer.write_points(points)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class KittiOutput:
+    """A file a frame, `000000.bin`: float32 x y z and reflectance (intensity / 255), ring by ring as KITTI orders them;
+    `timestamps.json` holds each frame's host time in ns."""
+
+    def __init__(self, path: Path) -> None:
+        path.mkdir(parents=True, exist_ok=True)
+        self._folder = path
+        self._stamps: dict[str, int] = {}
+
+    def write(self, frame: Frame) -> None:
+        cloud = frame.cloud()
+        order = np.argsort(cloud["ring"], kind="stable")
+        rows = np.empty((len(cloud), 4), "<f4")
+        for at, axis in enumerate("xyz"):
+            rows[:, at] = cloud[axis][order]
+        rows[:, 3] = cloud["intensity"][order] / np.float32(255)
+        name = f"{len(self._stamps):06d}.bin"
+        (self._folder / name).write_bytes(rows.tobytes())
+        self._stamps[name] = frame.stamp_ns
+
+    def close(self) -> None:
+        (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
+
+
+OUTPUTS: Final[dict[str, Callable[[Path], Output]]] = {
+    ".pcap": PcapOutput,
+    ".npz": NpzOutput,
+    ".ply": PlyOutput,
+    ".las": LasOutput,
+    "": KittiOutput,
+}
+
+
+def _suffix(path: Path) -> str:
+    return "" if path.is_dir() else path.suffix.lower()
+
+
+def check_output(path: Path) -> None:
+    """Raise SettingsError if nothing can be written to a path that ends so."""
+    suffix = _suffix(path)
+    if suffix not in OUTPUTS:
+        raise SettingsError(
+            f"cannot write {path}: OUT ends in .pcap .npz .ply .las, or is a folder of KITTI .bin files"
+        )
+
+
+def open_output(path: Path) -> Output:
+    """The output that the end of a path asks for; a path without one is a folder of KITTI .bin files.
+
+    Raises SettingsError for any other, OSError when it cannot be written.
+    """
+    check_output(path)
+    return OUTPUTS[_suffix(path)](path)

@@ -1,0 +1,75 @@
+"""Frames out of a recording, whole or cut: every message that decodes, and a count of those that do not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder, frames_of
+from lidarcodec.recording import RecordingReader
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.wire import unpack
+
+
+class RecordedFrames:
+    """Frames of a recording in order; iterate once.
+
+    failed: messages that could not be decoded, by what was wrong; counts: what the reader noticed (`cut`, `damaged`)
+    metadata: what the writer noted
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises OSError or SourceError if this is no recording."""
+        self._path = path
+        self.failed: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()
+        with path.open("rb") as handle:
+            reader = RecordingReader(handle)
+            self.metadata = reader.metadata
+            self._coded = next(reader.messages(), None) is not None
+
+    def settings(self) -> StreamSettings | None:
+        """The settings that the writer noted; None if it noted none.
+
+        Raises SourceError if this build cannot follow them.
+        """
+        text = self.metadata.get("settings")
+        if text is None:
+            return None
+        try:
+            return table.check(StreamSettings.model_validate_json(text))
+        except (ValueError, SettingsError, UnknownNameError) as error:
+            raise SourceError(f"{self._path} was made with settings that this build does not know: {error}") from None
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self._decoded() if self._coded else self._from_packets()
+
+    def _decoded(self) -> Iterator[Frame]:
+        decoder = StreamDecoder()
+        with self._path.open("rb") as handle:
+            reader = RecordingReader(handle)
+            for _, data in reader.messages():
+                try:
+                    yield from decoder.decode(unpack(data))
+                except DecodeError as error:
+                    self.failed[f"{type(error).__name__}: {error}"] += 1
+            self.counts = reader.counts
+        yield from decoder.flush()
+
+    def _from_packets(self) -> Iterator[Frame]:
+        with open_source(self._path) as source:
+            yield from frames_of(source.packets(), source.sensor)
+            self.counts = source.counts
+
+    def warnings(self) -> list[str]:
+        """What the user has to know of what is missing, a sentence each; the reader itself warns of a cut file."""
+        total = sum(self.failed.values())
+        if not total:
+            return []
+        worst, _ = self.failed.most_common(1)[0]
+        return [f"{self._path}: {total} messages could not be decoded and were left out ({worst})"]

@@ -1,0 +1,63 @@
+"""`--codec` and `--set key=value` to StreamSettings: a field of those if there is one, else of the codec's own.
+
+>>> one_setting("zstd", ["level=9", "max_error_m=0.01"]).codec_settings
+{'level': 9}
+>>> [s.max_error_m for s in sweep("zstd,pcodec", ["max_error_m=0,0.02"])]
+[0.0, 0.02, 0.0, 0.02]
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import StreamSettings, settings_from
+
+
+def one_setting(codec: str | None, pairs: Sequence[str]) -> StreamSettings:
+    """Settings that a codec can follow.
+
+    Raises SettingsError with the key, or UnknownNameError.
+    """
+    return _settings(codec, [_key_and_text(pair) for pair in pairs])
+
+
+def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
+    """Settings for each codec (names with commas between) and each combination of values (`key=a,b,c`).
+
+    Raises SettingsError with the key, or UnknownNameError, before anything is measured.
+    """
+    names: list[str | None] = [name.strip() for name in codecs.split(",")] if codecs else [None]
+    choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
+    return [_settings(name, chosen) for name in names for chosen in product(*choices)]
+
+
+def _key_and_text(pair: str) -> tuple[str, str]:
+    key, equals, text = pair.partition("=")
+    if not equals or not key.strip():
+        raise SettingsError(f"--set {pair}: write it as key=value")
+    return key.strip(), text.strip()
+
+
+def _value(text: str) -> Any:
+    """A JSON scalar if it is one, else the text itself."""
+    try:
+        value = json.loads(text)
+    except ValueError:
+        return text
+    return text if isinstance(value, dict | list) else value
+
+
+def _settings(codec: str | None, pairs: Sequence[tuple[str, str]]) -> StreamSettings:
+    common: dict[str, Any] = {"codec": codec} if codec else {}
+    own: dict[str, Any] = {}
+    for key, text in pairs:
+        is_common = key in StreamSettings.model_fields and key != "codec_settings"
+        if key in (common if is_common else own):
+            raise SettingsError(f"--set {key}={text}: {key} is given twice", key)
+        (common if is_common else own)[key] = _value(text)
+    return table.check(settings_from(common | {"codec_settings": own}))

@@ -1,0 +1,78 @@
+"""`lidarcodec verify`: does a recording hold what its settings promise?"""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.codecs import table
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.verify import Comparison, PacketsByTime
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+
+log = logging.getLogger(__name__)
+
+
+def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> bool:
+    """Compare, print, and say whether every promise was kept."""
+    recorded = RecordedFrames(recording)
+    comparison = Comparison()
+    with open_source(spec, calibration=calibration) as source, progress("comparing") as tick:
+        packets = PacketsByTime(source.packets())
+        for frame in recorded:
+            comparison.add(frame, packets)
+            tick()
+    for text in recorded.warnings():
+        log.warning("%s", text)
+    if not comparison.frames:
+        raise SourceError(f"{recording} holds no frame that can be decoded: there is nothing to compare")
+    if comparison.not_in_source == comparison.frames:
+        raise SourceError(f"{spec} has no packet of the times in {recording}: it was not made from this source")
+    settings = recorded.settings()
+    broken = broken_promises(settings, comparison)
+    result = comparison.result() | {
+        "packets_passed_over": packets.passed,
+        "settings": None if settings is None else settings.model_dump(mode="json"),
+        "broken": broken,
+    }
+    print(json.dumps(result, indent=2) if as_json else _text(result))
+    return not broken
+
+
+def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[str]:
+    """What the settings of a recording promise and its frames do not keep, a sentence each."""
+    broken = []
+    if found.not_in_source:
+        broken.append(f"{found.not_in_source} frames are not in the source")
+    if settings is None or not table.codec(settings.codec).bounded:
+        return broken
+    bound_m = settings.max_error_m or 0.0
+    worst_m = found.errors.max_error_m
+    if worst_m is not None and worst_m > bound_m + 1e-9:
+        broken.append(f"the largest error is {worst_m:.3f} m, the bound is {bound_m:.3f} m")
+    if found.errors.lost or found.errors.invented:
+        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
+    if settings.step == 1 and settings.intensity == "lossless" and not found.packets_identical:
+        broken.append(f"only {found.identical_packets} of {found.packets} packets are identical")
+    return broken
+
+
+def _text(result: dict[str, Any]) -> str:
+    def metres(value: float | None) -> str:
+        return "nothing to compare" if value is None else f"{value:.6f} m"
+
+    same = "identical" if result["packets_identical"] else f"{result['identical_packets']} identical"
+    lines = [
+        f"frames           {result['frames']}, {result['frames_not_in_source']} of them not in the source",
+        f"packets          {result['packets']}, {same}",
+        f"largest error    {metres(result['max_error_m'])}",
+        f"RMS error        {metres(result['rmse_m'])}",
+        f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented",
+        *(f"BROKEN           {text}" for text in result["broken"]),
+    ]
+    return "\n".join(lines)

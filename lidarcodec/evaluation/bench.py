@@ -1,0 +1,173 @@
+"""One codec with one setting over one source: every message is packed, unpacked, decoded and compared.
+
+>>> from lidarcodec.settings import StreamSettings
+>>> result = bench("sim:city?frames=2", StreamSettings(codec="zstd"))
+>>> result["codec"], result["frames"], result["packets_identical"], result["max_error_m"]
+('zstd', 2, True, 0.0)
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import lidarcodec
+from lidarcodec.assembly import packets_of
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import own_settings
+from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.evaluation.metrics import RangeErrors, Sizes, times_ms
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
+from lidarcodec.wire import pack, unpack
+
+FRAMES_AT_10HZ = 10
+
+
+def bench(
+    spec: str | Path,
+    settings: StreamSettings,
+    *,
+    frames: int | None = None,
+    skip: int = 0,
+    calibration: Path | None = None,
+    poses: Path | None = None,
+    tick: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """The object that `lidarcodec bench --json` prints for one setting; its fields are in DESIGN 3.6.
+
+    frames: how many, None for all; skip: frames left out before them; tick: called after each frame.
+    Raises SettingsError, UnknownNameError, SourceError, and DecodeError when the codec fails on what it wrote itself.
+    """
+    encoder = StreamEncoder(settings)
+    run = _Run(encoder, StreamDecoder())
+    with open_source(spec, calibration=calibration, poses=poses) as source:
+        cut = _frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
+        for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
+            run.frame(frame, payloads)
+            tick()
+        run.flush()
+        found = {"origin": source.sensor.origin, "hash": source.sensor.hash}
+    if not run.frames:
+        raise SourceError(f"{spec} has no frame behind the first {skip}: nothing to measure")
+    return {"source": str(spec), **run.result(), "calibration": found, "version": lidarcodec.__version__}
+
+
+def effective(settings: StreamSettings) -> dict[str, Any]:
+    """All settings as plain values, the codec's own with their defaults filled in."""
+    own = own_settings(table.codec(settings.codec).settings, settings)
+    return settings.model_dump(mode="json") | {"codec_settings": own.model_dump(mode="json")}
+
+
+def _frames_and_payloads(
+    packets: Iterable[Packet], sensor: SensorModel, framing: str
+) -> Iterator[tuple[Frame, list[bytes]]]:
+    """Frames, each with the payloads that the source gave for it."""
+    waiting: deque[bytes] = deque()
+
+    def remembered() -> Iterator[Packet]:
+        for packet in packets:
+            waiting.append(packet.payload)
+            yield packet
+
+    for frame in frames_of(remembered(), sensor, framing):
+        yield frame, [waiting.popleft() for _ in range(frame.side.packets if frame.side else 0)]
+
+
+@dataclass
+class _Run:
+    """Adds up what encoder and decoder do with frames."""
+
+    encoder: StreamEncoder
+    decoder: StreamDecoder
+    frames: int = 0
+    packets: int = 0
+    points: int = 0
+    identical: bool = True
+    sizes: Sizes = field(default_factory=Sizes)
+    errors: RangeErrors = field(default_factory=RangeErrors)
+    encode_s: list[float] = field(default_factory=list)
+    decode_s: list[float] = field(default_factory=list)
+    waiting: dict[int, tuple[Frame, list[bytes]]] = field(default_factory=dict)
+
+    def frame(self, frame: Frame, payloads: list[bytes]) -> None:
+        """Encode, pack, unpack, decode and compare one frame."""
+        if not self.frames:
+            self._warm_up(frame)
+        self.frames += 1
+        self.packets += len(payloads)
+        self.points += frame.points
+        self.waiting[frame.index] = frame, payloads
+        started = perf_counter()
+        coded = [(message, pack(message)) for message in self.encoder.encode(frame)]
+        self.encode_s.append(perf_counter() - started)
+        self._decode(coded)
+
+    def flush(self) -> None:
+        """Take what encoder and decoder held back.
+
+        Raises DecodeError if a frame never came out.
+        """
+        self._decode([(message, pack(message)) for message in self.encoder.flush()])
+        self._compare(self.decoder.flush())
+        if self.waiting:
+            raise DecodeError(f"{len(self.waiting)} of {self.frames} frames never came out of the decoder")
+
+    def _decode(self, coded: list[tuple[Message, bytes]]) -> None:
+        for message, data in coded:
+            self.sizes.add(message, len(data))
+            started = perf_counter()
+            decoded = self.decoder.decode(unpack(data))
+            self.decode_s.append(perf_counter() - started)
+            self._compare(decoded)
+
+    def _compare(self, decoded: list[Frame]) -> None:
+        for frame in decoded:
+            original, payloads = self.waiting.pop(frame.index)
+            sent = original.range if original.keep is None else original.range * original.keep
+            self.errors.add(sent, frame.range)
+            if self.identical:
+                self.identical = b"".join(p.payload for p in packets_of(frame)) == b"".join(payloads)
+
+    def _warm_up(self, frame: Frame) -> None:
+        """Code one frame with a session of its own: libraries load on first use, and that is not a codec's time."""
+        decoder = StreamDecoder()
+        session = StreamEncoder(self.encoder.settings)
+        for message in session.encode(frame) + session.flush():
+            decoder.decode(unpack(pack(message)))
+
+    def result(self) -> dict[str, Any]:
+        """Fields of the contract that do not need the source."""
+        errors, kept = self.errors, self.errors.points
+        bits_per_packet = self.sizes.total * 8 / self.packets
+        return {
+            "codec": self.encoder.settings.codec,
+            "settings": effective(self.encoder.settings),
+            "frames": self.frames,
+            "points": self.points,
+            "points_per_frame": round(self.points / self.frames, 3),
+            "bits_per_point": self.sizes.bits_per(self.points),
+            "ratio": round(self.packets * PACKET_BYTES / self.sizes.total, 6),
+            "kbps_at_10hz": round(bits_per_packet * FRAME_PACKETS * FRAMES_AT_10HZ / 1000, 3),
+            "rmse_m": errors.rmse_m,
+            "max_error_m": errors.max_error_m,
+            "psnr_db": None if errors.psnr_db is None else round(errors.psnr_db, 4),
+            "kept_fraction": round(kept / self.points, 6) if self.points else None,
+            "lost": errors.lost,
+            "invented": errors.invented,
+            "bits_per_kept_point": round(self.sizes.total * 8 / kept, 6) if kept else None,
+            "packets_identical": self.identical,
+            "encode_ms": times_ms(self.encode_s),
+            "decode_ms": times_ms(self.decode_s),
+        }

@@ -1,0 +1,121 @@
+"""Sizes and errors of coded frames, added up frame by frame. Definitions: DESIGN 3.6, repeated in docs/evaluation.md.
+
+All bits of a message count: what is in no section of a plane (header, section heads, checksum, calibration, motion,
+weights, pose) is `header`. A point is a return of the original frame. Errors are along the ray, over returns that are
+valid in both frames.
+
+>>> import numpy as np
+>>> errors = RangeErrors()
+>>> errors.add(np.array([[500, 0, 700]], np.uint16), np.array([[501, 800, 0]], np.uint16))
+>>> errors.max_error_m, errors.lost, errors.invented
+(0.002, 1, 1)
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.message import Message, SectionType
+from lidarcodec.units import RANGE_STEP_M
+
+PEAK_M = 130.0
+"""The peak of PSNR: the reach of the sensor's 16-bit ranges, as in Tu 2016."""
+
+PLANE_OF_SECTION: dict[int, str] = {
+    SectionType.RANGE: "range",
+    SectionType.MASK: "mask",
+    SectionType.KEEP: "keep",
+    SectionType.INTENSITY: "intensity",
+    SectionType.AZIMUTH: "azimuth",
+    SectionType.SIDE: "side",
+}
+
+
+@dataclass
+class RangeErrors:
+    """Errors of decoded ranges: sums, so that frames of any number and width add up.
+
+    points: returns compared with; lost: returns that came back as none; invented: the reverse
+    """
+
+    points: int = 0
+    lost: int = 0
+    invented: int = 0
+    compared: int = 0
+    max_steps: int = 0
+    squared_steps: int = 0
+
+    def add(self, original: npt.NDArray[np.uint16], decoded: npt.NDArray[np.uint16]) -> None:
+        """Compare two range images of one shape; 0 = no return."""
+        there, back = original > 0, decoded > 0
+        both = there & back
+        difference = np.abs(original[both].astype(np.int64) - decoded[both].astype(np.int64))
+        self.points += int(np.count_nonzero(there))
+        self.lost += int(np.count_nonzero(there & ~back))
+        self.invented += int(np.count_nonzero(back & ~there))
+        self.compared += len(difference)
+        self.max_steps = max(self.max_steps, int(difference.max(initial=0)))
+        self.squared_steps += int(np.dot(difference, difference))
+
+    @property
+    def max_error_m(self) -> float | None:
+        """Largest error; None when nothing could be compared."""
+        return round(self.max_steps * RANGE_STEP_M, 6) if self.compared else None
+
+    @property
+    def rmse_m(self) -> float | None:
+        """Root of the mean squared error; None when nothing could be compared."""
+        return math.sqrt(self.squared_steps / self.compared) * RANGE_STEP_M if self.compared else None
+
+    @property
+    def psnr_db(self) -> float | None:
+        """PSNR over a peak of 130 m; None when there is no error (it would be infinite)."""
+        rmse_m = self.rmse_m
+        return 20 * math.log10(PEAK_M / rmse_m) if rmse_m else None
+
+
+@dataclass
+class Sizes:
+    """Bytes of messages, split by plane."""
+
+    total: int = 0
+    planes: Counter[str] = field(default_factory=Counter)
+
+    def add(self, message: Message, total: int) -> None:
+        """Count a message that took `total` bytes on the wire."""
+        self.total += total
+        for section in message.sections:
+            plane = PLANE_OF_SECTION.get(section.type)
+            if plane is not None:
+                self.planes[plane] += len(section.data)
+
+    def bits_per(self, points: int) -> dict[str, float | None]:
+        """Bits of each part over a number of points; None for all of them when there is no point."""
+        planes = self.planes
+        geometry = planes["range"] + planes["mask"] + planes["keep"]
+        other = self.total - geometry - planes["intensity"] - planes["azimuth"] - planes["side"]
+        sizes = {
+            "range": planes["range"],
+            "mask": planes["mask"],
+            "geometry": geometry,
+            "intensity": planes["intensity"],
+            "azimuth": planes["azimuth"],
+            "side": planes["side"],
+            "header": other,
+            "total": self.total,
+        }
+        return {name: round(size * 8 / points, 6) if points else None for name, size in sizes.items()}
+
+
+def times_ms(seconds: list[float]) -> dict[str, float | None]:
+    """Mean, median and 99th percentile of times, in milliseconds; None for all of them when there is none."""
+    if not seconds:
+        return {"mean": None, "p50": None, "p99": None}
+    ms = np.array(seconds) * 1e3
+    p50, p99 = np.percentile(ms, [50, 99])
+    return {"mean": round(float(ms.mean()), 3), "p50": round(float(p50), 3), "p99": round(float(p99), 3)}

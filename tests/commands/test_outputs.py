@@ -1,0 +1,105 @@
+"""What `decode` writes is read here by other programs' readers: a file that only we can read is worth nothing."""
+
+import json
+
+import dpkt
+import laspy
+import numpy as np
+import pytest
+
+from lidarcodec.commands.outputs import check_output, open_output
+from lidarcodec.errors import SettingsError
+from lidarcodec.pipeline import frames_of
+from tests.packets import sensor, turning
+
+
+@pytest.fixture
+def frames():
+    return list(frames_of(turning(60), sensor(), "packets:29"))
+
+
+@pytest.fixture
+def written(frames, tmp_path):
+    def write(name):
+        path = tmp_path / name
+        output = open_output(path)
+        for frame in frames:
+            output.write(frame)
+        output.close()
+        return path
+
+    return write
+
+
+def test_pcap_holds_the_packets_and_their_times(written):
+    packets = turning(60)
+    with written("out.pcap").open("rb") as file:
+        found = [
+            (round(stamp * 10**9), dpkt.ethernet.Ethernet(data).data.data) for stamp, data in dpkt.pcap.Reader(file)
+        ]
+    assert [stamp for stamp, _ in found] == [packet.stamp_ns for packet in packets]
+    assert [bytes(udp.data) for _, udp in found] == [packet.payload for packet in packets]
+    assert {udp.dport for _, udp in found} == {2368}
+
+
+def test_npz_holds_the_images_as_they_are(written, frames):
+    found = np.load(written("out.npz"))
+    for number, frame in enumerate(frames):
+        for name in ("range", "intensity", "azimuth", "fired"):
+            np.testing.assert_array_equal(found[f"{number:06d}/{name}"], getattr(frame, name))
+        assert found[f"{number:06d}/stamp_ns"] == frame.stamp_ns
+        calibration = found[f"calibration/{found[f'{number:06d}/calibration']}"]
+        np.testing.assert_array_equal(calibration, frame.sensor.calibration.table)
+    assert len(found["calibration/fields"]) == len(found["calibration/steps"]) == len(calibration)
+
+
+def read_ply(path):
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    names = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4"}
+    words = [line.split() for line in head.decode().splitlines()]
+    count = next(int(line[2]) for line in words if line[:2] == ["element", "vertex"])
+    dtype = np.dtype([(line[2], names[line[1]]) for line in words if line[0] == "property"])
+    assert len(body) == count * dtype.itemsize
+    return np.frombuffer(body, dtype)
+
+
+def test_ply_holds_every_point_of_every_frame(written, frames):
+    found = read_ply(written("out.ply"))
+    clouds = [frame.cloud() for frame in frames]
+    assert len(found) == sum(map(len, clouds))
+    for name in ("x", "y", "z", "intensity", "laser", "ring"):
+        np.testing.assert_array_equal(found[name], np.concatenate([cloud[name] for cloud in clouds]))
+    np.testing.assert_array_equal(
+        found["frame"], np.repeat([frame.index for frame in frames], [len(cloud) for cloud in clouds])
+    )
+    times = np.concatenate([cloud["t_ns"] for cloud in clouds]) - frames[0].stamp_ns
+    np.testing.assert_allclose(found["t"], times * 1e-9, atol=1e-9)
+
+
+def test_las_holds_every_point_to_the_millimetre(written, frames):
+    found = laspy.read(written("out.las"))
+    cloud = np.concatenate([frame.cloud() for frame in frames])
+    assert len(found.points) == len(cloud)
+    for axis in "xyz":
+        np.testing.assert_allclose(found[axis], cloud[axis], atol=0.000501)
+    np.testing.assert_array_equal(found.intensity // 257, cloud["intensity"])
+    np.testing.assert_array_equal(found.point_source_id, cloud["laser"])
+    np.testing.assert_allclose(found.gps_time, cloud["t_ns"] * 1e-9, atol=1e-6)
+
+
+def test_a_folder_gets_a_scan_for_each_frame_as_kitti_orders_them(written, frames):
+    folder = written("scans")
+    stamps = json.loads((folder / "timestamps.json").read_text())
+    assert list(stamps) == ["000000.bin", "000001.bin", "000002.bin"]
+    assert list(stamps.values()) == [frame.stamp_ns for frame in frames]
+    for name, frame in zip(stamps, frames, strict=True):
+        rows = np.fromfile(folder / name, "<f4").reshape(-1, 4)
+        cloud = frame.cloud()
+        cloud = cloud[np.argsort(cloud["ring"], kind="stable")]
+        np.testing.assert_array_equal(rows[:, 0], cloud["x"])
+        np.testing.assert_array_equal(np.rint(rows[:, 3] * 255), cloud["intensity"])
+
+
+def test_an_ending_that_nobody_writes_is_refused_before_anything_is_read(tmp_path):
+    with pytest.raises(SettingsError, match=r"\.las"):
+        check_output(tmp_path / "cloud.obj")

@@ -1,0 +1,64 @@
+"""`--set` is how users reach every setting: a key that lands in the wrong place, or nowhere, would go unnoticed."""
+
+import pytest
+
+from lidarcodec.commands.settings import one_setting, sweep
+from lidarcodec.errors import SettingsError, UnknownNameError
+
+
+def test_a_field_of_the_stream_goes_to_the_stream_and_another_to_the_codec():
+    settings = one_setting("zstd", ["max_error_m=0.01", "level=9"])
+    assert settings.codec == "zstd"
+    assert settings.max_error_m == 0.01
+    assert settings.codec_settings == {"level": 9}
+
+
+def test_values_are_json_scalars_and_anything_else_is_text():
+    settings = one_setting(None, ["intensity=levels=16", "max_error_m=null", "framing=packets:29"])
+    assert settings.intensity == "levels=16"
+    assert settings.max_error_m is None
+    assert settings.framing == "packets:29"
+
+
+@pytest.mark.parametrize("pair", ["level=[1,2]", 'level={"a":1}', "level=nine", "level=NaN"])
+def test_a_value_of_the_wrong_kind_is_refused_with_its_key(pair):
+    with pytest.raises(SettingsError, match="level"):
+        one_setting("zstd", [pair])
+
+
+def test_an_unknown_key_is_refused_by_name_and_the_known_ones_are_listed():
+    with pytest.raises(SettingsError, match=r"'colour'.*level"):
+        one_setting("pcodec", ["colour=red"])
+
+
+@pytest.mark.parametrize("pair", ["level", "=3", ""])
+def test_what_is_no_pair_is_refused(pair):
+    with pytest.raises(SettingsError, match="key=value"):
+        one_setting("zstd", [pair])
+
+
+def test_a_key_given_twice_is_refused_instead_of_the_last_one_winning():
+    with pytest.raises(SettingsError, match="twice"):
+        one_setting("zstd", ["level=3", "level=9"])
+    with pytest.raises(SettingsError, match="twice"):
+        one_setting("zstd", ["codec=pcodec"])
+
+
+def test_an_unknown_codec_names_those_there_are():
+    with pytest.raises(UnknownNameError, match="choose one of raw, zstd, pcodec"):
+        one_setting("mp3", [])
+
+
+def test_a_sweep_is_every_combination_in_order():
+    found = sweep("zstd,pcodec", ["max_error_m=0,0.02", "framing=packets:29,revolution"])
+    assert [(s.codec, s.max_error_m, s.framing) for s in found] == [
+        (codec, bound, framing)
+        for codec in ("zstd", "pcodec")
+        for bound in (0, 0.02)
+        for framing in ("packets:29", "revolution")
+    ]
+
+
+def test_one_bad_value_of_a_sweep_is_refused_before_anything_is_measured():
+    with pytest.raises(SettingsError, match="max_error_m"):
+        sweep("zstd", ["max_error_m=0,-1"])

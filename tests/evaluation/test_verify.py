@@ -1,0 +1,92 @@
+"""`verify` is what a user trusts a recording by: it must find the right packets again and miss no wrong one."""
+
+import numpy as np
+import pytest
+
+from lidarcodec.commands.verify import broken_promises
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.verify import Comparison, PacketsByTime
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import frames_of
+from lidarcodec.settings import StreamSettings
+from tests.packets import UPPER, payload, sensor, turning
+
+
+def frames(packets, size=10):
+    return list(frames_of(packets, sensor(), f"packets:{size}"))
+
+
+def compared(decoded, source):
+    comparison, packets = Comparison(), PacketsByTime(source)
+    for frame in decoded:
+        comparison.add(frame, packets)
+    return comparison, packets
+
+
+def test_the_same_packets_are_identical():
+    found, packets = compared(frames(turning(60)), turning(60))
+    assert found.packets_identical
+    assert (found.packets, packets.passed, found.errors.max_error_m) == (60, 0, 0)
+    assert broken_promises(StreamSettings(), found) == []
+
+
+def test_frames_that_are_missing_in_the_recording_are_passed_over():
+    decoded = frames(turning(60))
+    found, packets = compared([decoded[1], decoded[4]], turning(60))
+    assert found.packets_identical
+    assert (found.frames, packets.passed) == (2, 30)
+
+
+def test_one_byte_that_differs_is_found():
+    source = turning(60)
+    wrong = bytearray(source[33].payload)
+    wrong[700] ^= 1
+    source[33] = Packet(bytes(wrong), source[33].stamp_ns)
+    found, _ = compared(frames(turning(60)), source)
+    assert not found.packets_identical
+    assert found.identical_packets == 59
+    assert broken_promises(StreamSettings(), found)
+
+
+def test_a_packet_that_the_source_lacks_is_not_made_up():
+    source = turning(60)
+    del source[20:30]
+    found, _ = compared(frames(turning(60)), source)
+    assert found.not_in_source == 1
+    assert "1 frames are not in the source" in broken_promises(StreamSettings(), found)
+
+
+def test_packets_of_one_time_are_told_apart_by_their_bytes():
+    source = [Packet(packet.payload, packet.stamp_ns // 10**8 * 10**8) for packet in turning(60)]
+    decoded = frames(source)
+    found, packets = compared([decoded[2], decoded[5]], source)
+    assert found.packets_identical
+    assert packets.passed == 40
+
+
+def test_another_drive_of_the_same_time_is_refused():
+    rng = np.random.default_rng(2)
+    upper_only = [(UPPER, 18 * block) for block in range(12)]
+    other = [Packet(payload(upper_only, rng), packet.stamp_ns) for packet in turning(60)]
+    with pytest.raises(SourceError, match="not made from this source"):
+        compared(frames(turning(60)), other)
+
+
+@pytest.mark.parametrize(("steps", "kept"), [(5, True), (6, False)])
+def test_a_bound_is_held_to_the_step(steps, kept):
+    decoded = [
+        frame.with_(range=np.where(frame.range > 100, frame.range - np.uint16(steps), frame.range))
+        for frame in frames(turning(20))
+    ]
+    found, _ = compared(decoded, turning(20))
+    assert found.errors.max_error_m == pytest.approx(steps * 0.002)
+    assert (broken_promises(StreamSettings(max_error_m=0.01), found) == []) is kept
+
+
+def test_a_return_that_is_lost_or_invented_breaks_every_promise():
+    frame = frames(turning(10))[0]
+    changed = frame.range.copy()
+    changed[3, 4], changed[10, 5] = 0, 4000
+    found, _ = compared([frame.with_(range=np.where(frame.range[3, 4] > 0, changed, frame.range))], turning(10))
+    assert found.errors.lost + found.errors.invented > 0
+    assert any("lost" in text for text in broken_promises(StreamSettings(max_error_m=20.0), found))

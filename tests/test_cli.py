@@ -1,0 +1,227 @@
+"""The command line as a user runs it: real processes, their exit codes, and what they write where."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
+
+
+def run(*words, **environment):
+    clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
+    return subprocess.run(
+        [*COMMAND, *map(str, words)], capture_output=True, text=True, env=clean | environment, timeout=100, check=False
+    )
+
+
+def the_one_line(result):
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["benhc"], "bench"),
+        (["bench"], "SOURCE"),
+        (["bench", "sim:city", "--frmes", "3"], "--frames"),
+        (["bench", "sim:city", "--frames", "0"], "--frames"),
+        (["bench", "sim:city", "--frames", "2", "--codec", "mp3"], "choose one of raw, zstd, pcodec"),
+        (["bench", "sim:city", "--frames", "2", "--set", "colour=red"], "'colour'"),
+        (["bench", "sim:city", "--frames", "2", "--set", "max_error_m=-1"], "max_error_m"),
+        (["bench", "sim:city", "--frames", "2", "--set", "level"], "key=value"),
+        (["bench", "sim:city"], "--frames N"),
+        (["bench", "sim:moon?frames=1"], "moon"),
+        (["bench", "http://example.org/x.pcap"], "http"),
+        (["simulate", "sim:city", "out.txt", "--frames", "1"], ".pcap"),
+        (["decode", "in.mcap", "out.xyz"], ".las"),
+        (["info", "--message", "3"], "recording"),
+    ],
+)
+def test_wrong_usage_is_one_line_that_says_what_to_do_and_code_2(words, says):
+    result = run(*words)
+    assert result.returncode == 2, result.stderr
+    assert says in the_one_line(result)
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["info", "no-such-file.pcap"], "no-such-file.pcap"),
+        (["bench", "no-such-file.pcap"], "no-such-file.pcap"),
+        (["decode", "no-such-file.mcap", "out.pcap"], "no-such-file.mcap"),
+        (["verify", "no-such-file.mcap", "sim:city?frames=1"], "no-such-file.mcap"),
+        (["encode", "sim:city?frames=1", "no-such-folder/out.mcap"], "no-such-folder"),
+        (["bench", "sim:city?frames=1", "--calibration", "no-such-file.yaml"], "no-such-file.yaml"),
+    ],
+)
+def test_failed_work_is_one_line_and_code_1(words, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
+    result = run(*words)
+    assert result.returncode == 1, result.stderr
+    assert says in the_one_line(result)
+
+
+def test_a_file_that_is_no_capture_is_refused_by_name(tmp_path):
+    path = tmp_path / "holiday.pcap"
+    path.write_bytes(b"\xff\xd8\xff\xe0 not a capture" * 100)
+    result = run("info", path)
+    assert result.returncode == 1
+    assert "holiday.pcap" in the_one_line(result)
+
+
+def test_another_sensor_is_refused_by_name(data_file):
+    result = run("bench", data_file("vlp16_sampleshort.pcap"))
+    assert result.returncode == 1
+    assert "VLP-16" in the_one_line(result)
+
+
+def test_debug_shows_the_traceback_wherever_it_stands():
+    for words in (["--debug", "info", "nowhere.pcap"], ["info", "nowhere.pcap", "--debug"]):
+        result = run(*words)
+        assert result.returncode == 1
+        assert "Traceback" in result.stderr
+    assert "Traceback" in run("info", "nowhere.pcap", LIDARCODEC_DEBUG="1").stderr
+
+
+def test_without_a_command_the_help_is_shown_and_help_answers_at_once():
+    assert "Commands:" in run().stderr
+    assert run().returncode == 2
+    started = time.monotonic()
+    shown = run("--help")
+    assert time.monotonic() - started < 5
+    assert shown.returncode == 0
+    assert "bench" in shown.stdout
+
+
+def test_every_option_has_an_environment_variable():
+    result = run(
+        "bench", "sim:city", "--json", LIDARCODEC_CODEC="zstd", LIDARCODEC_FRAMES="1", LIDARCODEC_SET="level=1"
+    )
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert [entry["codec"] for entry in found] == ["zstd"]
+    assert found[0]["settings"]["codec_settings"] == {"level": 1}
+    assert found[0]["frames"] == 1
+
+
+BENCH_FIELDS = {
+    "source", "codec", "settings", "frames", "points", "points_per_frame", "bits_per_point", "ratio", "kbps_at_10hz",
+    "rmse_m", "max_error_m", "psnr_db", "kept_fraction", "lost", "invented", "bits_per_kept_point", "packets_identical",
+    "calibration", "encode_ms", "decode_ms", "version",
+}  # fmt: skip
+
+
+def test_bench_prints_one_object_a_codec_and_setting_with_every_field(tmp_path):
+    picture = tmp_path / "bench.png"
+    result = run(
+        "bench", "sim:city", "--codec", "zstd,pcodec", "--set", "max_error_m=0,0.02", "--frames", 2, "--skip", 1,
+        "--plot", picture, "--json",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    found = json.loads(result.stdout)
+    assert [(entry["codec"], entry["settings"]["max_error_m"]) for entry in found] == [
+        ("zstd", 0.0),
+        ("zstd", 0.02),
+        ("pcodec", 0.0),
+        ("pcodec", 0.02),
+    ]
+    for entry in found:
+        assert entry.keys() == BENCH_FIELDS
+        bits = entry["bits_per_point"]
+        parts = ("geometry", "intensity", "azimuth", "side", "header")
+        assert bits["total"] == pytest.approx(sum(bits[part] for part in parts), abs=1e-5)
+        assert bits["geometry"] == pytest.approx(bits["range"] + bits["mask"], abs=1e-5)
+        assert entry["frames"] == 2
+        assert (entry["lost"], entry["invented"], entry["kept_fraction"]) == (0, 0, 1)
+        lossless = entry["settings"]["max_error_m"] == 0
+        assert entry["packets_identical"] is lossless
+        assert (entry["psnr_db"] is None) is lossless
+        assert entry["max_error_m"] <= (0 if lossless else 0.02)
+        assert entry["kbps_at_10hz"] == pytest.approx(348 * 1206 * 8 * 10 / 1000 / entry["ratio"], rel=1e-4)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_work_with_code_0_and_leaves_a_file_that_reads(number, tmp_path):
+    out = tmp_path / "drive.mcap"
+    with subprocess.Popen([*COMMAND, "encode", "sim:city?frames=100000", str(out)], stderr=subprocess.PIPE) as process:
+        deadline = time.monotonic() + 60
+        while (not out.exists() or out.stat().st_size < 300_000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(number)
+        _, complaint = process.communicate(timeout=30)
+        assert process.returncode == 0, complaint
+    found = json.loads(run("info", out, "--json").stdout)
+    assert found["messages"] >= 1
+    assert run("decode", out, tmp_path / "back.pcap").returncode == 0
+
+
+def payloads(path):
+    """Payloads of a capture of ours: 24 bytes, then 16 + 42 + 1206 for each packet."""
+    body = path.read_bytes()[24:]
+    assert len(body) % 1264 == 0
+    return [body[at + 58 : at + 1264] for at in range(0, len(body), 1264)]
+
+
+def test_what_was_encoded_comes_back_byte_for_byte_and_verify_says_so(tmp_path):
+    capture, recording, back = tmp_path / "drive.pcap", tmp_path / "drive.mcap", tmp_path / "back.pcap"
+    assert run("simulate", "sim:city?seed=3", capture, "--frames", 3).returncode == 0
+    assert run("encode", capture, recording).returncode == 0
+    assert run("decode", recording, back).returncode == 0
+    assert payloads(back) == payloads(capture)
+    found = json.loads(run("verify", recording, capture, "--json").stdout)
+    assert (found["packets_identical"], found["max_error_m"], found["lost"]) == (True, 0, 0)
+
+
+def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):
+    recording = tmp_path / "drive.mcap"
+    source = "sim:city?frames=3"
+    assert run("encode", source, recording, "--set", "max_error_m=0.05", "--skip", 1).returncode == 0
+    result = run("verify", recording, source, "--json")
+    found = json.loads(result.stdout)
+    assert result.returncode == 0, result.stderr
+    assert 0 < found["max_error_m"] <= 0.05
+    assert found["packets_identical"] is False
+    other = run("verify", recording, "sim:city?frames=3&seed=77")
+    assert other.returncode == 1
+
+
+def test_a_cut_recording_decodes_as_far_as_it_goes_with_a_warning_and_code_0(tmp_path):
+    recording = tmp_path / "drive.mcap"
+    assert run("encode", "sim:city?frames=3", recording).returncode == 0
+    whole = recording.read_bytes()
+    recording.write_bytes(whole[: len(whole) * 2 // 3])
+    result = run("decode", recording, tmp_path / "back.pcap")
+    assert result.returncode == 0, result.stderr
+    assert "warning" in the_one_line(result)
+    recording.write_bytes(whole[:40])
+    assert run("decode", recording, tmp_path / "nothing.pcap").returncode == 1
+
+
+def test_info_explains_a_recording_and_each_message(tmp_path):
+    recording = tmp_path / "drive.mcap"
+    assert run("encode", "sim:city?frames=2", recording).returncode == 0
+    found = json.loads(run("info", recording, "--json").stdout)
+    assert found["messages"] == 2
+    dump = run("info", recording, "--message", 1)
+    assert dump.returncode == 0
+    assert "checksum" in dump.stdout
+    assert "as computed" in dump.stdout
+    assert run("info", recording, "--message", 2).returncode == 2
+
+
+def test_info_without_a_source_reports_this_installation():
+    found = json.loads(run("info", "--json", LIDARCODEC_SET="max_error_m=0.01").stdout)
+    assert {"versions", "extras", "ports", "clock", "settings"} <= found.keys()
+    assert found["settings"]["max_error_m"] == "0.01 (LIDARCODEC_SET)"
+    assert found["settings"]["codec"] == "pcodec (default)"
