@@ -1,0 +1,131 @@
+"""RecordingSource: the packets of a recording, as they were recorded, or decoded from its messages."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import IO, Final, Literal
+
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import DecodeError, MissingReferenceError, SourceError, UnknownNameError
+from lidarcodec.frame import Frame
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.recording import RecordingReader
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.capture import STATUS_PACKETS
+from lidarcodec.sources.spec import Spec
+from lidarcodec.wire import unpack
+
+Channel = Literal["packets", "messages"]
+CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
+
+
+class RecordingSource(PacketSource):
+    """Packets of a recording; from its raw packets if it has any, else decoded from its messages.
+
+    channel: "packets" or "messages", which of the two is read
+    Counts: `truncated` (1 if the file was cut), `damaged`, `undecoded messages`, `missing references`, `frames without
+    packets` (they never were packets).
+    """
+
+    def __init__(
+        self, path: Path, calibration: Path | None = None, channel: Channel | None = None, topic: str | None = None
+    ) -> None:
+        """Reads the beginning.
+
+        channel: "packets" or "messages", where there are both;  topic: of the MCAP channel, else its first is read
+        Raises SourceError if this is no recording or has nothing that can be read, PacketError for packets of another
+        sensor, CalibrationError.
+        """
+        self.path, self._topic = path, topic
+        first = [] if channel == "messages" else list(islice(self._raw(Counter()), STATUS_PACKETS))
+        self.channel: Channel = "packets" if first else "messages"
+        failed: list[DecodeError] = []
+        frame = next(self._frames(Counter(), failed), None) if channel != "packets" else None
+        if not first and frame is None:
+            why = f": {failed[0]}" if failed else f" and no {channel}" * bool(channel)
+            raise SourceError(f"{path} has no frame that can be decoded{why}")
+        super().__init__(_sensor(path, calibration, [packet.payload for packet in first], frame))
+        self.start_ns = first[0].stamp_ns if first else frame.stamp_ns if frame else None
+        self.label = f"recording {path.name}, {'raw packets' if first else 'decoded messages'}"
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> RecordingSource:
+        """The source that a path with options `?read=packets|messages` and `?topic=` names."""
+        spec.only("read", "topic")
+        text = spec.options.get("read")
+        channel = next((c for c in CHANNELS if c == text), None)
+        if text is not None and channel is None:
+            raise UnknownNameError("part of a recording", text, CHANNELS)
+        return cls(spec.path, calibration, channel, spec.options.get("topic"))
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets in the order of the recording, from its beginning at each call."""
+        if self.channel == "packets":
+            source = self._raw(self.counts)
+        else:
+            source = (packet for frame in self.frames() for packet in self._packets_of(frame))
+        for packet in source:
+            if self.closed:
+                return
+            yield packet
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames as decoded from the messages, from the first at each call; what does not decode is counted."""
+        return self._frames(self.counts, [])
+
+    def _packets_of(self, frame: Frame) -> list[Packet]:
+        try:
+            return packets_of(frame)
+        except DecodeError:
+            self.counts["frames without packets"] += 1
+            return []
+
+    def _raw(self, counts: Counter[str]) -> Iterator[Packet]:
+        with self._open() as file:
+            reader = RecordingReader(file)
+            yield from reader.packets(topic=self._topic)
+            _note(reader, counts)
+
+    def _frames(self, counts: Counter[str], failed: list[DecodeError]) -> Iterator[Frame]:
+        decoder = StreamDecoder()
+        with self._open() as file:
+            reader = RecordingReader(file)
+            for _, data in reader.messages(topic=self._topic):
+                try:
+                    yield from decoder.decode(unpack(data))
+                except DecodeError as error:
+                    missing = isinstance(error, MissingReferenceError)
+                    counts["missing references" if missing else "undecoded messages"] += 1
+                    failed.append(error)
+                    del failed[1:]
+            yield from decoder.flush()
+            _note(reader, counts)
+
+    def _open(self) -> IO[bytes]:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise SourceError(f"cannot open {self.path}: {error.strerror or error}") from None
+
+
+def _note(reader: RecordingReader, counts: Counter[str]) -> None:
+    """Take over what the reader noticed."""
+    if reader.counts["cut"]:
+        counts["truncated"] = 1
+    if reader.counts["damaged"]:
+        counts["damaged"] = reader.counts["damaged"]
+
+
+def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: Frame | None) -> SensorModel:
+    """Of packets as for a capture, and rather that of a message than a generic one; else that of the messages."""
+    if not payloads and frame is not None:
+        return frame.sensor if calibration is None else read_calibration(calibration, "given")
+    identify_stream(payloads)
+    sensor = find_calibration(path, calibration, payloads)
+    return frame.sensor if frame is not None and sensor.origin == "generic" else sensor
