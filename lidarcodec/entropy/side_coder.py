@@ -192,7 +192,7 @@ def _pack_blocks(irregular: npt.NDArray[np.uint8], second: npt.NDArray[np.uint8]
     planes = (steps & 0xFF).astype(np.uint8), (steps >> 8).astype(np.uint8), returns[..., 2]
     raw = irregular.tobytes() + b"".join(plane.T.tobytes() for plane in planes)
     packed = zstandard.ZstdCompressor(level=3).compress(raw) if raw else raw
-    return min(packed, raw, key=len)
+    return packed if len(packed) < len(raw) else raw  # of the same size it would be read as blocks as they are
 
 
 def _unpack_blocks(
