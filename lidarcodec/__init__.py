@@ -7,6 +7,8 @@ from lidarcodec.errors import LidarCodecError
 
 if TYPE_CHECKING:
     from lidarcodec.api import decode, encode, read_frames
+    from lidarcodec.apps.publish import Publisher
+    from lidarcodec.apps.subscribe import LiveStream, subscribe
     from lidarcodec.assembly import packets_of
     from lidarcodec.frame import Frame
     from lidarcodec.message import Message
@@ -15,14 +17,18 @@ if TYPE_CHECKING:
     from lidarcodec.sensor_model import SensorModel
     from lidarcodec.settings import StreamSettings
     from lidarcodec.sources import open_source
+    from lidarcodec.transport import Endpoints
     from lidarcodec.wire import pack, unpack
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "Endpoints": "transport",
     "Frame": "frame",
+    "LiveStream": "apps.subscribe",
     "Message": "message",
     "Packet": "packet",
+    "Publisher": "apps.publish",
     "SensorModel": "sensor_model",
     "StreamDecoder": "pipeline",
     "StreamEncoder": "pipeline",
@@ -33,15 +39,19 @@ _HOME = {
     "pack": "wire",
     "packets_of": "assembly",
     "read_frames": "api",
+    "subscribe": "apps.subscribe",
     "unpack": "wire",
 }
 """Where each public name lives; it is imported on first use, so that `import lidarcodec` costs nothing."""
 
 __all__ = [
+    "Endpoints",
     "Frame",
     "LidarCodecError",
+    "LiveStream",
     "Message",
     "Packet",
+    "Publisher",
     "SensorModel",
     "StreamDecoder",
     "StreamEncoder",
@@ -53,6 +63,7 @@ __all__ = [
     "pack",
     "packets_of",
     "read_frames",
+    "subscribe",
     "unpack",
 ]
 

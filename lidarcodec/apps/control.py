@@ -1,0 +1,78 @@
+"""What a publisher answers on its control keys: JSON in, JSON out, and never an exception.
+
+An error is `{"error": what is wrong and what would be right, "field": the setting or null}`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.settings import StreamSettings
+
+logger = logging.getLogger(__name__)
+
+MAX_QUERY_BYTES = 64 * 1024
+
+
+class Applied(NamedTuple):
+    """What became of a change: the settings in force, the first frame under them, whether a key frame comes."""
+
+    settings: StreamSettings
+    first_frame: int
+    key: bool
+
+
+def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSettings:
+    """Settings with some fields changed, checked as a whole against the codec that they name.
+
+    Raises SettingsError or UnknownNameError; nothing is half taken.
+    """
+    for field in changes:
+        if field not in StreamSettings.model_fields:
+            known = ", ".join(StreamSettings.model_fields)
+            raise SettingsError(f"unknown setting '{field}': known are {known}", field)
+    return table.check(settings.changed(**changes))
+
+
+def field_of(error: LidarCodecError) -> str | None:
+    """The setting that an error is about."""
+    if isinstance(error, SettingsError):
+        return error.field
+    return "codec" if isinstance(error, UnknownNameError) else None
+
+
+def object_of(data: bytes) -> dict[str, Any]:
+    """The JSON object of a query; an empty query is an empty object.
+
+    Raises SettingsError.
+    """
+    if len(data) > MAX_QUERY_BYTES:
+        raise SettingsError(f"a query of {len(data)} bytes: at most {MAX_QUERY_BYTES}")
+    try:
+        values = json.loads(data or b"{}")
+    except (ValueError, RecursionError):
+        raise SettingsError("the query is no JSON") from None
+    if not isinstance(values, dict):
+        raise SettingsError("the query is no JSON object")
+    return values
+
+
+def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[bytes], bytes]:
+    """A query handler: object in, object out; whatever goes wrong is told to whoever asked."""
+
+    def handle(data: bytes) -> bytes:
+        try:
+            out = answer(object_of(data))
+        except LidarCodecError as error:
+            out = {"error": str(error), "field": field_of(error)}
+        except Exception:
+            logger.exception("a control query failed")
+            out = {"error": "internal error; the publisher's log has the details", "field": None}
+        return json.dumps(out).encode()
+
+    return handle

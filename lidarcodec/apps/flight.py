@@ -1,0 +1,191 @@
+"""Flight: which messages are under way, and whether the next one may go.
+
+Measured, nothing bounds latency better than one message in flight until its receiver reports arrival: it sees the
+buffers of every modem and router further along, which no setting of ours does (ECOSYSTEM 1.4). With a long round trip
+one leaves the link idle, so the number is 1 + round(round-trip time / time to send one).
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+from lidarcodec.apps.timings import Timings, percentile
+from lidarcodec.transport.keys import SERVER_RECEIVER
+
+LIMIT_S = 1.0
+"""How long a receiver may leave a message without a report before the next one goes all the same."""
+FORGET_S = 10.0
+"""A receiver without a liveliness token that reported nothing for so long is gone."""
+MAX_IN_FLIGHT = 4
+SHORT_PATH_S = 0.010
+"""Below this round trip one message in flight leaves no link idle that matters."""
+REMEMBERED = 16
+MAX_RECEIVERS = 64
+
+
+class Flight:
+    """Messages under way to the receiver that is followed. Thread-safe.
+
+    timeouts: messages that went without the report of the one before; arrive_ms: put to report
+    """
+
+    def __init__(
+        self, follow: str | None = None, clock: Callable[[], float] = time.monotonic, limit_s: float = LIMIT_S
+    ) -> None:
+        self._condition = threading.Condition()
+        self._clock = clock
+        self._follow, self._limit_s = follow, limit_s
+        self._alive: OrderedDict[str, float | None] = OrderedDict()  # None: has a token; else time of the last report
+        self._sent: OrderedDict[int, float] = OrderedDict()
+        self._open: set[int] = set()
+        self._last_report = float("-inf")
+        self._send_s: list[float] = []
+        self._rtt_s: dict[str, float] = {}
+        self.timeouts = 0
+        self.arrive_ms = Timings()
+
+    @property
+    def following(self) -> str | None:
+        """The receiver whose reports count: the one that was named, else the server, else the first that came."""
+        with self._condition:
+            return self._following()
+
+    @property
+    def receivers(self) -> list[str]:
+        """Those that report."""
+        with self._condition:
+            return list(self._alive)
+
+    def follow(self, name: str | None) -> None:
+        """Follow this receiver when it is there; None: the server, else the first."""
+        with self._condition:
+            self._switch(lambda: setattr(self, "_follow", name))
+
+    def came(self, name: str) -> None:
+        """A receiver that will report is there."""
+        with self._condition:
+            if name in self._alive or len(self._alive) < MAX_RECEIVERS:
+                self._switch(lambda: self._alive.__setitem__(name, None))
+
+    def went(self, name: str) -> None:
+        """A receiver is gone."""
+        with self._condition:
+            self._rtt_s.pop(name, None)
+            self._switch(lambda: self._alive.pop(name, None))
+
+    def round_trip(self, name: str, rtt_s: float) -> None:
+        """What a receiver measured as the round trip."""
+        with self._condition:
+            if name in self._alive and 0.0 <= rtt_s <= 10.0:
+                self._rtt_s[name] = rtt_s
+                self._condition.notify_all()
+
+    def sent(self, index: int) -> None:
+        """A message was put."""
+        with self._condition:
+            self._sent[index] = self._clock()
+            while len(self._sent) > REMEMBERED:
+                self._open.discard(self._sent.popitem(last=False)[0])
+            if self._following() is not None:
+                self._open.add(index)
+
+    def reported(self, name: str, index: int) -> None:
+        """A receiver has the message, and with it none of those before is under way any more."""
+        now = self._clock()
+        with self._condition:
+            if self._alive.get(name, now) is not None:  # no token: known by its reports only
+                if name not in self._alive and len(self._alive) >= MAX_RECEIVERS:
+                    return
+                self._alive[name] = now
+            if name != self._following() or index not in self._sent:
+                return
+            put = self._sent[index]
+            self.arrive_ms.add(1e3 * (now - put))
+            rtt = self._rtt_s.get(name, 0.0)
+            self._send_s = [*self._send_s[-8:], max(0.0, now - rtt - max(put, self._last_report - rtt))]
+            self._last_report = now
+            for one in [one for one in self._sent if one <= index]:
+                del self._sent[one]
+                self._open.discard(one)
+            self._condition.notify_all()
+
+    @property
+    def window(self) -> int:
+        """How many messages may be under way."""
+        with self._condition:
+            return self._window()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether the next message may go; waits for a report until then, at most `timeout_s`."""
+        end = self._clock() + timeout_s
+        with self._condition:
+            while not self._may_send():
+                left = min(end, self._due()) - self._clock()
+                if left <= 0:
+                    if self._due() <= self._clock():
+                        self.timeouts += 1
+                        self._open.clear()
+                        return True
+                    return False
+                self._condition.wait(left)
+            return True
+
+    def wait_landed(self, timeout_s: float) -> bool:
+        """Whether everything that was sent has arrived; waits for it, at most `timeout_s`."""
+        with self._condition:
+            return self._condition.wait_for(lambda: not self._open, timeout_s)
+
+    def wake(self) -> None:
+        """Have a `wait` look again."""
+        with self._condition:
+            self._condition.notify_all()
+
+    def state(self) -> dict[str, Any]:
+        """For the status: who reports, who is followed, and what is under way."""
+        with self._condition:
+            return {
+                "receivers": list(self._alive),
+                "following": self._following(),
+                "window": self._window(),
+                "in_flight": len(self._open),
+                "timeouts": self.timeouts,
+                "arrive_ms": self.arrive_ms.summary(),
+            }
+
+    def _following(self) -> str | None:
+        now = self._clock()
+        for name in [n for n, last in self._alive.items() if last is not None and now - last > FORGET_S]:
+            del self._alive[name]
+        for wanted in (self._follow, SERVER_RECEIVER):
+            if wanted in self._alive:
+                return wanted
+        return next(iter(self._alive), None)
+
+    def _switch(self, change: Callable[[], object]) -> None:
+        """Make a change; what is under way to a receiver that is not followed any more is not waited for."""
+        before = self._following()
+        change()
+        if self._following() != before:
+            self._open.clear()
+            self._send_s.clear()
+            self._last_report = float("-inf")
+        self._condition.notify_all()
+
+    def _window(self) -> int:
+        rtt = self._rtt_s.get(self._following() or "", 0.0)
+        send = percentile(sorted(self._send_s), 0.5)
+        if rtt < SHORT_PATH_S or not send:
+            return 1
+        return min(MAX_IN_FLIGHT, 1 + round(rtt / send))
+
+    def _may_send(self) -> bool:
+        return self._following() is None or len(self._open) < self._window()
+
+    def _due(self) -> float:
+        """When the oldest message under way has waited long enough; a path that needs long for one gets longer."""
+        limit = max(self._limit_s, 3 * (percentile(sorted(self._send_s), 0.5) or 0.0))
+        return min((self._sent[one] for one in self._open), default=float("-inf")) + limit

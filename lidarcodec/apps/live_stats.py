@@ -1,0 +1,116 @@
+"""ReceiverStats: what a receiver counts and measures of a stream. Bounded, whatever arrives."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from typing import Any
+
+from lidarcodec.apps.reports import COUNTED
+from lidarcodec.apps.timings import Timings
+from lidarcodec.frame import Frame
+from lidarcodec.wire import Header
+
+LATENCY_LIMIT_MS = 60_000.0
+"""A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
+
+
+def latency_ms(frame: Frame, now_ns: int) -> float | None:
+    """Host time of a frame's last packet to `now_ns`; None when the two clocks cannot be the same."""
+    last_ns = frame.stamp_ns
+    if frame.side is not None and frame.side.packets:
+        last_ns += int(frame.side.packet_ns[-1])
+    value = (now_ns - last_ns) / 1e6
+    return value if -1000.0 < value < LATENCY_LIMIT_MS else None
+
+
+class ReceiverStats:
+    """Counts of one receiver. Thread-safe.
+
+    gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
+    before_key: messages that came before the first key message of a stream, which is where a decoder can join
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._stream_id: int | None = None
+        self._next_index = 0
+        self._recent: deque[float] = deque(maxlen=64)
+        self.counts: Counter[str] = Counter()
+        self.latency_ms = Timings()
+        self.decode_ms = Timings()
+
+    @property
+    def stream_id(self) -> int | None:
+        """Of the publisher's current start."""
+        return self._stream_id
+
+    def arrived(self, header: Header, size: int) -> bool:
+        """Take a message's header. True: it begins another stream, or follows a gap."""
+        with self._lock:
+            self.counts["messages"] += 1
+            self.counts["bytes"] += size
+            broken = False
+            if header.stream_id != self._stream_id:
+                self.counts["restarts"] += self._stream_id is not None
+                self._stream_id = header.stream_id
+                broken = True
+            elif header.frame_index > self._next_index:
+                self.counts["gaps"] += 1
+                self.counts["missing"] += header.frame_index - self._next_index
+                broken = True
+            elif header.frame_index < self._next_index:
+                self.counts["out_of_order"] += 1
+            self._next_index = header.frame_index + header.frame_count
+            return broken
+
+    def decoded(self, frame: Frame, now_ns: int) -> float | None:
+        """Take a decoded frame; its latency in ms if that can be told."""
+        latency = latency_ms(frame, now_ns)
+        with self._lock:
+            self.counts["frames"] += 1
+            self.counts["clocks_apart"] += latency is None
+            self._recent.append(time.monotonic())
+        if latency is not None:
+            self.latency_ms.add(latency)
+        return latency
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count something else."""
+        with self._lock:
+            self.counts[what] += number
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second over the newest 64."""
+        with self._lock:
+            if len(self._recent) < 2 or time.monotonic() - self._recent[-1] > 5.0:
+                return None
+            return round((len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6), 2)
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, and percentiles of latency and decoding."""
+        with self._lock:
+            counts = dict(self.counts)
+        return {
+            **counts,
+            "fps": self.fps,
+            "latency_ms": self.latency_ms.summary(),
+            "decode_ms": self.decode_ms.summary(),
+        }
+
+    def report(self, errors: Counter[str], rtt_ms: float | None) -> dict[str, int | float | None]:
+        """What is told to the publisher once a second (`reports.COUNTED` and `reports.MEASURED`)."""
+        with self._lock:
+            counts = self.counts + errors
+        latency, decode = self.latency_ms.summary(), self.decode_ms.summary()
+        return {
+            **{name: counts[name] for name in COUNTED},
+            "fps": self.fps,
+            "latency_p50_ms": latency["p50"],
+            "latency_p99_ms": latency["p99"],
+            "decode_p50_ms": decode["p50"],
+            "decode_p99_ms": decode["p99"],
+            "rtt_ms": rtt_ms,
+        }

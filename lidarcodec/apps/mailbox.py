@@ -1,0 +1,88 @@
+"""Mailbox: one slot between two threads. Newest wins, and what was replaced is counted, never hidden.
+
+>>> mailbox = Mailbox[str]()
+>>> mailbox.put("old"), mailbox.put("new"), mailbox.take(0.1), mailbox.replaced
+(True, True, 'new', 1)
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Mailbox(Generic[T]):
+    """A slot for one item. Closing it ends every wait; what is in it can still be taken.
+
+    replaced: items that gave way to a newer one
+    """
+
+    def __init__(self, on_put: Callable[[], object] | None = None) -> None:
+        """on_put: called after every put and at close, for those who cannot wait in a thread; must not block."""
+        self._condition = threading.Condition()
+        self._item: T | None = None
+        self._closed = False
+        self._on_put = on_put
+        self.replaced = 0
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more will be put."""
+        return self._closed
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is closed and empty."""
+        with self._condition:
+            return self._closed and self._item is None
+
+    def put(self, item: T) -> bool:
+        """Leave an item, in place of one that was not taken yet. False, and nothing is left, once closed."""
+        with self._condition:
+            if self._closed:
+                return False
+            self.replaced += self._item is not None
+            self._item = item
+            self._condition.notify_all()
+        self._called()
+        return True
+
+    def put_wait(self, item: T, timeout_s: float) -> bool:
+        """Leave an item when the slot is free. False, and nothing is left, when that took too long, or once closed."""
+        with self._condition:
+            free = self._condition.wait_for(lambda: self._item is None or self._closed, timeout_s)
+            if self._closed or not free:
+                return False
+            self._item = item
+            self._condition.notify_all()
+        self._called()
+        return True
+
+    def take(self, timeout_s: float) -> T | None:
+        """The item, as soon as there is one; None when there was none in time, or once closed and empty."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._item is not None or self._closed, timeout_s)
+            item, self._item = self._item, None
+            self._condition.notify_all()
+            return item
+
+    def wait_empty(self, timeout_s: float) -> bool:
+        """Whether the slot became empty in time."""
+        end = time.monotonic() + timeout_s
+        with self._condition:
+            return self._condition.wait_for(lambda: self._item is None, max(0.0, end - time.monotonic()))
+
+    def close(self) -> None:
+        """Take no more; harmless when called twice."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+        self._called()
+
+    def _called(self) -> None:
+        if self._on_put is not None:
+            self._on_put()

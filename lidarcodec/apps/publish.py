@@ -1,0 +1,371 @@
+"""Publisher: packets of a source, live, to whoever subscribes.
+
+    source thread    packets -> assembler -> mailbox of one frame (newest wins)
+    encode thread    waits until the last message has arrived -> newest frame -> encoder -> bytes -> network
+    status thread    once a second: status as JSON
+
+The source is never held up by the encoder, nor the encoder by the network: what is too much is replaced in the mailbox,
+before it is encoded, and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from lidarcodec.apps.control import Applied, answered, settings_with
+from lidarcodec.apps.flight import LIMIT_S, Flight
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publish_source import FrameFeed
+from lidarcodec.apps.publish_status import StatusBoard
+from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
+from lidarcodec.apps.reports import read_arrival
+from lidarcodec.errors import TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.sources.base import Source
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.base import Closeable, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import pack
+
+logger = logging.getLogger(__name__)
+
+Rate = float | Literal["max"]
+KEY_INTERVAL_S = 0.5
+"""Requests for a key frame are merged: at most one in this time."""
+PATIENT_S = 30.0
+"""With rate `max` no frame is to be lost: a receiver that is there may take so long for each."""
+TICK_S = 0.2
+"""How soon a thread that waits sees that it should stop."""
+LAST_ARRIVAL_S = 2.0
+JOIN_S = 10.0
+
+
+class Publisher:
+    """Publishes one sensor. A context manager: starts on entering, stops on leaving.
+
+    source:    anything of `lidarcodec.open_source`; stays the caller's, but is closed on `stop`
+    rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
+               as fast as the receivers take them, with its own time stamps
+    endpoints: where to listen and connect; by default nothing leaves the machine. `transport` instead: one that is open
+    record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        settings: StreamSettings | None = None,
+        *,
+        vehicle: str = "vehicle",
+        sensor: str = "lidar",
+        rate: Rate | None = None,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        record: Path | None = None,
+        record_as: RecordAs = "packets",
+        record_limits: dict[str, int] | None = None,
+    ) -> None:
+        """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
+        self.keys = StreamKeys(vehicle, sensor)
+        self._encoder = StreamEncoder(settings)
+        self._encoding = threading.Lock()
+        self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
+        self._every = rate == "max" and not source.live
+        self._recorder = None
+        if record is not None:
+            self._recorder = BackgroundRecorder(record, self.keys, None, **(record_limits or {}))
+        self._stop = threading.Event()
+        self._done = threading.Event()
+        self._opened = threading.Event()
+        self._interrupted = False
+        self._declared: list[Closeable] = []
+        self._failure: BaseException | None = None
+        self._once = Once(logger)
+        self._mailbox: Mailbox[Frame] = Mailbox()
+        self._feed = FrameFeed(
+            source, self._mailbox, self.settings.framing, 10.0 if rate is None else rate, self._recorder, record_as
+        )
+        self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
+        self._board = StatusBoard(self.keys, self._encoder.stream_id)
+        self._matching = False
+        self._key_wanted = threading.Event()
+        self._last_key = float("-inf")
+        self._next_index = 0
+        self._threads = [
+            threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
+            threading.Thread(target=self._encode_frames, name="lidarcodec encoder", daemon=True),
+            threading.Thread(target=self._tell_status, name="lidarcodec status", daemon=True),
+        ]
+
+    @property
+    def settings(self) -> StreamSettings:
+        """The settings in force."""
+        return self._encoder.settings
+
+    @property
+    def stream_id(self) -> int:
+        """Random number of this start."""
+        return self._encoder.stream_id
+
+    def start(self) -> Self:
+        """Open the network and begin. A router that cannot be reached is tried again while the source runs.
+
+        Raises TransportError when the endpoints cannot be used.
+        """
+        if self._recorder is not None:
+            self._recorder.start()
+        for thread in self._threads:
+            thread.start()
+        self._opened.wait(3.0)
+        if isinstance(self._failure, TransportError):
+            self.stop()
+            raise self._failure
+        return self
+
+    def run(self) -> None:
+        """Start, and stay until the source ends, or `interrupt` or `stop` is called.
+
+        Raises what ended the source: SourceError, PacketError; TransportError when the endpoints cannot be used.
+        """
+        with self:
+            self.wait()
+        if self._failure is not None:
+            raise self._failure
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Whether the source has ended and everything was sent; waits for it, until interrupted."""
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while not self._done.is_set():
+            left = TICK_S if end is None else end - time.monotonic()
+            if left <= 0 or self._interrupted:
+                return False
+            self._done.wait(min(left, TICK_S))
+        return True
+
+    def interrupt(self) -> None:
+        """Have `run` and `wait` return soon. The one method for signal handlers: it takes no lock."""
+        self._interrupted = True
+
+    def stop(self) -> None:
+        """End everything: threads, network, recording, source. Harmless when called twice."""
+        self._stop.set()
+        self._done.set()
+        self._feed.close()
+        self._mailbox.close()
+        self._flight.wake()
+        current = threading.current_thread()
+        for thread in self._threads:
+            if thread.is_alive() and thread is not current:
+                thread.join(JOIN_S)
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._own_transport and self._transport is not None:
+            self._transport.close()
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def status(self) -> dict[str, Any]:
+        """What is told once a second on the status key (docs/live.md lists the fields)."""
+        return self._board.status(
+            settings=self.settings,
+            feed=self._feed,
+            flight=self._flight.state(),
+            errors=self._once.counts,
+            recording=None if self._recorder is None else self._recorder.state(),
+            matching=self._matching,
+            ended=self._done.is_set(),
+        )
+
+    def change(self, **changes: Any) -> Applied:
+        """Change settings between two frames, as a whole or not at all.
+
+        Raises SettingsError or UnknownNameError.
+        """
+        with self._encoding:
+            wanted = settings_with(self.settings, changes)
+            framing = wanted.framing != self.settings.framing
+            key = self._encoder.apply(wanted)
+            first = self._feed.reframe(wanted.framing) if framing else self._next_index
+            self._flight.follow(wanted.follow)
+        logger.info("settings changed from frame %d on: %s", first, changes)
+        return Applied(wanted, first, key)
+
+    def request_key(self) -> None:
+        """Have the next message be a key frame; requests within half a second are one."""
+        self._key_wanted.set()
+
+    # --- the source thread ------------------------------------------------------------------------------------------
+
+    def _feed_frames(self) -> None:
+        try:
+            self._feed.run(wait=self._every)
+        except Exception as error:
+            if not self._stop.is_set():
+                logger.warning("the source ended: %s", error)
+                self._failure = self._failure or error
+        finally:
+            self._mailbox.close()
+
+    # --- the encode thread ------------------------------------------------------------------------------------------
+
+    def _encode_frames(self) -> None:
+        try:
+            if self._transport is None:
+                self._transport = open_transport(self._endpoints, stop=self._stop)
+            sender = self._declare(self._transport)
+            self._opened.set()
+            self._send_frames(sender)
+        except TransportError as error:
+            if not self._stop.is_set():
+                self._failure = self._failure or error
+        finally:
+            for one in reversed(self._declared):  # the token first: receivers see the end after the last message
+                one.close()
+            self._opened.set()
+            self._done.set()
+
+    def _declare(self, transport: Transport) -> Sender:
+        keys = self.keys
+        self._declared += [
+            transport.watch(keys.arrived(), self._receiver_changed),
+            transport.listen(keys.arrived(), self._arrived),
+            transport.listen(keys.report(), self._reported),
+            transport.answer(keys.control_get, answered(self._answer_get)),
+            transport.answer(keys.control_set, answered(self._answer_set)),
+            transport.answer(keys.control_keyframe, answered(self._answer_keyframe)),
+        ]
+        sender = transport.sender(keys.frame, Priority.FRAMES, self._matched)
+        self._matching = sender.matching
+        self._declared += [sender, transport.token(keys.alive)]
+        return sender
+
+    def _send_frames(self, sender: Sender) -> None:
+        while not self._stop.is_set() and not self._mailbox.finished:
+            if not self._matching:
+                if self._every:
+                    self._stop.wait(TICK_S / 10)
+                elif self._mailbox.take(TICK_S) is not None:
+                    self._board.no_receiver += 1
+                continue
+            if not self._flight.wait(TICK_S):
+                continue
+            frame = self._mailbox.take(TICK_S)
+            if frame is not None:
+                self._send(sender, frame)
+        if not self._stop.is_set():
+            self._flush(sender)
+            self._flight.wait_landed(LAST_ARRIVAL_S)
+
+    def _send(self, sender: Sender, frame: Frame) -> None:
+        now = time.monotonic()
+        key = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
+        start = time.perf_counter()
+        try:
+            with self._encoding:
+                self._next_index = frame.index + 1
+                if key:
+                    self._key_wanted.clear()
+                messages = self._encoder.encode(frame, key=key)
+            data = [(message, pack(message)) for message in messages]
+        except Exception as error:  # whatever a codec does, the stream goes on with a key frame
+            self._once.add("encode errors", error)
+            self.request_key()
+            return
+        self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
+        for message, packed in data:
+            if message.key:
+                self._last_key = now
+            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+
+    def _put(self, sender: Sender, index: int, data: bytes, frames: int, *, key: bool) -> None:
+        self._flight.sent(index)
+        start = time.perf_counter()
+        try:
+            sender.put(data)
+        except TransportError as error:
+            self._once.add("put errors", error)
+            return
+        self._board.sent(index, len(data), frames, 1e3 * (time.perf_counter() - start), key=key)
+
+    def _flush(self, sender: Sender) -> None:
+        try:
+            with self._encoding:
+                data = [(message, pack(message)) for message in self._encoder.flush()]
+        except Exception as error:
+            self._once.add("encode errors", error)
+            return
+        for message, packed in data:
+            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+
+    # --- the status thread ------------------------------------------------------------------------------------------
+
+    def _tell_status(self) -> None:
+        while not self._opened.wait(1.0):
+            pass
+        if self._transport is None or self._failure is not None:
+            return
+        try:
+            sender = self._transport.sender(self.keys.status, Priority.STATUS)
+            while True:
+                ended = self._done.wait(1.0)
+                sender.put(self._board.packed(self.status()))
+                if ended:
+                    return
+        except TransportError as error:
+            if not self._stop.is_set():
+                self._once.add("status errors", error)
+
+    # --- handlers, in threads of the transport ----------------------------------------------------------------------
+
+    def _matched(self, matching: bool) -> None:
+        logger.info("%s: %s", self.keys.prefix, "somebody receives" if matching else "nobody receives")
+        if matching:
+            self.request_key()
+        self._matching = matching
+
+    def _receiver_changed(self, key: str, alive: bool) -> None:
+        name = key.rpartition("/")[2]
+        if alive and NAME_PATTERN.fullmatch(name):
+            self._flight.came(name)
+            self.request_key()
+        else:
+            self._flight.went(name)
+
+    def _arrived(self, key: str, data: bytes) -> None:
+        name = key.rpartition("/")[2]
+        index = read_arrival(data)
+        if index is not None and NAME_PATTERN.fullmatch(name):
+            self._flight.reported(name, index)
+
+    def _reported(self, key: str, data: bytes) -> None:
+        name = key.rpartition("/")[2]
+        rtt_ms = self._board.report(name, data)
+        if rtt_ms is not None:
+            self._flight.round_trip(name, rtt_ms / 1e3)
+
+    def _answer_get(self, query: dict[str, Any]) -> dict[str, Any]:
+        if "ping" in query:
+            return {"ping": query["ping"]}
+        return {"settings": self.settings.model_dump(), "status": self.status()}
+
+    def _answer_set(self, query: dict[str, Any]) -> dict[str, Any]:
+        applied = self.change(**{str(field): value for field, value in query.items()})
+        return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
+
+    def _answer_keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
+        merged = self._key_wanted.is_set()
+        self.request_key()
+        return {"first_frame": self._next_index, "merged": merged}
+
+
+__all__ = ["Publisher", "Rate"]

@@ -1,0 +1,136 @@
+"""FrameFeed: the packets of a source as frames in a mailbox. Never waits for whoever takes them, unless told to."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from typing import Literal
+
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
+from lidarcodec.assembly import Assembler
+from lidarcodec.errors import PacketError
+from lidarcodec.frame import Frame
+from lidarcodec.packet import Packet
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sources.base import Source
+from lidarcodec.sources.pacing import PacedSource
+from lidarcodec.units import FRAME_PACKETS, PACKET_INTERVAL_US
+
+NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
+"""Frames of 348 packets that a sensor sends in a second: 9.98."""
+RECORD_BATCH = FRAME_PACKETS
+TICK_S = 0.2
+
+
+class FrameFeed:
+    """Reads a source, assembles, and leaves each frame in the mailbox.
+
+    packets, frames: how many there were
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        mailbox: Mailbox[Frame],
+        framing: str,
+        rate: float | Literal["max"],
+        recorder: BackgroundRecorder | None,
+        record_as: RecordAs,
+    ) -> None:
+        self.source = source
+        self._paced = source
+        if rate != "max" and not source.live:
+            self._paced = PacedSource(source, speed=rate / NOMINAL_HZ, restamp=True)
+        self._mailbox, self._recorder, self._record_as = mailbox, recorder, record_as
+        self._lock = threading.Lock()
+        self._framing = self._wanted_framing = framing
+        self._assembler = Assembler(source.sensor, framing)
+        self._past: Counter[str] = Counter()
+        self._batch: list[Packet] = []
+        self._closed = False
+        self.packets = 0
+        self.frames = 0
+
+    @property
+    def sensor(self) -> SensorModel:
+        """What the numbers mean now; a live source may learn it from the stream."""
+        return self.source.sensor
+
+    @property
+    def replaced(self) -> int:
+        """Frames that gave way to a newer one before they were encoded."""
+        return self._mailbox.replaced
+
+    @property
+    def counts(self) -> Counter[str]:
+        """What the source and the assembly noticed."""
+        parts = (self.source.counts, self._past, self._assembler.counts)
+        return sum((Counter(dict(part)) for part in parts), Counter())
+
+    def reframe(self, framing: str) -> int:
+        """Cut frames in another way, from the end of the current one on; index of the first such frame."""
+        with self._lock:
+            self._wanted_framing = framing
+            return self.frames + 1
+
+    def run(self, *, wait: bool) -> None:
+        """Read to the end. wait: leave no frame out, the source waits instead.
+
+        Raises SourceError or PacketError when the source does.
+        """
+        for packet in self._paced.packets():
+            if self._closed:
+                return
+            self.packets += 1
+            if self._recorder is not None and self._record_as == "packets":
+                self._batch.append(packet)
+                if len(self._batch) >= RECORD_BATCH:
+                    self._record_batch(self._recorder)
+            try:
+                frame = self._assembler.push(packet)
+            except PacketError:
+                self._past["wrong length"] += 1
+                continue
+            if frame is not None and self._leave(frame, wait=wait):
+                frame = self._assembler.push(packet)
+                if frame is not None:
+                    self._leave(frame, wait=wait)
+        last = self._assembler.flush()
+        if last is not None and not self._closed:
+            self._leave(last, wait=wait)
+        if self._recorder is not None:
+            self._record_batch(self._recorder)
+
+    def close(self) -> None:
+        """End `run`; closes the source."""
+        self._closed = True
+        self._paced.close()
+
+    def _leave(self, frame: Frame, *, wait: bool) -> bool:
+        """Leave a frame in the mailbox. True: its assembler is gone, and took the packet behind the frame with it."""
+        lost = False
+        with self._lock:
+            self.frames = frame.index + 1
+            if self._wanted_framing != self._framing or self.source.sensor is not self._assembler.sensor:
+                lost = self._framing == "revolution"
+                self._renew()
+        if self._recorder is not None and self._record_as == "lossless":
+            self._recorder.frame(frame)
+        if not wait:
+            self._mailbox.put(frame)
+        else:
+            while not (self._mailbox.put_wait(frame, TICK_S) or self._closed or self._mailbox.closed):
+                pass
+        return lost
+
+    def _renew(self) -> None:
+        """Another assembler, for another framing or calibration, between two frames."""
+        self._past += self._assembler.counts
+        self._framing = self._wanted_framing
+        self._assembler = Assembler(self.source.sensor, self._framing, first_index=self.frames)
+
+    def _record_batch(self, recorder: BackgroundRecorder) -> None:
+        batch, self._batch = self._batch, []
+        if batch:
+            recorder.packets(batch)

@@ -1,0 +1,120 @@
+"""StatusBoard: what a publisher says about itself once a second. Bounded, whatever happens."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import Counter, OrderedDict, deque
+from typing import Any
+
+from lidarcodec.apps.publish_source import FrameFeed
+from lidarcodec.apps.reports import read_report
+from lidarcodec.apps.timings import Timings
+from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.transport.keys import StreamKeys
+
+MAX_REPORTS = 16
+"""Receivers whose last report is passed on; the oldest give way."""
+REPORT_S = 5.0
+"""A report older than this is not passed on."""
+RATE_WINDOW_S = 5.0
+
+
+class StatusBoard:
+    """Counters of what was sent, and the last reports of receivers. Thread-safe."""
+
+    def __init__(self, keys: StreamKeys, stream_id: int) -> None:
+        self._keys, self._stream_id = keys, stream_id
+        self._lock = threading.Lock()
+        self._recent: deque[tuple[float, int, int]] = deque(maxlen=4096)
+        self._reports: OrderedDict[str, tuple[float, dict[str, int | float | None]]] = OrderedDict()
+        self._frames = self._messages = self._bytes = self._key_frames = 0
+        self._last_index: int | None = None
+        self.no_receiver = 0
+        self.encode_ms = Timings()
+        self.put_ms = Timings()
+
+    def sent(self, index: int, size: int, frames: int, put_ms: float, *, key: bool) -> None:
+        """A message of so many bytes and frames was put."""
+        self.put_ms.add(put_ms)
+        with self._lock:
+            self._recent.append((time.monotonic(), size, frames))
+            self._frames += frames
+            self._messages += 1
+            self._bytes += size
+            self._key_frames += key
+            self._last_index = index + frames - 1
+
+    def report(self, name: str, data: bytes) -> float | None:
+        """Keep a receiver's report; the round trip that it measured, in ms, if it did. What is no report is ignored."""
+        values = read_report(data) if NAME_PATTERN.fullmatch(name) else None
+        if values is None:
+            return None
+        with self._lock:
+            self._reports[name] = (time.monotonic(), values)
+            self._reports.move_to_end(name)
+            while len(self._reports) > MAX_REPORTS:
+                self._reports.popitem(last=False)
+        rtt_ms = values.get("rtt_ms")
+        return None if rtt_ms is None else float(rtt_ms)
+
+    def status(
+        self,
+        *,
+        settings: StreamSettings,
+        feed: FrameFeed,
+        flight: dict[str, Any],
+        errors: Counter[str],
+        recording: dict[str, Any] | None,
+        matching: bool,
+        ended: bool,
+    ) -> dict[str, Any]:
+        """The status as plain values; docs/live.md lists the fields."""
+        now = time.monotonic()
+        with self._lock:
+            while self._recent and now - self._recent[0][0] > RATE_WINDOW_S:
+                self._recent.popleft()
+            span = max(now - self._recent[0][0], 0.1) if len(self._recent) > 1 else None
+            sizes = [size for _, size, _ in self._recent][:-1]
+            frames = sum(count for *_, count in list(self._recent)[:-1])
+            for name in [name for name, (at, _) in self._reports.items() if now - at > REPORT_S]:
+                del self._reports[name]
+            reports = {name: values for name, (_, values) in self._reports.items()}
+            totals = {
+                "frames": self._frames,
+                "messages": self._messages,
+                "bytes": self._bytes,
+                "key_frames": self._key_frames,
+                "frame_index": self._last_index,
+            }
+        sensor = feed.sensor
+        return {
+            "vehicle": self._keys.vehicle,
+            "sensor": self._keys.sensor,
+            "stream_id": f"{self._stream_id:016x}",
+            "stamp_ns": time.time_ns(),
+            "settings": settings.model_dump(),
+            "sensor_model": {"name": sensor.name, "calibration": sensor.origin, "hash": sensor.hash},
+            "matching": matching,
+            "ended": ended,
+            "packets": feed.packets,
+            "assembled": feed.frames,
+            "replaced": feed.replaced,
+            "no_receiver": self.no_receiver,
+            **totals,
+            "fps": None if span is None else round(frames / span, 2),
+            "kbps": None if span is None else round(sum(sizes) * 8 / span / 1e3, 1),
+            "encode_ms": self.encode_ms.summary(buckets=True),
+            "put_ms": self.put_ms.summary(),
+            "flight": flight,
+            "errors": dict(errors),
+            "source": dict(feed.counts),
+            "recording": recording,
+            "reports": reports,
+        }
+
+    @staticmethod
+    def packed(status: dict[str, Any]) -> bytes:
+        """The status as JSON bytes."""
+        return json.dumps(status, separators=(",", ":")).encode()

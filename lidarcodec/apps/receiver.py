@@ -1,0 +1,272 @@
+"""Receiver: messages of one stream in, decoded frames out, through restarts of either side.
+
+    receive thread   ring of one -> header -> slot of the decoder -> arrival report
+    decode thread    bytes -> message -> frames -> whoever was given
+    control thread   asks for key frames when one is needed, reports once a second, measures the round trip
+
+The arrival report leaves before decoding. It waits for one thing only: that the message before is out of the slot. So
+the publisher feels a decoder that is too slow, replaces frames before they are encoded, and no reference is lost.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
+
+from lidarcodec.apps.live_stats import ReceiverStats
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.reports import pack_arrival
+from lidarcodec.errors import (
+    DecodeError,
+    LidarCodecError,
+    MissingReferenceError,
+    TransportError,
+    UnsupportedVersionError,
+)
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.base import Closeable, Inbox, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import peek, unpack
+
+logger = logging.getLogger(__name__)
+
+TICK_S = 0.2
+KEY_INTERVAL_S = 0.5
+"""Key frames are asked for at most so often."""
+REPORT_S = 1.0
+PING_S = 2.0
+ASK_S = 1.0
+START_S = 3.0
+JOIN_S = 10.0
+
+
+class Receiver:
+    """One receiver of one stream.
+
+    on_frame:   takes every decoded frame, in the decode thread; what it does holds up the next one
+    on_message: takes the bytes of every message, in the receive thread; must be quick
+    on_end:     called when nothing more will come
+    until_end:  end when the publisher has gone
+    stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
+    """
+
+    def __init__(
+        self,
+        keys: StreamKeys,
+        name: str,
+        on_frame: Callable[[Frame], object],
+        on_message: Callable[[bytes], object],
+        on_end: Callable[[], object],
+        *,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        until_end: bool = False,
+    ) -> None:
+        self.keys, self.name = keys, name
+        self.stats = ReceiverStats()
+        self.status: dict[str, Any] | None = None
+        self.alive = False
+        self.failure: LidarCodecError | None = None
+        self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
+        self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
+        self._declared: list[Closeable] = []
+        self._slot: Mailbox[bytes] = Mailbox()
+        self._decoder = StreamDecoder()
+        self._once = Once(logger)
+        self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
+        self._joined: int | None = None
+        self._key_wanted = True
+        self._round_trips: deque[float] = deque(maxlen=8)
+        self._threads = [
+            threading.Thread(target=run, name=f"lidarcodec {run.__name__.strip('_')}", daemon=True)
+            for run in (self._receive, self._decode, self._control)
+        ]
+
+    @property
+    def errors(self) -> Counter[str]:
+        """What went wrong, by cause."""
+        return Counter(dict(self._once.counts))
+
+    @property
+    def rtt_ms(self) -> float | None:
+        """Shortest of the last round trips to the publisher."""
+        return round(min(self._round_trips), 3) if self._round_trips else None
+
+    def start(self) -> None:
+        """Begin to receive. A router that cannot be reached is tried again meanwhile.
+
+        Raises TransportError when the endpoints cannot be used.
+        """
+        for thread in self._threads:
+            thread.start()
+        self._opened.wait(START_S)
+        if self.failure is not None:
+            self.close()
+            raise self.failure
+
+    def request_key(self) -> None:
+        """Ask the publisher for a key frame, soon."""
+        self._key_wanted = True
+        self._poke.set()
+
+    def close(self) -> None:
+        """End everything; harmless when called twice."""
+        self._stop.set()
+        self._poke.set()
+        self._slot.close()
+        for one in reversed(self._declared):
+            one.close()
+        if self._own_transport and self._transport is not None:
+            self._transport.close()
+        for thread in self._threads:
+            if thread.is_alive() and thread is not threading.current_thread():
+                thread.join(JOIN_S)
+
+    # --- the receive thread -----------------------------------------------------------------------------------------
+
+    def _receive(self) -> None:
+        try:
+            if self._transport is None:
+                self._transport = open_transport(self._endpoints, stop=self._stop)
+            inbox, arrivals = self._declare(self._transport)
+            self._opened.set()
+            self._take_messages(inbox, arrivals)
+        except TransportError as error:
+            if not self._stop.is_set():
+                self.failure = error
+        finally:
+            self._opened.set()
+            self._slot.close()
+            self._poke.set()
+
+    def _declare(self, transport: Transport) -> tuple[Inbox, Sender]:
+        keys = self.keys
+        self._declared.append(inbox := transport.inbox(keys.frame))
+        self._declared.append(arrivals := transport.sender(keys.arrived(self.name), Priority.REAL_TIME))
+        self._declared.append(transport.listen(keys.status, self._status_came))
+        self._declared.append(transport.watch(keys.alive, self._publisher_changed))
+        self._declared.append(transport.token(keys.arrived(self.name)))
+        if self._stop.is_set():
+            inbox.close()
+        return inbox, arrivals
+
+    def _take_messages(self, inbox: Inbox, arrivals: Sender) -> None:
+        while (data := inbox.receive()) is not None and not self._stop.is_set():
+            try:
+                header = peek(data)
+            except DecodeError as error:
+                self._once.add("decode_errors", error)
+                continue
+            restarted = self.stats.arrived(header, len(data))
+            if restarted and not header.key:
+                self.request_key()
+            while not self._slot.put_wait(data, TICK_S):
+                if self._slot.closed:
+                    return
+            try:
+                arrivals.put(pack_arrival(header.frame_index, time.time_ns()))
+            except TransportError as error:
+                self._once.add("arrival_errors", error)
+            self._on_message(data)
+
+    # --- the decode thread ------------------------------------------------------------------------------------------
+
+    def _decode(self) -> None:
+        try:
+            while not self._slot.finished:
+                data = self._slot.take(TICK_S)
+                if data is not None:
+                    for frame in self._frames_of(data):
+                        self._on_frame(frame)
+        finally:
+            self._on_end()
+
+    def _frames_of(self, data: bytes) -> list[Frame]:
+        start = time.perf_counter()
+        try:
+            message = unpack(data)
+            if not message.key and message.stream_id != self._joined:
+                self.stats.count("before_key")
+                self.request_key()
+                return []
+            frames = self._decoder.decode(message)
+        except MissingReferenceError as error:
+            self._once.add("missing_references", error)
+            self.request_key()
+            return []
+        except UnsupportedVersionError as error:  # no key frame would help
+            self._once.add("decode_errors", error)
+            return []
+        except LidarCodecError as error:
+            self._once.add("decode_errors", error)
+            self.request_key()
+            return []
+        self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))
+        self._joined = message.stream_id
+        self._key_wanted = False
+        return frames
+
+    # --- the control thread -----------------------------------------------------------------------------------------
+
+    def _control(self) -> None:
+        while not self._opened.wait(TICK_S):
+            pass
+        transport = self._transport
+        if transport is None or self.failure is not None:
+            return
+        try:
+            self._declared.append(reports := transport.sender(self.keys.report(self.name), Priority.STATUS))
+            due_key = due_ping = due_report = time.monotonic()
+            while not self._stop.is_set():
+                now = time.monotonic()
+                if self._key_wanted and now >= due_key:
+                    due_key = now + KEY_INTERVAL_S
+                    if transport.ask(self.keys.control_keyframe, timeout_s=ASK_S) is not None:
+                        self.stats.count("key_requests")
+                if now >= due_ping:
+                    due_ping = now + PING_S
+                    self._ping(transport)
+                if now >= due_report:
+                    due_report = now + REPORT_S
+                    reports.put(json.dumps(self.stats.report(self.errors, self.rtt_ms)).encode())
+                soonest = min(due_key if self._key_wanted else due_report, due_ping, due_report)
+                self._poke.wait(max(0.01, soonest - time.monotonic()))
+                self._poke.clear()
+        except TransportError as error:
+            if not self._stop.is_set():
+                self._once.add("control_errors", error)
+
+    def _ping(self, transport: Transport) -> None:
+        start = time.perf_counter()
+        if transport.ask(self.keys.control_get, b'{"ping":0}', ASK_S) is not None:
+            self._round_trips.append(1e3 * (time.perf_counter() - start))
+
+    # --- handlers, in threads of the transport ----------------------------------------------------------------------
+
+    def _status_came(self, key: str, data: bytes) -> None:
+        try:
+            status = json.loads(data)
+        except (ValueError, RecursionError) as error:
+            self._once.add("status_errors", error)
+            return
+        if isinstance(status, dict):
+            self.status = status
+
+    def _publisher_changed(self, key: str, alive: bool) -> None:
+        logger.info("%s: %s", self.keys.prefix, "the publisher is there" if alive else "the publisher is gone")
+        self.alive = alive
+        if alive:
+            self._key_wanted = True
+            self._poke.set()
+        elif self._until_end:
+            self._slot.close()
+            for one in self._declared[:1]:
+                one.close()

@@ -1,0 +1,120 @@
+"""BackgroundRecorder: keeps a stream on disk in a thread of its own, so that no disk is ever in the frame path.
+
+What the disk cannot take in time is dropped, oldest first, and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter, deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.frame import Frame
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.recording import RotatingRecorder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import pack
+
+logger = logging.getLogger(__name__)
+
+RecordAs = Literal["packets", "lossless"]
+WAITING = 20
+"""Frames that wait for the disk: two seconds, 9 MB."""
+CLOSE_LIMIT_S = 10.0
+LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
+
+
+class BackgroundRecorder:
+    """Records messages as they are, packets as they are, or frames as a lossless stream. Thread-safe.
+
+    counts: `dropped` (the disk, or the processor, was too slow), `errors`, and those of the RotatingRecorder
+    """
+
+    def __init__(self, folder: Path, keys: StreamKeys, settings: StreamSettings | None = None, **limits: int) -> None:
+        """limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of the RotatingRecorder.
+
+        Raises SettingsError for limits that cannot be kept.
+        """
+        self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, **limits)
+        self._encoder: StreamEncoder | None = None
+        self._queue: deque[bytes | list[Packet] | Frame] = deque()
+        self._condition = threading.Condition()
+        self._closed = False
+        self._own: Counter[str] = Counter()
+        self._thread = threading.Thread(target=self._run, name="lidarcodec recorder", daemon=True)
+
+    def start(self) -> None:
+        """Begin to write."""
+        self._thread.start()
+
+    def message(self, data: bytes) -> None:
+        """Record one message, as `wire.pack` gave it."""
+        self._put(data)
+
+    def packets(self, packets: Sequence[Packet]) -> None:
+        """Record a batch of packets as they came."""
+        self._put(list(packets))
+
+    def frame(self, frame: Frame) -> None:
+        """Record a frame as a message of a lossless stream."""
+        self._put(frame)
+
+    def state(self) -> dict[str, Any]:
+        """For the status: counts, the current file, and why nothing is written any more."""
+        path = self._files.path
+        counts = dict(self._files.counts) | dict(self._own)
+        return {"file": None if path is None else str(path), "stopped": self._files.stopped, "counts": counts}
+
+    def close(self) -> None:
+        """Write what waits, in at most CLOSE_LIMIT_S, and end the file; harmless when called twice."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+        if self._thread.is_alive():
+            self._thread.join(CLOSE_LIMIT_S)
+        if self._thread.is_alive():
+            logger.error("recording: the disk did not take what was left within %g s", CLOSE_LIMIT_S)
+
+    def _put(self, item: bytes | list[Packet] | Frame) -> None:
+        with self._condition:
+            if self._closed:
+                return
+            if len(self._queue) >= WAITING:
+                self._queue.popleft()
+                self._own["dropped"] += 1
+            self._queue.append(item)
+            self._condition.notify()
+
+    def _run(self) -> None:
+        try:
+            while True:
+                with self._condition:
+                    self._condition.wait_for(lambda: bool(self._queue) or self._closed)
+                    if not self._queue:
+                        break
+                    item = self._queue.popleft()
+                try:
+                    self._write(item)
+                except LidarCodecError as error:
+                    self._own["errors"] += 1
+                    if self._own["errors"] == 1:
+                        logger.warning("not recorded: %s", error)
+        finally:
+            self._files.close()
+
+    def _write(self, item: bytes | list[Packet] | Frame) -> None:
+        if isinstance(item, bytes):
+            self._files.write(item)
+        elif isinstance(item, list):
+            self._files.write_packets(item)
+        else:
+            if self._encoder is None:
+                self._encoder = StreamEncoder(LOSSLESS)
+            for message in self._encoder.encode(item):
+                self._files.write(pack(message))

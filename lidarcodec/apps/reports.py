@@ -1,0 +1,63 @@
+"""What a receiver says: an arrival report for each message, and a report once a second.
+
+An arrival report is 16 bytes: index of the message's first frame (u64) and the receiver's host time in ns since the
+Unix epoch (i64), little endian; of longer ones the rest is skipped. A report is a JSON object of which a few fields are
+known and nothing else is passed on.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+_ARRIVAL = struct.Struct("<Qq")
+MAX_REPORT_BYTES = 4096
+COUNTED = (
+    "frames",
+    "messages",
+    "bytes",
+    "gaps",
+    "missing",
+    "restarts",
+    "stale",
+    "decode_errors",
+    "missing_references",
+)
+"""Counts since the receiver's start."""
+MEASURED = ("fps", "latency_p50_ms", "latency_p99_ms", "decode_p50_ms", "decode_p99_ms", "rtt_ms")
+"""Measured over the newest values; null when unknown."""
+
+
+def pack_arrival(index: int, now_ns: int) -> bytes:
+    """Bytes of an arrival report."""
+    return _ARRIVAL.pack(index, now_ns)
+
+
+def read_arrival(data: bytes) -> int | None:
+    """The frame index of an arrival report; None for what is none."""
+    return int(_ARRIVAL.unpack_from(data)[0]) if len(data) >= _ARRIVAL.size else None
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")
+
+
+def read_report(data: bytes) -> dict[str, int | float | None] | None:
+    """The known fields of a report; None for what is no report."""
+    if len(data) > MAX_REPORT_BYTES:
+        return None
+    try:
+        values: Any = json.loads(data, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(values, dict):
+        return None
+    report: dict[str, int | float | None] = {}
+    for name in COUNTED + MEASURED:
+        value = values.get(name)
+        if value is None and name in MEASURED:
+            report[name] = None
+        elif isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**63:
+            report[name] = value
+    return report

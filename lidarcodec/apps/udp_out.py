@@ -1,0 +1,172 @@
+"""UdpOut: decoded frames as the sensor's own UDP stream, so that an unchanged driver or viewer works at this end.
+
+Packets leave with the distances in time at which they were received on the vehicle. A frame comes whole, so its first
+packet leaves `delay_s` after the slowest of the last frames would have been there, and its last one a turn later. When
+the path gets faster again this plays a little faster; a frame that comes when two already wait replaces the older.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+import time
+from collections import Counter, deque
+from typing import Final
+
+import numpy as np
+
+from lidarcodec.apps.once import Once
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.units import DATA_PORT
+
+logger = logging.getLogger(__name__)
+
+WAITING: Final = 2
+"""Frames that wait behind the one that is being sent."""
+DELAY_S: Final = 0.02
+CATCH_UP: Final = 1.25
+"""Speed of whoever waits longer than the path now asks for."""
+REMEMBERED: Final = 20
+"""Frames whose delay on the path sets how long to wait: two seconds."""
+NAP_S: Final = 0.0005
+"""Packets due within this time leave together."""
+LATE_S: Final = 0.5
+"""A frame this much too late, or too early, is a jump of the clock or a new stream: timing starts afresh with it."""
+SEND_BUFFER: Final = 1 << 20
+
+
+def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
+    """Family and address of `HOST`, `HOST:PORT` or `[HOST]:PORT`; the port is 2368 when left out.
+
+    Raises SettingsError when it is none of them, TransportError when the host is not known.
+    """
+    host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
+    if not colon:
+        host, port = text, str(DATA_PORT)
+    if not host or not port.isdigit() or not 1 <= int(port) <= 65535 or (":" in host and host[0] != "["):
+        raise SettingsError(f"'{text}' is no UDP address: write HOST:PORT or [HOST]:PORT", "udp")
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise TransportError(f"the host of '{text}' is not known: {error}") from None
+    return found[0], (str(found[4][0]), int(found[4][1]))
+
+
+class UdpOut:
+    """Sends the packets of frames to one address, in a thread of its own.
+
+    counts: `frames`, `packets`, `replaced` (frames that came too fast), `late` (timing started afresh),
+            `send errors`, `no packets` (frames that do not hold what packets need)
+    """
+
+    def __init__(self, address: str, *, delay_s: float = DELAY_S) -> None:
+        """Raises SettingsError or TransportError when the address cannot be used."""
+        family, self._address = address_of(address)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        if family == socket.AF_INET:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)  # as sensors do out of the box
+        self._delay_s = delay_s
+        self._queue: deque[tuple[Frame, float | None]] = deque()
+        self._needs: deque[float] = deque(maxlen=REMEMBERED)
+        self._idle = True
+        self._condition = threading.Condition()
+        self._closed = threading.Event()
+        self._once = Once(logger)
+        self.counts: Counter[str] = self._once.counts
+        self._offset: float | None = None
+        self._thread = threading.Thread(target=self._run, name="lidarcodec udp out", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._thread.start()
+
+    def put(self, frame: Frame) -> None:
+        """Send a frame's packets when they are due; the oldest that waits gives way when too many do."""
+        with self._condition:
+            if len(self._queue) >= WAITING:
+                self._queue.popleft()
+                self.counts["replaced"] += 1
+            self._queue.append((frame, time.monotonic()))
+            self._condition.notify_all()
+
+    def put_wait(self, frame: Frame, timeout_s: float) -> bool:
+        """The same, but wait for a place instead; False when there was none in time."""
+        with self._condition:
+            free = self._condition.wait_for(lambda: len(self._queue) < WAITING or self._closed.is_set(), timeout_s)
+            if not free or self._closed.is_set():
+                return False
+            self._queue.append((frame, None))
+            self._condition.notify_all()
+            return True
+
+    def wait_sent(self, timeout_s: float) -> bool:
+        """Whether everything was sent; waits for it."""
+        with self._condition:
+            return self._condition.wait_for(lambda: not self._queue and self._idle, timeout_s)
+
+    def close(self) -> None:
+        """End at once, in the middle of a frame if need be; harmless when called twice."""
+        self._closed.set()
+        with self._condition:
+            self._condition.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+        self._socket.close()
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            with self._condition:
+                self._idle = True
+                self._condition.notify_all()
+                self._condition.wait_for(lambda: bool(self._queue) or self._closed.is_set())
+                if not self._queue:
+                    continue
+                frame, arrival_s = self._queue.popleft()
+                self._idle = False
+                self._condition.notify_all()
+            try:
+                self._send(frame, [packet.payload for packet in packets_of(frame)], arrival_s)
+            except LidarCodecError as error:
+                self._once.add("no packets", error)
+
+    def _send(self, frame: Frame, payloads: list[bytes], arrival_s: float | None) -> None:
+        """Send the packets of a frame, each when it is due."""
+        if frame.side is None or not payloads:
+            return
+        steps = np.clip(np.maximum.accumulate(frame.side.packet_ns), 0, 10**9) / 1e9
+        begin, excess = self._begin(frame.stamp_ns / 1e9, arrival_s)
+        gained = np.minimum(steps * (1 - 1 / CATCH_UP), excess)
+        for payload, due in zip(payloads, (begin + steps - gained).tolist(), strict=True):
+            ahead = due - time.monotonic()
+            if ahead > NAP_S and self._closed.wait(ahead):
+                return
+            try:
+                self._socket.sendto(payload, self._address)
+            except OSError as error:
+                self._once.add("send errors", error)
+                continue
+            self.counts["packets"] += 1
+        self.counts["frames"] += 1
+        if self._offset is not None:
+            self._offset -= float(gained[-1])
+
+    def _begin(self, stamp_s: float, arrival_s: float | None) -> tuple[float, float]:
+        """When a frame of that stamp begins to leave, on the monotonic clock, and how much sooner than planned the next
+        ones could: the plan has to wait for the slowest of the last frames only."""
+        now = time.monotonic()
+        if arrival_s is not None:
+            self._needs.append(arrival_s - stamp_s)
+        if self._offset is not None and not now - LATE_S < stamp_s + self._offset < now + LATE_S:
+            self.counts["late"] += 1
+            self._offset = None
+            self._needs.clear()
+        if self._offset is None:
+            self._offset = now - stamp_s + self._delay_s
+        begin = max(stamp_s + self._offset, now)
+        self._offset = begin - stamp_s
+        needed = max(self._needs) + self._delay_s if self._needs else self._offset
+        return begin, max(0.0, self._offset - needed)

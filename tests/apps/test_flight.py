@@ -1,0 +1,182 @@
+"""One message in flight: what bounds latency on a narrow path, with a clock that the test holds."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidarcodec.apps.flight import FORGET_S, LIMIT_S, MAX_RECEIVERS, REMEMBERED, Flight
+
+
+class Clock:
+    """Time that goes when told to."""
+
+    now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+def test_without_anybody_who_reports_nothing_waits(clock):
+    flight = Flight(clock=clock)
+    for index in range(100):
+        assert flight.wait(0)
+        flight.sent(index)
+    assert flight.timeouts == 0
+
+
+def test_the_next_message_waits_for_the_report_of_the_last(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    assert flight.wait(0)
+    flight.sent(0)
+    assert not flight.wait(0)
+    flight.reported("office", 0)
+    assert flight.wait(0)
+
+
+def test_a_report_covers_everything_before_it(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0)
+    flight.sent(3)
+    flight.reported("office", 3)
+    assert flight.wait(0)
+    assert flight.state()["in_flight"] == 0
+
+
+def test_a_silent_receiver_holds_the_stream_up_for_a_second_only(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0)
+    clock.now += LIMIT_S + 0.001
+    assert flight.wait(0)
+    assert flight.timeouts == 1
+    flight.sent(1)
+    assert not flight.wait(0)
+
+
+def test_a_path_that_needs_long_for_a_message_gets_long(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    for index in range(3):
+        flight.sent(index)
+        clock.now += 0.9
+        flight.reported("office", index)
+    flight.sent(3)
+    clock.now += 1.5
+    assert not flight.wait(0)
+    clock.now += 1.3
+    assert flight.wait(0)
+
+
+def test_a_receiver_that_was_killed_is_not_waited_for(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0)
+    flight.went("office")
+    assert flight.wait(0)
+    assert flight.timeouts == 0
+
+
+@pytest.mark.parametrize(
+    ("present", "named", "followed"),
+    [
+        (["a", "b"], None, "a"),
+        (["a", "server"], None, "server"),
+        (["a", "b", "server"], "b", "b"),
+        (["a"], "b", "a"),
+        ([], "b", None),
+    ],
+)
+def test_the_named_one_is_followed_else_the_server_else_the_first(clock, present, named, followed):
+    flight = Flight(named, clock=clock)
+    for name in present:
+        flight.came(name)
+    assert flight.following == followed
+
+
+def test_a_slow_viewer_does_not_steer(clock):
+    flight = Flight(clock=clock)
+    flight.came("server")
+    flight.came("viewer")
+    for index in range(5):
+        assert flight.wait(0)
+        flight.sent(index)
+        flight.reported("server", index)
+    flight.sent(5)
+    flight.reported("viewer", 5)
+    assert not flight.wait(0)
+
+
+def test_whoever_takes_over_does_not_answer_for_what_was_sent_before(clock):
+    flight = Flight(clock=clock)
+    flight.came("viewer")
+    flight.sent(0)
+    assert not flight.wait(0)
+    flight.came("server")
+    assert flight.wait(0)
+    flight.follow("viewer")
+    assert flight.following == "viewer"
+
+
+def test_a_receiver_without_a_token_counts_while_it_reports(clock):
+    flight = Flight(clock=clock)
+    flight.sent(0)
+    flight.reported("plain", 0)
+    assert flight.following == "plain"
+    flight.sent(1)
+    assert not flight.wait(0)
+    clock.now += FORGET_S + 1
+    assert flight.following is None
+    assert flight.wait(0)
+
+
+@pytest.mark.parametrize(("rtt_s", "send_s", "window"), [(0.0, 0.1, 1), (0.1, 0.1, 2), (0.2, 0.1, 3), (0.1, 0.01, 4)])
+def test_a_long_round_trip_gets_more_messages_in_flight(clock, rtt_s, send_s, window):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.round_trip("office", rtt_s)
+    for index in range(5):
+        flight.sent(index)
+        clock.now += rtt_s + send_s
+        flight.reported("office", index)
+    assert flight.window == window
+    for index in range(5, 5 + window):
+        assert flight.wait(0)
+        flight.sent(index)
+    assert not flight.wait(0)
+
+
+def test_the_time_to_send_is_right_with_several_in_flight(clock):
+    """Put together, reported 0.1 s apart after a round trip of 0.1 s: the link needs 0.1 s for each."""
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.round_trip("office", 0.1)
+    begin = clock.now
+    reports = []
+    for index in range(12):
+        clock.now = begin if index < 2 else reports[index - 2]
+        flight.sent(index)
+        reports.append(begin + 0.1 + 0.1 * (index + 1))
+        if index >= 1:
+            clock.now = reports[index - 1]
+            flight.reported("office", index - 1)
+    assert flight.window == 2
+
+
+def test_what_strangers_report_takes_no_memory_and_steers_nothing(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    for number in range(1000):
+        flight.reported(f"stranger-{number}", 2**63 + number)
+        flight.came(f"guest-{number}")
+    flight.reported("office", 12345)
+    assert len(flight.receivers) == MAX_RECEIVERS
+    for index in range(100):
+        flight.sent(index)
+    assert flight.state()["in_flight"] <= REMEMBERED

@@ -1,0 +1,309 @@
+"""Publisher and subscriber in one process, over the memory transport: what goes in comes out, or is counted."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+
+import pytest
+
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.transport.memory import MemoryNetwork
+from tests.apps.streams import Broken, Loop
+from tests.transport.test_contract import eventually
+
+KEY = "vehicle/lidar"
+KEYS = StreamKeys()
+
+
+@pytest.fixture
+def network():
+    """A network; everything on it is closed after the test, and no thread is left."""
+    before = set(threading.enumerate())
+    one, opened = MemoryNetwork(), []
+
+    def transport():
+        opened.append(one.transport())
+        return opened[-1]
+
+    one.end = transport
+    yield one
+    for end in opened:
+        end.close()
+    assert eventually(lambda: set(threading.enumerate()) <= before), threading.enumerate()
+
+
+def publisher(network, frames=None, settings=None, **options):
+    """A publisher on the network."""
+    options.setdefault("rate", 40.0)
+    return Publisher(Loop(frames), settings, transport=network.end(), **options)
+
+
+def live(network, **options):
+    """A subscriber on the network."""
+    return subscribe(KEY, transport=network.end(), **options)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        StreamSettings(),
+        StreamSettings(codec="zstd"),
+        StreamSettings(codec="raw", framing="packets:29"),
+        StreamSettings(framing="revolution"),
+    ],
+    ids=lambda settings: f"{settings.codec} {settings.framing}",
+)
+def test_every_packet_of_a_recording_arrives_byte_for_byte(network, settings):
+    with live(network, newest=False, until_end=True) as stream:
+        with publisher(network, 6, settings, rate="max"):
+            got = [packet.payload for frame in stream for packet in packets_of(frame)]
+        assert got == Loop(6).payloads()
+        counts = stream.summary()
+        assert (counts.get("gaps", 0), counts["errors"], counts["replaced"]) == (0, {}, 0)
+
+
+def test_a_late_subscriber_begins_with_a_key_frame_at_once(network):
+    with publisher(network, rate=20.0, settings=StreamSettings(key_interval=10_000)) as car:
+        with live(network) as first:
+            for _ in range(5):
+                assert first.next(5)
+            start = time.monotonic()
+            with live(network) as late:
+                assert late.next(5)
+                assert time.monotonic() - start < 1.0
+                assert late.summary()["errors"] == {}
+        assert car.status()["key_frames"] >= 2
+
+
+def test_requests_for_key_frames_are_merged(network):
+    with publisher(network, rate=60.0, settings=StreamSettings(key_interval=10_000)) as car, live(network) as stream:
+        assert stream.next(5)
+        end = network.end()
+        time.sleep(0.6)
+        before = car.status()["key_frames"]
+        for _ in range(40):
+            assert "first_frame" in json.loads(end.ask(KEYS.control_keyframe))
+            time.sleep(0.02)
+        assert 1 <= car.status()["key_frames"] - before <= 3
+
+
+def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(network):
+    with publisher(network, rate=60.0) as car, live(network) as stream:
+        indices = []
+        for _ in range(4):
+            indices.append(stream.next(5).index)
+            time.sleep(0.2)
+        assert stream.replaced > 5
+        assert indices[-1] - indices[0] > 10
+        sent = car.status()
+        assert sent["frames"] + sent["replaced"] + sent["no_receiver"] <= sent["assembled"] + 1
+
+
+def test_a_consumer_that_wants_every_frame_slows_the_publisher_down(network):
+    """A live source waits for nobody: frames are replaced before they are encoded, and the receiver sees the gaps."""
+    with publisher(network, rate=60.0) as car, live(network, newest=False) as stream:
+        indices = []
+        for _ in range(8):
+            indices.append(stream.next(5).index)
+            time.sleep(0.1)
+        assert car.status()["replaced"] > 5
+        assert stream.replaced == 0
+        assert stream.stats.counts["missing"] > 5
+        assert stream.summary()["errors"] == {}
+
+
+def test_settings_change_between_two_frames(network):
+    with publisher(network) as car, live(network, newest=False) as stream:
+        assert stream.next(5)
+        end = network.end()
+        answer = json.loads(end.ask(KEYS.control_set, json.dumps({"codec": "zstd", "max_error_m": None}).encode()))
+        assert answer["applied"]["codec"] == "zstd"
+        assert answer["key"] is True
+        got = [stream.next(5) for _ in range(10)]
+        assert got[-1].index > answer["first_frame"]
+        assert stream.summary()["errors"] == {}
+        assert car.settings.codec == "zstd"
+        told = json.loads(end.ask(KEYS.control_get))
+        assert told["settings"] == answer["applied"]
+        assert told["status"]["frames"] > 0
+
+
+def test_another_framing_begins_behind_the_current_frame_and_loses_no_packet(network):
+    with live(network, newest=False, until_end=True) as stream:
+        with publisher(network, 8, rate="max") as car:
+            frames, got, applied = iter(stream), [], None
+            for frame in frames:
+                got.append(frame)
+                if len(got) == 2:
+                    applied = car.change(framing="packets:100")
+        assert [p.payload for frame in got for p in packets_of(frame)] == Loop(8).payloads()
+        for frame in got[:-1]:
+            assert frame.side.packets == (348 if frame.index < applied.first_frame else 100)
+
+
+@pytest.mark.parametrize(
+    ("query", "field"),
+    [({"codec": "mp3"}, "codec"), ({"max_error_m": 99}, "max_error_m"), ({"nothing": 1}, "nothing"), ([], None)],
+)
+def test_a_change_that_is_not_allowed_is_refused_by_name_and_changes_nothing(network, query, field):
+    with publisher(network) as car, live(network) as stream:
+        assert stream.next(5)
+        answer = json.loads(network.end().ask(KEYS.control_set, json.dumps(query).encode()))
+        assert answer["field"] == field
+        assert answer["error"]
+        assert car.settings == StreamSettings()
+        assert stream.next(5)
+
+
+def test_a_frame_that_cannot_be_encoded_costs_that_frame_only(network, monkeypatch, caplog):
+    with publisher(network) as car, live(network) as stream:
+        assert stream.next(5)
+        encode, left = car._encoder.encode, [3]
+
+        def failing(frame, *, key=False):
+            if left[0]:
+                left[0] -= 1
+                raise LidarCodecError("no such luck")
+            return encode(frame, key=key)
+
+        monkeypatch.setattr(car._encoder, "encode", failing)
+        assert eventually(lambda: left == [0])
+        index = stream.next(5).index
+        assert eventually(lambda: (frame := stream.next(5)) is not None and frame.index > index)
+        assert car.status()["errors"] == {"encode errors": 3}
+    assert sum("no such luck" in record.message for record in caplog.records) == 1
+
+
+def test_hostile_bytes_on_every_key_are_counted_and_the_stream_goes_on(network):
+    with publisher(network) as car, live(network, receiver="office") as stream:
+        assert stream.next(5)
+        stranger = network.end()
+        for key in (KEYS.frame, KEYS.arrived("office"), KEYS.arrived("x"), KEYS.report("office"), KEYS.status):
+            sender = stranger.sender(key, Priority.STATUS)
+            for data in (b"", b"\x00" * 15, b"\xff" * 500, b"{", b"[]", b"\x93LDC" + bytes(60)):
+                sender.put(data)
+        for key in (KEYS.control_get, KEYS.control_set, KEYS.control_keyframe):
+            for data in (b"{", b"[1]", b"\xff\xff", b'{"a": ' * 5000):
+                assert b"error" in stranger.ask(key, data)
+        for _ in range(3):
+            assert stream.next(5)
+        assert car.status()["errors"] == {}
+        assert stream.summary()["errors"]["decode_errors"] >= 1
+
+
+def test_a_subscriber_goes_on_with_a_publisher_that_was_started_again(network):
+    with live(network) as stream:
+        for _ in range(2):
+            with publisher(network) as car:
+                assert eventually(
+                    lambda car=car: stream.next(5) is not None and stream.stats.stream_id == car.stream_id
+                )
+            assert eventually(lambda: not stream.alive)
+        assert stream.stats.counts["restarts"] == 1
+
+
+def test_nobody_receives_so_nothing_is_encoded_and_it_says_so(network):
+    with publisher(network, rate=60.0) as car:
+        assert eventually(lambda: car.status()["no_receiver"] > 5)
+        assert car.status()["encode_ms"]["count"] == 0
+        with live(network) as stream:
+            assert stream.next(5)
+
+
+def test_frames_beyond_an_age_are_not_given_out(network):
+    with publisher(network), live(network, max_age_s=0.0) as stream:
+        assert stream.next(0.5) is None
+        assert stream.stats.counts["stale"] > 0
+
+
+def test_latency_is_measured_from_the_last_packet_and_never_from_a_recording(network):
+    with publisher(network, rate=20.0), live(network) as stream:
+        for _ in range(5):
+            assert stream.next(5)
+        assert 0 < stream.summary()["latency_ms"]["p50"] < 1000
+    with live(network, newest=False, until_end=True) as stream:
+        with publisher(network, 2, rate="max"):
+            assert len(list(stream)) == 2
+        assert stream.summary()["latency_ms"]["p50"] is None
+        assert stream.stats.counts["clocks_apart"] == 2
+
+
+def test_what_ends_a_source_is_raised_after_everything_was_sent(network):
+    source = Broken()
+    with live(network) as stream:
+        car = Publisher(source, transport=network.end(), rate="max")
+        with pytest.raises(RuntimeError, match="the cable was cut"):
+            car.run()
+        assert stream.next(2) is not None
+    assert car.status()["ended"]
+
+
+def test_run_ends_soon_when_interrupted(network):
+    car = publisher(network)
+    threading.Timer(0.3, car.interrupt).start()
+    start = time.monotonic()
+    car.run()
+    assert time.monotonic() - start < 2
+
+
+def test_the_status_and_the_report_reach_the_other_side(network):
+    with publisher(network, rate=20.0) as car, live(network, receiver="office") as stream:
+        assert stream.next(5)
+        assert eventually(lambda: ((stream.status or {}).get("reports") or {}).get("office", {}).get("frames"), 6)
+        told = stream.status
+        assert told["stream_id"] == f"{car.stream_id:016x}"
+        assert told["flight"]["following"] == "office"
+        assert told["settings"]["codec"] == "pcodec"
+        assert told["reports"]["office"]["frames"] > 0
+        assert told["reports"]["office"]["rtt_ms"] is not None
+
+
+def test_names_and_settings_are_checked_before_anything_starts(network):
+    for options in ({"vehicle": "a/b"}, {"sensor": ""}):
+        with pytest.raises(SettingsError):
+            publisher(network, **options)
+    with pytest.raises(UnknownNameError):
+        publisher(network, settings=StreamSettings(codec="none"))
+    for options in ({"receiver": "a b"}, {"udp": "host:"}):
+        with pytest.raises(SettingsError):
+            live(network, **options)
+
+
+async def test_frames_come_to_a_coroutine(network):
+    with publisher(network), live(network) as stream:
+        count = 0
+        async for frame in stream:
+            assert frame.range.shape[0] == 64
+            count += 1
+            if count == 3:
+                break
+
+
+async def test_a_cancelled_wait_loses_no_frame_and_leaves_nothing(network):
+    with live(network) as stream:
+        waiting = asyncio.create_task(stream.next_async())
+        await asyncio.sleep(0.05)
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        assert not stream._listeners
+        assert await stream.next_async(0.05) is None
+        with publisher(network, 1, rate="max"):
+            assert (await stream.next_async(5)).index == 0
+
+
+async def test_a_coroutine_that_waits_ends_with_the_stream(network):
+    with live(network) as stream:
+        waiting = asyncio.create_task(stream.next_async())
+        await asyncio.sleep(0.05)
+        stream.close()
+        assert await asyncio.wait_for(waiting, 2) is None

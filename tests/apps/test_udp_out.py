@@ -1,0 +1,200 @@
+"""The sensor's own UDP stream at the far end: an unchanged driver must see the same bytes at the same pace."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.udp_out import UdpOut, address_of
+from lidarcodec.assembly import Assembler
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.packet import Packet
+from lidarcodec.sources import open_source
+from lidarcodec.transport.memory import MemoryNetwork
+from tests.apps.streams import Loop
+from tests.transport.test_contract import eventually
+
+
+class Driver:
+    """A socket that takes what a sensor sends, and when."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(0.1)
+        self.address = f"127.0.0.1:{self._socket.getsockname()[1]}"
+        self.payloads: list[bytes] = []
+        self.times: list[float] = []
+        self.senders: set = set()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                data, sender = self._socket.recvfrom(2000)
+            except TimeoutError:
+                continue
+            self.times.append(time.monotonic())
+            self.payloads.append(data)
+            self.senders.add(sender)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+
+@pytest.fixture
+def driver():
+    one = Driver()
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def udp(driver):
+    out = UdpOut(driver.address)
+    out.start()
+    yield out
+    out.close()
+
+
+def frames_of(count: int, first: int = 0) -> list[Frame]:
+    source = Loop(count, first=first)
+    assembler = Assembler(source.sensor)
+    return [frame for packet in source.packets() if (frame := assembler.push(packet)) is not None]
+
+
+def test_packets_leave_as_they_came_and_at_the_pace_of_the_sensor(udp, driver):
+    frames = frames_of(5)
+    begin = time.monotonic()
+    for number, frame in enumerate(frames):
+        time.sleep(max(0.0, begin + 0.1 * number - time.monotonic()))
+        udp.put(frame)
+    assert udp.wait_sent(2)
+    assert eventually(lambda: len(driver.payloads) == 5 * 348)
+    assert driver.payloads == Loop(5).payloads()
+    assert len(driver.senders) == 1
+    assert dict(udp.counts) == {"frames": 5, "packets": 5 * 348}
+    due = np.arange(5 * 348) * 288e-6
+    error = np.array(driver.times) - driver.times[0] - due
+    assert np.ptp(error) < 0.06  # of 500 ms; a busy machine wakes threads late
+    assert np.median(np.abs(np.diff(driver.times[::29]) - 29 * 288e-6)) < 0.003
+
+
+def test_the_newest_wins_when_frames_come_too_fast(udp, driver):
+    for frame in frames_of(30):
+        udp.put(frame)
+        time.sleep(0.01)
+    assert udp.wait_sent(3)
+    assert udp.counts["replaced"] > 15
+    assert eventually(lambda: len(driver.payloads) == udp.counts["packets"])
+    assert driver.payloads[-1] == Loop(1, first=29).payloads()[-1]
+
+
+def test_it_catches_up_after_the_path_was_slow_for_a_moment(udp, driver):
+    """One frame comes 80 ms late; two seconds of undisturbed frames later the delay must be what it was."""
+    delays = {}
+    frames = frames_of(40)
+    begin = time.monotonic()
+    for number, frame in enumerate(frames):
+        time.sleep(max(0.0, begin + 0.1 * number + (0.08 if number == 5 else 0.0) - time.monotonic()))
+        udp.put(frame)
+    assert udp.wait_sent(2)
+    assert eventually(lambda: len(driver.payloads) == 40 * 348)
+    for number in (3, 7, 39):
+        delays[number] = driver.times[348 * number] - begin - 0.1 * number
+    assert delays[7] > 0.075
+    assert delays[39] < delays[7] - 0.02
+    assert udp.counts["replaced"] == 0
+
+
+def test_a_new_stream_begins_at_once_whatever_its_stamps(udp, driver):
+    for frame in (*frames_of(1), *frames_of(1, first=100_000), *frames_of(1)):
+        udp.put(frame)
+        time.sleep(0.15)
+    assert udp.wait_sent(2)
+    assert eventually(lambda: len(driver.payloads) == 3 * 348)
+    assert udp.counts["late"] == 2
+
+
+def test_a_frame_that_never_was_packets_is_counted_and_the_next_one_leaves(udp, driver):
+    (frame,) = frames_of(1)
+    udp.put(frame.with_(side=None))
+    udp.put(frame)
+    assert eventually(lambda: len(driver.payloads) == 348)
+    assert udp.counts["no packets"] == 1
+
+
+def test_closing_ends_a_frame_in_the_middle(driver):
+    out = UdpOut(driver.address)
+    out.start()
+    out.put(frames_of(1)[0])
+    time.sleep(0.05)
+    start = time.monotonic()
+    out.close()
+    assert time.monotonic() - start < 0.5
+    assert out.counts["packets"] < 348
+
+
+@pytest.mark.parametrize("text", ["", ":2368", "host:", "host:0", "host:70000", "host:x", "::1:2368"])
+def test_an_address_that_is_none_is_refused(text):
+    with pytest.raises(SettingsError):
+        address_of(text)
+
+
+def test_addresses_of_both_kinds_and_the_sensor_s_port_by_default():
+    assert address_of("127.0.0.1") == (socket.AF_INET, ("127.0.0.1", 2368))
+    assert address_of("[::1]:7000") == (socket.AF_INET6, ("::1", 7000))
+    with pytest.raises(TransportError):
+        address_of("no-such-host.invalid:2368")
+
+
+def clouds(packets: list[Packet]):
+    """Clouds of an independent decoder."""
+    import velodyne_decoder as vd
+
+    config = vd.Config(model=vd.Model.HDL64E_S2, calibration=vd.get_bundled_calibration("HDL-64E_S2.1-sztaki.yml"))
+    decoder = vd.StreamDecoder(config)
+    found = []
+    for packet in packets:
+        scan = decoder.decode(packet.stamp_ns / 1e9, packet.payload, False)
+        if scan is not None:
+            found.append(np.asarray(scan[1]))
+    return found
+
+
+@pytest.mark.data
+def test_an_independent_decoder_sees_the_same_clouds_in_what_a_subscriber_re_emits(data_file, driver):
+    pytest.importorskip("velodyne_decoder")
+    capture = data_file("kitti_tracking0006_f000-010.pcap.xz")
+    with open_source(capture) as source:
+        packets = list(source.packets())
+    network = MemoryNetwork()
+    with (
+        network.transport() as near,
+        network.transport() as far,
+        subscribe("vehicle/lidar", transport=far, udp=driver.address, newest=False, until_end=True) as stream,
+        open_source(capture) as source,
+    ):
+        with Publisher(source, transport=near, rate="max"):
+            for _ in stream:
+                pass
+        assert eventually(lambda: len(driver.payloads) == len(packets), 10)
+    assert driver.payloads == [packet.payload for packet in packets]
+    again = [Packet(data, packet.stamp_ns) for data, packet in zip(driver.payloads, packets, strict=True)]
+    before, after = clouds(packets), clouds(again)
+    assert len(before) == len(after) > 5
+    for one, other in zip(before, after, strict=True):
+        assert len(one) > 50_000
+        np.testing.assert_array_equal(one, other)
