@@ -1,0 +1,25 @@
+// Any bytes as streams of numbers. What decodes must be, byte for byte, what the encoder writes for it.
+#include <cstdlib>
+
+#include "error.hpp"
+#include "fuzz_input.hpp"
+#include "numbers.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  FuzzInput input(data, size);
+  const std::vector<std::size_t> counts = {input.below(100), input.below(300), input.below(20)};
+  const std::vector<std::uint8_t> rest = input.rest();
+  try {
+    const std::vector<std::uint64_t> values = lidarcodec::decode_numbers(rest.data(), rest.size(), counts);
+    if (lidarcodec::encode_numbers(values.data(), counts) != rest) std::abort();
+  } catch (const lidarcodec::Error&) {
+  }
+  std::vector<std::uint64_t> values(counts[0] + counts[1] + counts[2]);
+  for (std::uint64_t& value : values) {
+    const int bytes = input.byte() % 9;
+    for (int i = 0; i < bytes; ++i) value = value << 8 | input.byte();
+  }
+  const std::vector<std::uint8_t> encoded = lidarcodec::encode_numbers(values.data(), counts);
+  if (lidarcodec::decode_numbers(encoded.data(), encoded.size(), counts) != values) std::abort();
+  return 0;
+}
