@@ -117,9 +117,9 @@ def decode_side(data: bytes, packets: int) -> SideInfo:
     gps_form, host_form = Form(flags >> _GPS_FORM_SHIFT & 3), Form(flags >> _HOST_FORM_SHIFT & 3)
     modulus = HOUR_US if flags & _HOURLY else 1 << 32
     gps_line = Line(reader.signed(MOST_LEVEL), reader.signed(MOST_RATE))
-    host_step_ns = max(reader.varint(_LONGEST_STEP_NS), 1)
+    host_step_ns = reader.varint(_LONGEST_STEP_NS, least=1)
     host_line = Line(reader.signed(MOST_LEVEL), reader.signed(MOST_RATE))
-    period = max(reader.varint(_LONGEST_PERIOD), 1)
+    period = reader.varint(_LONGEST_PERIOD, least=1)
     regular = bool(flags & _REGULAR)
     layout_count = 1 if regular else reader.varint(packets + 1)
     head = min(period, packets)

@@ -31,8 +31,8 @@ class VarintReader:
         self.offset += 1
         return self._data[self.offset - 1]
 
-    def varint(self, limit: int) -> int:
-        """Next number. Raises SectionError if it is over `limit`, or is not written in the fewest bytes."""
+    def varint(self, limit: int, least: int = 0) -> int:
+        """Next number. Raises SectionError if it is not from `least` to `limit`, or has more bytes than it needs."""
         start, value, shift = self.offset, 0, 0
         while True:
             byte = self.byte()
@@ -41,8 +41,8 @@ class VarintReader:
             if value > limit or shift > 70:
                 raise SectionError(f"side information: a number over {limit}", start)
             if byte < 0x80:
-                if byte == 0 and shift > 7:
-                    raise SectionError("side information: a number with needless bytes", start)
+                if value < least or (byte == 0 and shift > 7):
+                    raise SectionError(f"side information: a number below {least}, or longer than needed", start)
                 return value
 
     def signed(self, limit: int) -> int:
