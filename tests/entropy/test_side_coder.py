@@ -128,7 +128,7 @@ def test_blocks_whose_compressed_size_is_their_own_come_back():
         block[:, 100 - zeros :] = 0
         same_size |= len(zstandard.ZstdCompressor(level=3).compress(block.tobytes())) == block.size
         side = replace(SideInfo.regular(1), layouts=np.array([[1, 4] * 5 + [1, 0]], np.uint8), irregular=block)
-        same_side(decode_side(encode_side(side), 1), side)
+        assert same_side(decode_side(encode_side(side), 1), side)
     assert same_size
 
 
