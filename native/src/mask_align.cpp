@@ -42,6 +42,7 @@ class Best {
     }
   }
   std::int64_t value() const { return value_; }
+  std::size_t cost() const { return cost_; }
 
  private:
   std::int64_t value_ = 0;
@@ -50,16 +51,19 @@ class Best {
 
 }  // namespace
 
+std::size_t unlike_above(const MaskLayout& layout, const std::uint8_t* rows, std::size_t width, std::uint32_t turn) {
+  std::size_t sum = 0;
+  for (std::size_t row = 2; row < kMaskRows; row += 4) {
+    if (layout.half(row) != layout.half(row - 1)) continue;
+    const auto n = static_cast<std::ptrdiff_t>(layout.cells(row));
+    sum += disagreement(rows + row * width, n, rows + (row - 1) * width, n, layout.shift(row - 1, row, turn));
+  }
+  return sum;
+}
+
 std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std::size_t width) {
   const auto cost = [&](std::int64_t turn) {
-    std::size_t sum = 0;
-    for (std::size_t row = 2; row < kMaskRows; row += 4) {
-      if (layout.half(row) != layout.half(row - 1)) continue;
-      const auto n = static_cast<std::ptrdiff_t>(layout.cells(row));
-      sum += disagreement(rows + row * width, n, rows + (row - 1) * width, n,
-                          layout.shift(row - 1, row, static_cast<std::uint32_t>(turn)));
-    }
-    return sum;
+    return unlike_above(layout, rows, width, static_cast<std::uint32_t>(turn));
   };
   // Near the truth scenes decide more than geometry does, so the nominal turn stays unless another is clearly better.
   Best coarse;
@@ -74,7 +78,7 @@ std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std:
   return static_cast<std::uint32_t>(fine.value());
 }
 
-std::int32_t find_earlier(const std::uint8_t* mask, std::size_t width, const EarlierMask& earlier) {
+EarlierShift find_earlier(const std::uint8_t* mask, std::size_t width, const EarlierMask& earlier) {
   const auto cost = [&](std::int64_t shift) {
     std::size_t sum = 0;
     for (std::size_t row = 2; row < kMaskRows; row += 4) {
@@ -92,7 +96,7 @@ std::int32_t find_earlier(const std::uint8_t* mask, std::size_t width, const Ear
     fine.offer(coarse.value() - step, cost(coarse.value() - step));
     fine.offer(coarse.value() + step, cost(coarse.value() + step));
   }
-  return static_cast<std::int32_t>(fine.value());
+  return {static_cast<std::int32_t>(fine.value()), fine.cost()};
 }
 
 }  // namespace lidarcodec

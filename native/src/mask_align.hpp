@@ -18,7 +18,15 @@ struct MaskShifts {
 // distance `width`.
 std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std::size_t width);
 
-// Columns by which the earlier frame lies to the right where it agrees best with `mask`, (64, width): -131 to 131.
-std::int32_t find_earlier(const std::uint8_t* mask, std::size_t width, const EarlierMask& earlier);
+// Cells that differ from the row above, of every fourth row.
+std::size_t unlike_above(const MaskLayout& layout, const std::uint8_t* rows, std::size_t width, std::uint32_t turn);
+
+struct EarlierShift {
+  std::int32_t columns = 0;  // by which the earlier frame lies to the right where it agrees best: -131 to 131
+  std::size_t unlike = 0;    // cells that differ there, of every fourth row
+};
+
+// `mask`: (64, width).
+EarlierShift find_earlier(const std::uint8_t* mask, std::size_t width, const EarlierMask& earlier);
 
 }  // namespace lidarcodec

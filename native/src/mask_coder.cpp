@@ -163,7 +163,12 @@ std::vector<std::uint8_t> encode_mask(const std::uint8_t* mask, const MaskGeomet
 
   MaskShifts shifts;
   shifts.turn = turn != 0 ? turn : find_turn(layout, rows.data(), width);
-  if (earlier.width > 0) shifts.earlier = find_earlier(mask, width, earlier);
+  if (earlier.width > 0) {
+    const EarlierShift found = find_earlier(mask, width, earlier);
+    shifts.earlier = found.columns;
+    // One that tells less than the row above only spreads what there is to learn over more contexts.
+    if (found.unlike >= unlike_above(layout, rows.data(), width, shifts.turn)) earlier = {};
+  }
   std::vector<std::uint8_t> out = {earlier.width > 0 ? kWithEarlier : kAlone,
                                    static_cast<std::uint8_t>(shifts.turn & 0xFF),
                                    static_cast<std::uint8_t>(shifts.turn >> 8)};

@@ -72,7 +72,7 @@ def test_any_mask_comes_back_and_native_writes_what_the_reference_writes(case):
     np.testing.assert_array_equal(reference_mask.decode_mask(data, layout, before), cells)
     if len(data) > 1:
         turn, shift = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:5], "little", signed=True)
-        shift = 0 if before is None else shift
+        before, shift = (before, shift) if data[0] == reference_mask.WITH_EARLIER else (None, 0)
         assert data == reference_mask.encode_mask(cells.view(np.uint8), layout, turn, shift, before)
 
 
@@ -189,10 +189,18 @@ def test_no_cut_passes_for_the_whole_and_flips_never_crash():
 @pytest.mark.parametrize("name", ["entropy_mask_alone", "entropy_mask_with_earlier"])
 def test_golden_bytes(name):
     cells, fired, earlier = golden_case()
-    given_earlier = earlier if name.endswith("earlier") else None
     golden = (GOLDEN / f"{name}.bin").read_bytes()
-    np.testing.assert_array_equal(decode_mask(golden, fired, golden_sensor(), given_earlier), cells)
-    assert encode_mask(cells, fired, golden_sensor(), given_earlier) == golden
+    np.testing.assert_array_equal(decode_mask(golden, fired, golden_sensor(), earlier), cells)
+    turn, shift = int.from_bytes(golden[1:3], "little"), int.from_bytes(golden[3:5], "little", signed=True)
+    before, shift = (earlier.view(np.uint8), shift) if name.endswith("earlier") else (None, 0)
+    layout = layout_of(fired, golden_sensor())
+    assert reference_mask.encode_mask(cells.view(np.uint8), layout, turn, shift, before) == golden
+
+
+def test_an_earlier_mask_that_tells_nothing_costs_nothing():
+    cells, noise = mask(500), np.random.default_rng(1).random((64, 500)) < 0.5
+    assert encode_mask(cells, all_fired(500), SENSOR, noise) == encode_mask(cells, all_fired(500), SENSOR)
+    assert encode_mask(cells, all_fired(500), SENSOR, cells)[0] == reference_mask.WITH_EARLIER
 
 
 def test_real_frames_cost_at_most_a_fifth_of_a_bit_a_point(data_file):
