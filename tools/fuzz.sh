@@ -9,7 +9,7 @@ PYTHON=${PYTHON:-.venv/bin/python}
 CASES=${CASES:-100000}
 SEED=${SEED:-1}
 SECONDS_EACH=${SECONDS_EACH:-60}
-FLAGS="-std=c++20 -O1 -g -fno-omit-frame-pointer -ffp-contract=off -fno-sanitize-recover=undefined -Inative/src"
+FLAGS="-std=c++20 -pthread -O1 -g -fno-omit-frame-pointer -ffp-contract=off -fno-sanitize-recover=undefined -Inative/src"
 mkdir -p build/fuzz
 
 fuzzing_clang() {

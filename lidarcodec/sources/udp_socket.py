@@ -10,7 +10,7 @@ import logging
 import socket
 import struct
 from ipaddress import IPv4Address, IPv6Address, ip_address
-from typing import Final, NamedTuple
+from typing import Final
 
 from lidarcodec.errors import SourceError
 
@@ -25,18 +25,6 @@ PACKETS_PER_SECOND: Final = 3472
 SO_RCVBUFFORCE: Final = 33
 SO_TIMESTAMPNS: Final = 35
 SO_RXQ_OVFL: Final = 40
-ANCILLARY_BYTES: Final = 128
-DATAGRAM_BYTES: Final = 2048
-"""Longer datagrams are cut there; they are no sensor packets anyway."""
-
-
-class Received(NamedTuple):
-    """A datagram: bytes, kernel time of arrival in ns (None if unknown), packets the kernel dropped so far, sender."""
-
-    data: bytes
-    stamp_ns: int | None
-    drops: int
-    sender: str
 
 
 def open_socket(host: str, port: int, *, interface: str | None = None, share: bool = False) -> socket.socket:
@@ -72,24 +60,6 @@ def open_socket(host: str, port: int, *, interface: str | None = None, share: bo
         sock.close()
         raise SourceError(f"cannot listen on udp://{place}: {error.strerror or error}{_advice(error)}") from None
     return sock
-
-
-def receive(sock: socket.socket) -> Received:
-    """The next datagram of a socket from `open_socket`. Cost: about 8 us.
-
-    Raises BlockingIOError if there is none, OSError if the socket failed.
-    """
-    data, ancillary, _, sender = sock.recvmsg(DATAGRAM_BYTES, ANCILLARY_BYTES)
-    stamp_ns, drops = None, 0
-    for level, kind, value in ancillary:
-        if level != socket.SOL_SOCKET:
-            continue
-        if kind == SO_TIMESTAMPNS and len(value) == 16:
-            seconds, ns = struct.unpack("qq", value)
-            stamp_ns = seconds * 1_000_000_000 + ns
-        elif kind == SO_RXQ_OVFL and len(value) == 4:
-            drops = struct.unpack("I", value)[0]
-    return Received(data, stamp_ns, drops, sender[0])
 
 
 def _resolve(host: str, port: int) -> tuple[int, tuple[str, int] | tuple[str, int, int, int]]:

@@ -1,7 +1,7 @@
 #include "bindings.hpp"
 
 NB_MODULE(_native, m) {
-  m.doc() = "Native core of lidarcodec. Every function checks its sizes, raises lidarcodec.errors and holds no state.";
+  m.doc() = "Native core of lidarcodec. Every function checks its sizes, raises lidarcodec.errors and has no global state.";
   bind_errors(m);
   bind_crc32c(m);
   bind_activity(m);
@@ -10,4 +10,5 @@ NB_MODULE(_native, m) {
   bind_entropy(m);
   bind_simulator(m);
   bind_assembly(m);
+  bind_receiver(m);
 }

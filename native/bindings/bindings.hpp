@@ -35,3 +35,4 @@ void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);
 void bind_entropy(nb::module_& m);
+void bind_receiver(nb::module_& m);
