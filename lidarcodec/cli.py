@@ -163,6 +163,90 @@ def simulate(
     command.run(source, out, frames)
 
 
+Connect = Annotated[
+    list[str] | None,
+    _option("--connect", metavar="ENDPOINT", help="Where others listen, such as tcp/192.168.1.5:7447. Repeatable."),
+]
+Listen = Annotated[
+    list[str] | None,
+    _option("--listen", metavar="ENDPOINT", help="Where to listen; without any, nothing leaves this machine."),
+]
+ZenohConfig = Annotated[
+    Path | None, _option("--zenoh-config", metavar="FILE", help="A whole Zenoh configuration (JSON5), used as it is.")
+]
+
+
+@app.command()
+def publish(
+    source: Source,
+    vehicle: Annotated[str, _option("--vehicle", metavar="NAME")] = "vehicle",
+    sensor: Annotated[str, _option("--sensor", metavar="NAME")] = "lidar",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    rate: Annotated[
+        str | None,
+        _option("--rate", metavar="HZ|max", help="Frames a second of a recorded source (default 10), or every one."),
+    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    record: Annotated[
+        Path | None, _option("--record", metavar="DIR", help="Keep everything, whatever is sent.")
+    ] = None,
+    record_as: Annotated[str, _option("--record-as", metavar="packets|lossless", help="In which form.")] = "packets",
+    record_gb: Annotated[
+        float, _option("--record-gb", metavar="N", help="Size of DIR; the oldest files go first.")
+    ] = 8.0,
+    calibration: CalibrationFile = None,
+) -> None:
+    """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
+    from lidarcodec.commands import publish as command
+
+    command.run(
+        source, vehicle, sensor, codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
+        record, record_as, record_gb, calibration,
+    )  # fmt: skip
+
+
+@app.command()
+def subscribe(
+    key: Annotated[
+        str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
+    ] = "lidarcodec/v1/vehicle/lidar",
+    udp: Annotated[
+        str | None, _option("--udp", metavar="HOST:PORT", help="Send the decoded packets on, as the sensor would.")
+    ] = None,
+    record: Annotated[Path | None, _option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
+    frames: FrameCount = None,
+    until_end: Annotated[bool, _option("--until-end", help="Stop when the publisher has gone.")] = False,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Receive and decode a stream until a signal comes, and say how it went."""
+    from lidarcodec.commands import subscribe as command
+
+    command.run(key, udp, record, frames, until_end, (connect or [], listen or [], zenoh_config), as_json)
+
+
+@app.command()
+def demo(
+    seconds: Annotated[float, _option("--seconds", min=1, metavar="N", help="How long.")] = 20.0,
+    source: Annotated[str, _option("--source", metavar="SOURCE", help="What the vehicle sees.")] = "sim:city",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    calibration: CalibrationFile = None,
+    no_browser: Annotated[bool, _option("--no-browser", hidden=True)] = False,
+    port: Annotated[int | None, _option("--port", hidden=True)] = None,
+) -> None:
+    """Drive through a simulated town, live: a publisher and a subscriber, a table, and a picture at the end."""
+    del no_browser, port
+    from lidarcodec.commands import demo as command
+
+    command.run(seconds, source, codec, pairs or [], calibration)
+
+
 def _one_line(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, OSError) and error.strerror and error.filename is not None:

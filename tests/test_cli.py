@@ -1,28 +1,12 @@
 """The command line as a user runs it: real processes, their exit codes, and what they write where."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 
-COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
-
-
-def run(*words, **environment):
-    clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
-    return subprocess.run(
-        [*COMMAND, *map(str, words)], capture_output=True, text=True, env=clean | environment, timeout=100, check=False
-    )
-
-
-def the_one_line(result):
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1, result.stderr
-    return lines[0]
+from tests.command_line import run, start, the_one_line
 
 
 @pytest.mark.parametrize(
@@ -62,10 +46,8 @@ def test_wrong_usage_is_one_line_that_says_what_to_do_and_code_2(words, says):
         (["bench", "sim:city?frames=1", "--calibration", "no-such-file.yaml"], "no-such-file.yaml"),
     ],
 )
-def test_failed_work_is_one_line_and_code_1(words, says, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
-    result = run(*words)
+def test_failed_work_is_one_line_and_code_1(words, says, tmp_path):
+    result = run(*words, cwd=tmp_path)
     assert result.returncode == 1, result.stderr
     assert says in the_one_line(result)
 
@@ -154,7 +136,7 @@ def test_bench_prints_one_object_a_codec_and_setting_with_every_field(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_work_with_code_0_and_leaves_a_file_that_reads(number, tmp_path):
     out = tmp_path / "drive.mcap"
-    with subprocess.Popen([*COMMAND, "encode", "sim:city?frames=100000", str(out)], stderr=subprocess.PIPE) as process:
+    with start("encode", "sim:city?frames=100000", out) as process:
         deadline = time.monotonic() + 60
         while (not out.exists() or out.stat().st_size < 300_000) and time.monotonic() < deadline:
             time.sleep(0.05)

@@ -1,0 +1,19 @@
+"""`lidarcodec demo`: the whole system on this machine, for twenty seconds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lidarcodec.apps.demo import Demo
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.commands.stopping import stoppable
+
+
+def run(seconds: float, source: str, codec: str | None, pairs: list[str], calibration: Path | None) -> None:
+    """Show it, and end with a summary."""
+    settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process
+    words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
+    words += ["--calibration", str(calibration)] if calibration else []
+    demo = Demo(source, seconds, settings, words)
+    with stoppable(demo.interrupt):
+        demo.run()

@@ -1,0 +1,25 @@
+"""`--connect`, `--listen` and `--zenoh-config` to Endpoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.transport import Endpoints
+
+Given = tuple[list[str], list[str], Path | None]
+"""What stood behind --connect, --listen and --zenoh-config."""
+
+
+def endpoints_of(given: Given) -> Endpoints:
+    """Where to listen and connect.
+
+    Raises SettingsError for what is no endpoint, TransportError when the configuration file is missing.
+    """
+    connect, listen, config = given
+    if config is not None and not config.is_file():
+        raise TransportError(f"there is no Zenoh configuration file {config}")
+    try:
+        return Endpoints.of(connect, listen, config)
+    except TransportError as error:
+        raise SettingsError(str(error)) from None

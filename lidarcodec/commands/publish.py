@@ -1,0 +1,82 @@
+"""`lidarcodec publish`: a source, live, to whoever subscribes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, cast
+
+from lidarcodec.apps.publish import Publisher, Rate
+from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.commands.stopping import stoppable
+from lidarcodec.errors import SettingsError
+from lidarcodec.sources import open_source
+
+MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
+
+
+def rate_of(text: str | None) -> Rate | None:
+    """Frames a second, or `max`.
+
+    Raises SettingsError if it is neither.
+    """
+    if text is None or text == "max":
+        return cast(Rate | None, text)
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.01 <= rate <= 1000.0:
+        raise SettingsError(f"--rate {text}: write frames a second, from 0.01 to 1000, or max", "rate")
+    return rate
+
+
+def record_limits(gigabytes: float) -> dict[str, int]:
+    """Sizes of the recorder for a folder of so many GB: files of 256 MiB, smaller ones in a small folder."""
+    total = int(gigabytes * 1e9)
+    return {"max_total_bytes": total, "max_file_bytes": max(min(MAX_FILE_BYTES, total // 4), MIN_FILE_BYTES)}
+
+
+def run(
+    spec: str,
+    vehicle: str,
+    sensor: str,
+    codec: str | None,
+    pairs: list[str],
+    rate: str | None,
+    given: Given,
+    record: Path | None,
+    record_as: str,
+    record_gb: float,
+    calibration: Path | None,
+) -> None:
+    """Publish until the source ends or a signal comes."""
+    if record_as not in ("packets", "lossless"):
+        raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
+    settings = one_setting(codec, pairs)
+    endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
+    with open_source(spec, calibration=calibration) as source:
+        publisher = Publisher(
+            source,
+            settings,
+            vehicle=vehicle,
+            sensor=sensor,
+            rate=frames_a_second,
+            endpoints=endpoints,
+            record=record,
+            record_as=cast(RecordAs, record_as),
+            record_limits=record_limits(record_gb),
+        )
+        with stoppable(publisher.interrupt):
+            publisher.run()
+    print(summary_line(publisher.status()), file=sys.stdout)
+
+
+def summary_line(status: dict[str, Any]) -> str:
+    """What was sent, in one line."""
+    return (
+        f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
+        f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
+    )

@@ -1,0 +1,45 @@
+"""`lidarcodec subscribe`: receive, decode, hand on."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.stopping import stoppable
+
+EVERY_S = 1.0
+
+
+def run(
+    key: str, udp: str | None, record: Path | None, frames: int | None, until_end: bool, given: Given, as_json: bool
+) -> None:
+    """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone."""
+    live = LiveStream(key, endpoints=endpoints_of(given), udp=udp, record=record, until_end=until_end)
+    show = sys.stderr.isatty()
+    with live, stoppable(live.interrupt):
+        shown_s = time.monotonic()
+        for count, _ in enumerate(live, 1):
+            if show and time.monotonic() - shown_s >= EVERY_S:
+                shown_s = time.monotonic()
+                sys.stderr.write(f"\r{line_of(live.summary())}\x1b[K")
+            if count == frames:
+                break
+        summary = live.summary()
+    if show:
+        sys.stderr.write("\r\x1b[K")
+    print(json.dumps(summary, indent=2) if as_json else line_of(summary))
+
+
+def line_of(summary: dict[str, Any]) -> str:
+    """Where a receiver stands, in one line."""
+    latency = summary["latency_ms"]
+    delay = "-" if latency["p50"] is None else f"{latency['p50']:.1f} ms (p99 {latency['p99']:.1f})"
+    return (
+        f"{summary.get('frames', 0)} frames, {summary['fps'] or 0:.1f} a second, {summary.get('bytes', 0):,} bytes, "
+        f"latency {delay}, {summary.get('missing', 0)} missing, {sum(summary['errors'].values())} errors"
+    )

@@ -1,0 +1,49 @@
+"""The command line in real processes, for tests: nothing of the environment's settings, and this checkout's package."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
+LIMIT_S = 100
+
+
+def environment(**more):
+    """This process's environment without LIDARCODEC_ variables, but with those given."""
+    clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
+    paths = [str(ROOT), *filter(None, [clean.get("PYTHONPATH")])]
+    return clean | {"PYTHONPATH": os.pathsep.join(paths)} | more
+
+
+def start(*words, **options):
+    """A command that runs; its output comes as text through pipes."""
+    return subprocess.Popen(
+        [*COMMAND, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        **options,
+    )
+
+
+def run(*words, cwd=None, **variables):
+    """A command from beginning to end: `returncode`, `stdout` and `stderr`."""
+    return subprocess.run(
+        [*COMMAND, *map(str, words)],
+        capture_output=True,
+        text=True,
+        env=environment(**variables),
+        cwd=cwd,
+        timeout=LIMIT_S,
+        check=False,
+    )
+
+
+def the_one_line(result):
+    """What stands on stderr, if that is one line, as an error has to be."""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    return lines[0]

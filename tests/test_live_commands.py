@@ -1,0 +1,119 @@
+"""publish, subscribe and demo as a user runs them: separate processes that come, go and are killed."""
+
+import json
+import signal
+import time
+
+import pytest
+
+from lidarcodec.apps.demo import free_port
+from tests.command_line import run, start, the_one_line
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    path = tmp_path_factory.mktemp("town") / "town.pcap"
+    assert run("simulate", "sim:city", path, "--frames", 12).returncode == 0
+    return path
+
+
+@pytest.fixture
+def endpoint():
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def subscriber(endpoint):
+    """Function that starts a subscriber; it is gone after the test, whatever happened."""
+    started = []
+
+    def begin(*words):
+        started.append(start("subscribe", "car/roof", "--listen", endpoint, "--json", *words))
+        return started[-1]
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
+
+
+def publish(capture, endpoint, *words):
+    return ("publish", capture, "--vehicle", "car", "--sensor", "roof", "--connect", endpoint, *words)
+
+
+def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(capture, endpoint, subscriber, tmp_path):
+    receiving = subscriber("--until-end", "--record", tmp_path / "kept")
+    published = run(*publish(capture, endpoint, "--rate", "max"))
+    assert published.returncode == 0, published.stderr
+    assert published.stdout.startswith("car/roof: 12 frames")
+    out, complaints = receiving.communicate(timeout=30)
+    assert receiving.returncode == 0, complaints
+    summary = json.loads(out)
+    assert (summary["frames"], summary["errors"]) == (12, {})
+    (recording,) = (tmp_path / "kept").glob("*.mcap")
+    assert json.loads(run("verify", recording, capture, "--json").stdout)["packets_identical"] is True
+
+
+def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(capture, endpoint, subscriber):
+    receiving = subscriber("--frames", 8)
+    for _ in range(2):
+        with start(*publish(capture, endpoint, "--rate", 10)) as publishing:
+            time.sleep(1.6)
+            publishing.send_signal(signal.SIGKILL)
+            publishing.communicate()
+    with start(*publish(capture, endpoint, "--rate", 10)) as publishing:
+        out, complaints = receiving.communicate(timeout=30)
+        publishing.send_signal(signal.SIGTERM)
+        publishing.communicate(timeout=20)
+    assert receiving.returncode == 0, complaints
+    summary = json.loads(out)
+    assert summary["frames"] >= 8
+    assert summary["errors"] == {}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, subscriber):
+    receiving = subscriber()
+    with start(*publish("sim:city", endpoint)) as publishing:
+        time.sleep(3.0)
+        publishing.send_signal(number)
+        said, complaints = publishing.communicate(timeout=20)
+    assert publishing.returncode == 0, complaints
+    assert "frames in" in said
+    receiving.send_signal(number)
+    out, complaints = receiving.communicate(timeout=20)
+    assert receiving.returncode == 0, complaints
+    assert json.loads(out)["frames"] > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("publish", "sim:city", "--rate", "fast"), 2, "--rate fast"),
+        (("publish", "sim:city", "--connect", "somewhere"), 2, "tcp/192.168.1.5:7447"),
+        (("publish", "sim:city", "--vehicle", "a/b"), 2, "a/b"),
+        (("publish", "sim:city", "--zenoh-config", "nowhere.json5"), 1, "nowhere.json5"),
+        (("publish", "nowhere.pcap"), 1, "nowhere.pcap"),
+        (("subscribe", "just-one-part"), 2, "VEHICLE/SENSOR"),
+        (("subscribe", "--udp", "127.0.0.1:many"), 2, "127.0.0.1:many"),
+        (("demo", "--codec", "mp3"), 2, "choose one of"),
+        (("demo", "--source", "nowhere.pcap"), 1, "nowhere.pcap"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(words, code, says):
+    result = run(*words)
+    assert result.returncode == code, result.stderr
+    assert says in the_one_line(result)
+
+
+def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
+    began = time.monotonic()
+    result = run("demo", "--seconds", "3", "--no-browser", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert time.monotonic() - began < 30
+    for word in ("ratio", "bits per point", "latency p50 / p99", "replaced", "byte for byte"):
+        assert word in result.stdout
+    assert (tmp_path / "demo-out" / "last-frame.png").stat().st_size > 100_000
