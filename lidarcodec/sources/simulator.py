@@ -185,6 +185,8 @@ class SimulatorSource(PacketSource):
             count = int(min(CHUNK_PACKETS, left))
             data = simulator.packets(count).tobytes()
             for k in range(count):
+                if self.closed:
+                    return
                 payload = data[k * PACKET_BYTES : (k + 1) * PACKET_BYTES]
                 yield Packet(payload, self.start_ns + (first + k) * PACKET_NS)
             first += count
