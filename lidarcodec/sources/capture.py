@@ -20,6 +20,7 @@ from lidarcodec.sources.pcap import MAGICS, Ending, Record, read_pcap
 from lidarcodec.sources.pcapng import MAGIC as PCAPNG_MAGIC
 from lidarcodec.sources.pcapng import read_pcapng
 from lidarcodec.sources.spec import Spec, address_of
+from lidarcodec.sources.table_search import SEARCHED_PACKETS, carries_table
 from lidarcodec.units import PACKET_BYTES
 
 logger = logging.getLogger(__name__)
@@ -28,8 +29,6 @@ POSITION_BYTES: Final = 512
 POSITION_PORT: Final = 8308
 FIRST_PACKETS: Final = 1024
 """Packets by which the streams of a file are told apart: 0.3 s of an HDL-64E."""
-STATUS_PACKETS: Final = 2 * 4160
-"""Packets after which the calibration in the status bytes has come round once, wherever the file begins."""
 
 NAMED_STREAMS: Final = 16
 
@@ -84,7 +83,8 @@ class CaptureSource(PacketSource):
         from lidarcodec.sensors import find_calibration
 
         self.path = path
-        self.stream, payloads, self.start_ns = _choose(path, port, None if src is None else address_of(src).packed)
+        address = None if src is None else address_of(src).packed
+        self.stream, payloads, self.start_ns = _choose(path, port, address, search=calibration is None)
         super().__init__(find_calibration(path, calibration, payloads))
         self.label = f"capture {path.name}, {_name(self.stream)}"
         self._warned = False
@@ -116,8 +116,8 @@ class CaptureSource(PacketSource):
                 logger.warning("%s is %s: %s; what is whole before was read", self.path, ending.cause, ending.text)
 
 
-def _choose(path: Path, port: int | None, source: bytes | None) -> tuple[Stream, list[bytes], int]:
-    """The stream to take, its first payloads (up to STATUS_PACKETS), and the host time of the first."""
+def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:
+    """The stream to take, its first payloads (enough to `search` for a calibration), and the host time of the first."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise SourceError(f"{path} is not a file that can be read twice")
@@ -147,8 +147,9 @@ def _choose(path: Path, port: int | None, source: bytes | None) -> tuple[Stream,
         raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
     chosen = _supported(sorted(streams, key=lambda stream: -len(streams[stream])), streams)
     payloads = streams[chosen]
-    more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
-    payloads.extend(islice(more, STATUS_PACKETS - len(payloads)))
+    if search and carries_table(payloads):
+        more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
+        payloads.extend(islice(more, SEARCHED_PACKETS - len(payloads)))
     datagrams.close()
     return chosen, payloads, stamps[chosen]
 

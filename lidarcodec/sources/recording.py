@@ -17,8 +17,8 @@ from lidarcodec.recording import RecordingReader
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
 from lidarcodec.sources.base import PacketSource
-from lidarcodec.sources.capture import STATUS_PACKETS
 from lidarcodec.sources.spec import Spec
+from lidarcodec.sources.table_search import SEARCHED_PACKETS
 from lidarcodec.wire import unpack
 
 Channel = Literal["packets", "messages"]
@@ -43,7 +43,7 @@ class RecordingSource(PacketSource):
         sensor, CalibrationError.
         """
         self.path, self._topic = path, topic
-        first = [] if channel == "messages" else list(islice(self._raw(Counter()), STATUS_PACKETS))
+        first = [] if channel == "messages" else list(islice(self._raw(Counter()), SEARCHED_PACKETS))
         self.channel: Channel = "packets" if first else "messages"
         failed: list[DecodeError] = []
         frame = next(self._frames(Counter(), failed), None) if channel != "packets" else None

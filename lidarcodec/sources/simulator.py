@@ -181,7 +181,7 @@ class SimulatorSource(PacketSource):
         simulator = _native.Simulator(*self._options, self.start_ns)
         left = math.inf if self.frames is None else self.frames * FRAME_PACKETS
         first = 0
-        while left > 0 and not self.closed:
+        while left > 0:
             count = int(min(CHUNK_PACKETS, left))
             data = simulator.packets(count).tobytes()
             for k in range(count):

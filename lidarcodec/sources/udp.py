@@ -19,10 +19,10 @@ from typing import Final
 from lidarcodec import _native
 from lidarcodec.errors import PacketError, SourceError
 from lidarcodec.packet import Packet
-from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors import StatusReader, find_calibration, identify
+from lidarcodec.sensors import find_calibration, identify
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec, address_of
+from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp_socket import open_socket
 from lidarcodec.units import DATA_PORT, PACKET_BYTES
 
@@ -37,37 +37,6 @@ REFUSED_PACKETS: Final = 64
 """So many packets of another sensor, and none of an HDL-64E, end the source."""
 WAIT_S: Final = 2.0
 """A little more than the 1.2 s (4160 packets) in which the table comes round."""
-FIRST_PACKETS: Final = 64
-PARAMETER_TYPES: Final = frozenset(b"1234567")
-"""Status types that carry the calibration table: seven in sixteen packets. Without one among 64 there is no table."""
-SEARCHED_PACKETS: Final = 5 * 4160
-
-
-class TableSearch:
-    """Looks for the calibration table in the first packets of a stream.
-
-    first: the first payloads;  settled: nothing is to be waited for any more;  sensor: what was found
-    """
-
-    def __init__(self) -> None:
-        self._reader = StatusReader()
-        self._seen = 0
-        self.first: list[bytes] = []
-        self.settled = False
-        self.sensor: SensorModel | None = None
-
-    def push(self, payload: bytes) -> bool:
-        """Take the next packet; False when the search is over."""
-        self._seen += 1
-        if self._seen <= FIRST_PACKETS:
-            self.first.append(payload)
-            if self._seen == FIRST_PACKETS and not any(p[-2] in PARAMETER_TYPES for p in self.first):
-                self.settled = True
-        if self._reader.push(payload):
-            self.sensor = self._reader.sensor
-        over = self.sensor is not None or self._seen >= SEARCHED_PACKETS
-        self.settled |= over
-        return not over
 
 
 class UdpSource(PacketSource):

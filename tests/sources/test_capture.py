@@ -14,6 +14,7 @@ import pytest
 import zstandard
 
 from lidarcodec.errors import LidarCodecError, PacketError, SourceError
+from lidarcodec.sensors import generic_sensor, status_bytes
 from lidarcodec.sources import open_source
 from tests.sources import captures as c
 
@@ -265,6 +266,15 @@ def test_an_hdl64_among_more_packets_of_another_sensor_is_found(write):
     assert counts == {"other stream": 30}
     with pytest.raises(PacketError, match="VLP-16"):
         read(write(c.pcap(frames[:30])))
+
+
+def test_the_sensors_own_calibration_is_found_wherever_the_file_begins(write):
+    table = status_bytes(generic_sensor("HDL-64E S3"))
+    payloads = [c.payload(k)[:1204] + table[(k + 3000) % len(table)].tobytes() for k in range(len(table) + 20)]
+    with open_source(write(c.pcap(map(c.frame, payloads)))) as source:
+        assert source.sensor.origin == "stream"
+        assert sum(1 for _ in source.packets()) == len(payloads)
+    assert open_source(write(c.pcap(map(c.frame, payloads[:2000])))).sensor.origin == "generic"
 
 
 def test_a_file_without_sensor_packets_says_what_it_holds(write):
