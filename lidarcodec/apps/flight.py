@@ -28,7 +28,8 @@ MAX_RECEIVERS = 64
 
 
 class Flight:
-    """Messages under way to the receiver that is followed. Thread-safe.
+    """Messages under way to the receiver that is followed: the one that is named, else the server, else the first that
+    came; another one while that one is silent. Thread-safe.
 
     timeouts: messages that went without the report of the one before; arrive_ms: put to report
     """
@@ -42,6 +43,7 @@ class Flight:
         self._alive: OrderedDict[str, float | None] = OrderedDict()  # None: has a token; else time of the last report
         self._sent: OrderedDict[int, float] = OrderedDict()
         self._open: set[int] = set()
+        self._silent: set[str] = set()  # did not report in time; followed again when they report
         self._last_report = float("-inf")
         self._send_s: list[float] = []
         self._rtt_s: dict[str, float] = {}
@@ -75,6 +77,7 @@ class Flight:
         """A receiver is gone."""
         with self._condition:
             self._rtt_s.pop(name, None)
+            self._silent.discard(name)
             self._switch(lambda: self._alive.pop(name, None))
 
     def round_trip(self, name: str, rtt_s: float) -> None:
@@ -97,6 +100,7 @@ class Flight:
         """A receiver has the message, and with it none of those before is under way any more."""
         now = self._clock()
         with self._condition:
+            self._switch(lambda: self._silent.discard(name))
             if self._alive.get(name, now) is not None:  # no token: known by its reports only
                 if name not in self._alive and len(self._alive) >= MAX_RECEIVERS:
                     return
@@ -127,8 +131,7 @@ class Flight:
                 left = min(end, self._due()) - self._clock()
                 if left <= 0:
                     if self._due() <= self._clock():
-                        self.timeouts += 1
-                        self._open.clear()
+                        self._time_out()
                         return True
                     return False
                 self._condition.wait(left)
@@ -160,10 +163,11 @@ class Flight:
         now = self._clock()
         for name in [n for n, last in self._alive.items() if last is not None and now - last > FORGET_S]:
             del self._alive[name]
+        heard = [name for name in self._alive if name not in self._silent] or list(self._alive)
         for wanted in (self._follow, SERVER_RECEIVER):
-            if wanted in self._alive:
+            if wanted in heard:
                 return wanted
-        return next(iter(self._alive), None)
+        return heard[0] if heard else None
 
     def _switch(self, change: Callable[[], object]) -> None:
         """Make a change; what is under way to a receiver that is not followed any more is not waited for."""
@@ -174,6 +178,14 @@ class Flight:
             self._send_s.clear()
             self._last_report = float("-inf")
         self._condition.notify_all()
+
+    def _time_out(self) -> None:
+        """The receiver that is followed did not report: the next message goes, and others that do report come first."""
+        self.timeouts += 1
+        silent = self._following()
+        if silent is not None:
+            self._switch(lambda: self._silent.add(silent))
+        self._open.clear()
 
     def _window(self) -> int:
         rtt = self._rtt_s.get(self._following() or "", 0.0)

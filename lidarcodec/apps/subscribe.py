@@ -25,7 +25,7 @@ from lidarcodec.apps.udp_out import UdpOut
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
 from lidarcodec.transport import Endpoints, Transport
-from lidarcodec.transport.endpoints import LOOPBACK_PORT, Mode
+from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
 
 TICK_S = 0.2
@@ -44,7 +44,7 @@ def subscribe(
     listen: str | list[str] | None = None,
     config: str | Path | None = None,
     mode: Mode | None = None,
-    loopback_port: int = LOOPBACK_PORT,
+    loopback_port: int | None = None,
     **options: Any,
 ) -> LiveStream:
     """A live stream to iterate over; `with subscribe(...) as live: for frame in live: ...`
@@ -127,12 +127,12 @@ class LiveStream:
         self.close()
 
     def next(self, timeout_s: float | None = None) -> Frame | None:
-        """The next frame; None when there was none in time, or after the end.
+        """The next frame; None when there was none in time, or after the end or an interruption.
 
         Raises TransportError when the network failed for good.
         """
         end = None if timeout_s is None else time.monotonic() + timeout_s
-        while True:
+        while not self._interrupted:
             left = TICK_S if end is None else end - time.monotonic()
             frame = self._frames.take(max(0.0, min(left, TICK_S)))
             if frame is not None:
@@ -140,8 +140,9 @@ class LiveStream:
             if self._frames.finished:
                 self._raise_failure()
                 return None
-            if left <= 0 or self._interrupted:
+            if left <= 0:
                 return None
+        return None
 
     def __iter__(self) -> Iterator[Frame]:
         while (frame := self.next(self._timeout_s)) is not None:

@@ -6,8 +6,9 @@ port (7447), and from there they find each other and connect directly.
 
 from __future__ import annotations
 
+import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -15,6 +16,7 @@ from lidarcodec.errors import TransportError
 
 LOOPBACK = "tcp/127.0.0.1"
 LOOPBACK_PORT = 7447
+PORT_VARIABLE = "LIDARCODEC_LOOPBACK_PORT"
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 """The library's own default waits up to 4 s after a long outage; with this a stream is back within 0.5 s."""
 OPEN_TIMEOUT_MS = 500
@@ -25,6 +27,19 @@ _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream)/\S+")
 Mode = Literal["peer", "client", "router"]
 
 
+def default_loopback_port() -> int:
+    """7447, or what LIDARCODEC_LOOPBACK_PORT says.
+
+    Raises TransportError when that is no port.
+    """
+    text = os.environ.get(PORT_VARIABLE, "")
+    if not text:
+        return LOOPBACK_PORT
+    if not text.isdigit() or not 1 <= int(text) <= 65535:
+        raise TransportError(f"{PORT_VARIABLE} is 1 to 65535, not '{text}'")
+    return int(text)
+
+
 @dataclass(frozen=True)
 class Endpoints:
     """Where a session listens and connects.
@@ -33,14 +48,14 @@ class Endpoints:
     config: a whole Zenoh configuration file (JSON5), used as it is; listen and connect, if given, are put over it
     mode: by default `client` when there is only something to connect to (behind a router peers that do not listen hear
         nothing of each other, and nothing says so), else `peer`
-    loopback_port: where processes of this machine meet when nothing else is given
+    loopback_port: where processes of this machine meet when nothing else is given (7447, or LIDARCODEC_LOOPBACK_PORT)
     """
 
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     config: Path | None = None
     mode: Mode | None = None
-    loopback_port: int = LOOPBACK_PORT
+    loopback_port: int = field(default_factory=default_loopback_port)
 
     def __post_init__(self) -> None:
         for endpoint in self.listen + self.connect:
@@ -64,7 +79,7 @@ class Endpoints:
         listen: str | tuple[str, ...] | list[str] | None = None,
         config: str | Path | None = None,
         mode: Mode | None = None,
-        loopback_port: int = LOOPBACK_PORT,
+        loopback_port: int | None = None,
     ) -> Self:
         """From options as people give them: one endpoint or several, a path as text."""
 
@@ -72,7 +87,8 @@ class Endpoints:
             return (given,) if isinstance(given, str) else tuple(given or ())
 
         path = None if config is None else Path(config)
-        return cls(several(listen), several(connect), path, mode, loopback_port)
+        port = default_loopback_port() if loopback_port is None else loopback_port
+        return cls(several(listen), several(connect), path, mode, port)
 
     @property
     def local(self) -> bool:

@@ -113,6 +113,21 @@ def test_a_slow_viewer_does_not_steer(clock):
     assert not flight.wait(0)
 
 
+def test_a_receiver_that_hangs_is_left_for_one_that_reports_until_it_reports_again(clock):
+    flight = Flight("hangs", clock=clock)
+    flight.came("hangs")
+    flight.came("works")
+    flight.sent(0)
+    clock.now += LIMIT_S + 0.001
+    assert flight.wait(0)
+    assert flight.following == "works"
+    flight.sent(1)
+    flight.reported("works", 1)
+    assert flight.wait(0)
+    flight.reported("hangs", 0)
+    assert flight.following == "hangs"
+
+
 def test_whoever_takes_over_does_not_answer_for_what_was_sent_before(clock):
     flight = Flight(clock=clock)
     flight.came("viewer")

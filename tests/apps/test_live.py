@@ -10,6 +10,7 @@ import time
 import pytest
 
 from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.subscribe import subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
@@ -18,6 +19,7 @@ from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Broken, Loop
+from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
 
 KEY = "vehicle/lidar"
@@ -307,3 +309,13 @@ async def test_a_coroutine_that_waits_ends_with_the_stream(network):
         await asyncio.sleep(0.05)
         stream.close()
         assert await asyncio.wait_for(waiting, 2) is None
+
+
+def test_every_field_of_status_and_report_is_documented(network):
+    text = (ROOT / "docs" / "live.md").read_text()
+    with publisher(network, rate=20.0) as car, live(network) as stream:
+        assert stream.next(5)
+        names = {*car.status(), *car.status()["flight"], *COUNTED, *stream.summary()}
+        names -= {"errors", "udp", "recording"} & set(stream.summary())
+    for name in names:
+        assert f"`{name}`" in text or f"`{name.partition('_')[0]}_*`" in text, name

@@ -55,6 +55,16 @@ def test_behind_a_router_the_session_is_a_client_and_a_listener_is_a_peer():
     assert Endpoints.of(connect="tcp/a:1", mode="peer").effective_mode == "peer"
 
 
+def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
+    assert Endpoints().rendezvous == "tcp/127.0.0.1:7447"
+    monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", "17447")
+    assert Endpoints().rendezvous == Endpoints.of().rendezvous == "tcp/127.0.0.1:17447"
+    assert Endpoints.of(loopback_port=5).loopback_port == 5
+    monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", "none")
+    with pytest.raises(TransportError):
+        Endpoints()
+
+
 @pytest.mark.parametrize(
     "options",
     [
