@@ -12,6 +12,7 @@ namespace {
 namespace sim = lidarcodec::sim;
 
 constexpr std::size_t kMostPackets = 100'000;
+constexpr std::uint64_t kMostSkipped = 9'000'000'000;  // 30 days
 constexpr std::int64_t kLongestNs = std::int64_t{30} * 86400 * 1'000'000'000;
 
 sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, double speed, double traffic, std::int64_t start_ns) {
@@ -75,6 +76,14 @@ void bind_simulator(nb::module_& m) {
             return give(std::move(out), {n});
           },
           nb::arg("places").noconvert(), "Height of the ground at places (N, 2).")
+      .def(
+          "skip",
+          [](sim::Simulator& self, std::uint64_t count) {
+            if (count > kMostSkipped) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "at most 30 days are skipped");
+            nb::gil_scoped_release release;
+            self.skip(count);
+          },
+          nb::arg("count"), "Drives on for that many packets without looking.")
       .def_prop_ro("made", &sim::Simulator::packets_made, "Packets made so far.");
   nb::class_<sim::PoseFinder>(m, "SimulatorPoses", "Exact poses of a simulated drive.")
       .def(

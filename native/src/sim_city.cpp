@@ -90,7 +90,8 @@ class City final : public World {
       const std::uint64_t id = hash_of(block.id, 81, n);
       Rng rng(id);
       const bool back = rng.chance(0.5);
-      const double pace = rng.chance(0.2) ? 0.0 : rng.between(0.8, 1.7);
+      const bool cycles = rng.chance(0.12);
+      const double pace = cycles ? rng.between(3.0, 5.0) : (rng.chance(0.2) ? 0.0 : rng.between(0.8, 1.7));
       const double start = rng.between(0.0, around), side = rng.between(-0.7, 0.7);
       double s = fraction_of((start + (back ? -pace : pace) * seconds) / around) * around;
       std::size_t k = 0;
@@ -104,7 +105,7 @@ class City final : public World {
       }
       const V2 dir = step * (1.0 / size);
       const V2 at = block.round[k] + dir * s + V2{-dir.y, dir.x} * side;
-      const Model& model = models_.walker(mix(id ^ 4), pace * seconds / 1.45 + start);
+      const Model& model = cycles ? models_.vehicle(Vehicle::Bicycle, id) : models_.walker(mix(id ^ 4), pace * seconds / 1.45 + start);
       Object o;
       o.at = {at.x, at.y, ground_.surface(at)};
       const double sign = back ? -1.0 : 1.0;

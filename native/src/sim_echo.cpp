@@ -37,7 +37,7 @@ Echo Receiver::receive(int laser, std::uint64_t firing, const Hit& hit) {
   const double speckle = normal_of(h0, u);
   const double need = kThreshold / sensor_.reach(laser);
   before_[k] = hit.t;
-  if (power * (1.0 + 0.35 * speckle) < need || u < 0.004) return {};
+  if (power * (1.0 + 0.15 * speckle) < need || u < 0.002) return {};
 
   // A slanting surface spreads the pulse over the footprint of the beam.
   const double slant = min_of(hit.t * kFootprint * std::sqrt(1.0 - cosine * cosine) / cosine, 1.5);
@@ -55,9 +55,9 @@ Echo Receiver::receive(int laser, std::uint64_t firing, const Hit& hit) {
   echo.range = static_cast<std::uint16_t>(steps);
   const double lit = albedo * (0.30 + 0.70 * cosine) * (1.0 - mirrored);
   const double near = 0.45 + 0.55 * smooth_step(1.0, 9.0, hit.t), far = 1.0 / (1.0 + hit.t * hit.t * (1.0 / 8100.0));
-  const double level = sensor_.offset(laser) + sensor_.gain(laser) * 178.0 * std::sqrt(lit * near * far);
+  const double level = sensor_.offset(laser) + sensor_.gain(laser) * 225.0 * std::sqrt(lit * near * far);
   const double wobble = (firing & 1) ? 1.2 : -1.2;
-  echo.intensity = static_cast<std::uint8_t>(clamp_to(level * (1.0 + 0.035 * speckle) + 2.2 * normal_of(mix(h2), u) + wobble, 0.0, 255.0));
+  echo.intensity = static_cast<std::uint8_t>(clamp_to(level * (1.0 + 0.025 * speckle) + 1.6 * normal_of(mix(h2), u) + wobble, 0.0, 255.0));
   return echo;
 }
 

@@ -51,14 +51,14 @@ void accept(const LocalRay& r, Hit& hit, double t, double cosine, Material m, do
 void look_inside(const LocalRay& r, Hit& hit, double t, double dn, const Cell& cell) {
   const double kind = unit32(cell.hash * 0x2545F491u);
   const double luck = unit32(cell_hash(r.luck, r.id, cell.bay, cell.level));
-  if (kind < 0.2) return accept(r, hit, t, dn, Material::Plastic, 0.5);
-  if (kind < 0.55) {
-    if (luck < 0.55) return accept(r, hit, t + (0.1 + 0.06 * luck) / dn, dn, Material::Cloth, 0.22);
+  if (kind < 0.28) return accept(r, hit, t, dn, Material::Plastic, 0.5);
+  if (kind < 0.5) {
+    if (luck < 0.9) return accept(r, hit, t + (0.1 + 0.04 * luck) / dn, dn, Material::Cloth, 0.22);
     return accept(r, hit, t, dn, Material::Nothing, -1);
   }
-  if (luck < 0.55) return accept(r, hit, t, dn, Material::Nothing, -1);
-  if (luck < 0.72) return accept(r, hit, t, dn, Material::Glass, -1);
-  const double depth = 1.2 + 3.2 * unit32(cell.hash * 0xC2B2AE35u) - (luck - 0.72) * 2.0;
+  if (luck < (kind < 0.66 ? 0.45 : 0.97)) return accept(r, hit, t, dn, Material::Nothing, -1);
+  if (luck > 0.98) return accept(r, hit, t, dn, Material::Glass, -1);
+  const double depth = 1.2 + 3.2 * unit32(cell.hash * 0xC2B2AE35u) - luck * 0.4;
   accept(r, hit, t + depth / dn, dn, Material::Plaster, 0.16);
 }
 

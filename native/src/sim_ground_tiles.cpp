@@ -49,6 +49,7 @@ Pair pair_of(const Town& town, bool along_y, double at, std::int64_t other) {
 
 void TownGround::make(Tile& tile) const {
   const double x0 = static_cast<double>(tile.tx) * kTile, y0 = static_cast<double>(tile.ty) * kTile;
+  tile.x0 = x0, tile.y0 = y0;
   const double cx = x0 + kTile / 2, cy = y0 + kTile / 2;
   const Pair v = pair_of(town_, true, cx, floor_of(cy / 100.0));
   const Pair h = pair_of(town_, false, cy, floor_of(cx / 100.0));
@@ -60,6 +61,7 @@ void TownGround::make(Tile& tile) const {
   std::array<BlockStyle, 9> styles{};
   for (int k = 0; k < 9; ++k) styles[static_cast<std::size_t>(k)] = town_.style(v.first - 1 + k / 3, h.first - 1 + k % 3);
   tile.samples.resize((kCells + 1) * (kCells + 1));
+  tile.across.resize(tile.samples.size());
   tile.cover.resize(kCells * kCells);
   for (int iy = 0; iy <= kCells; ++iy)
     for (int ix = 0; ix <= kCells; ++ix) {
@@ -75,8 +77,8 @@ void TownGround::make(Tile& tile) const {
       const double lumps = 0.05 * noise_at(seed, p.x / 3.1, p.y / 3.1) + 0.1 * noise_at(seed + 1, p.x / 11.0, p.y / 11.0);
       s.kerb = static_cast<float>(kerb);
       s.height = static_cast<float>(town_.height(p) + lumps * smooth_step(3.0, 6.0, kerb));
-      s.across_y = static_cast<float>(near_high_v ? v1 : v0);
-      s.across_x = static_cast<float>(near_high_h ? h1 : h0);
+      tile.across[static_cast<std::size_t>(iy * (kCells + 1) + ix)] = {static_cast<float>(near_high_v ? v1 : v0),
+                                                                       static_cast<float>(near_high_h ? h1 : h0)};
       if (ix == kCells || iy == kCells) continue;
       const double nearest = min_of(min_of(abs_of(v0), abs_of(v1)), min_of(abs_of(h0), abs_of(h1)));
       const double pavement = sv < sh ? tile.along_y.pavement : tile.along_x.pavement;
@@ -93,7 +95,6 @@ void TownGround::make(Tile& tile) const {
 
 const TownGround::Tile& TownGround::tile_at(double x, double y) {
   const std::int64_t tx = floor_of(x * (1.0 / kTile)), ty = floor_of(y * (1.0 / kTile));
-  if (last_ && last_->tx == tx && last_->ty == ty) return *last_;
   std::unique_ptr<Tile>& slot = tiles_[static_cast<std::size_t>((tx & (kCache - 1)) * kCache + (ty & (kCache - 1)))];
   if (!slot) slot = std::make_unique<Tile>();
   if (slot->samples.empty() || slot->tx != tx || slot->ty != ty) {
@@ -101,7 +102,6 @@ const TownGround::Tile& TownGround::tile_at(double x, double y) {
     slot->ty = ty;
     make(*slot);
   }
-  last_ = slot.get();
   return *slot;
 }
 

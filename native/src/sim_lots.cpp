@@ -10,11 +10,17 @@ Place front(const Side& side, double u, double width, double off) {
   return p;
 }
 
+// What closes a garden off: a hedge, a wall, pickets, a railing on a wall, wire netting, or nothing (5).
+int boundary_kind(Rng& rng) {
+  const double u = rng.unit();
+  return u < 0.32 ? 0 : (u < 0.58 ? 1 : (u < 0.7 ? 2 : (u < 0.82 ? 3 : (u < 0.87 ? 4 : 5))));
+}
+
 // A hedge, wall or fence from x0 to x1 along a place.
 void add_boundary(Rng& rng, int kind, double height, double x0, double x1, Parts& parts) {
-  if (x1 - x0 < 0.4) return;
+  if (x1 - x0 < 0.4 || kind > 4) return;
   switch (kind) {
-    case 0: parts.push_back(leaf_box(x0, x1, 0, 0.7, -0.2, height, rng.between(0.25, 0.5), 0.09)); break;
+    case 0: parts.push_back(leaf_box(x0, x1, 0, 0.7, -0.2, height, rng.between(0.4, 0.8), 0.09)); break;
     case 1: parts.push_back(box(Material::Brick, x0, x1, 0, 0.24, -0.6, height * 0.8)); break;
     case 2: parts.push_back(fence(Material::Wood, x0, x1, 0.1, 0.02, height, 0.14, 0.6)); break;
     case 3:
@@ -49,7 +55,7 @@ double corner_of(int k, double pavement, double setback, double depth) {
 void fill_rows(BlockBuilder& b, int k, const Side& side, bool old) {
   Rng rng(hash_of(b.hash(), 21, k));
   const double setback = old || rng.chance(0.5) ? 0.0 : rng.between(2.0, 4.0);
-  const int boundary = rng.below(4);
+  const int boundary = boundary_kind(rng);
   const double boundary_height = rng.between(0.7, 1.3);
   const double depth = rng.between(10.0, 13.0);
   const double off = side.street.pavement + 0.05 + setback;
@@ -100,7 +106,7 @@ void fill_villas(BlockBuilder& b, int k, const Side& side) {
   Rng rng(hash_of(b.hash(), 22, k));
   const double end = side.length() - corner_of(k, side.far_pavement, 0.0, 18.0);
   const double edge = side.street.pavement + 0.15;
-  const int habit = rng.below(5);
+  const int habit = boundary_kind(rng);
   for (double u = corner_of(k, side.near_pavement, 0.0, 18.0); u + 11.0 < end;) {
     const double lot = min_of(rng.between(13.0, 22.0), end - u);
     const Place p = front(side, u, lot, edge);
@@ -114,7 +120,7 @@ void fill_villas(BlockBuilder& b, int k, const Side& side) {
     b.put({p.local(x, back), p.c, p.s}, house, Label::Building, rng.next());
 
     Parts fencing;
-    const int kind = rng.chance(0.6) ? habit : rng.below(6);
+    const int kind = rng.chance(0.6) ? habit : boundary_kind(rng);
     const double height = rng.between(0.8, kind == 0 ? 2.1 : 1.4), drive = rng.between(0.3, lot - 4.0);
     if (kind < 5) {
       add_boundary(rng, kind, height, 0.0, drive, fencing);
@@ -122,7 +128,7 @@ void fill_villas(BlockBuilder& b, int k, const Side& side) {
       b.put(p, fencing, kind == 0 ? Label::Vegetation : Label::Other, rng.next());
     }
     Parts between;  // to the neighbour, across x: its own frame turned by a quarter
-    const int divider = rng.below(5);
+    const int divider = boundary_kind(rng);
     add_boundary(rng, divider, rng.between(1.0, 1.8), 0.4, back + plan.depth + 6.0, between);
     b.put({p.local(0, 0), -p.s, p.c}, between, Label::Other, rng.next());
 
@@ -206,7 +212,7 @@ void fill_works(BlockBuilder& b, int k, const Side& side) {
 
 void fill_park(BlockBuilder& b, int k, const Side& side) {
   Rng rng(hash_of(b.hash(), 25, k));
-  const int kind = rng.below(6);
+  const int kind = boundary_kind(rng);
   if (kind < 5)
     for (double u = 2.0; u < side.length() - 6.0;) {
       const double length = min_of(rng.between(12.0, 25.0), side.length() - 2.0 - u);

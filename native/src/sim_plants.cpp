@@ -9,7 +9,7 @@ void add_tree(Rng& rng, Parts& p, double height, double spread) {
   const double girth = 0.025 * height * rng.between(0.6, 1.1);
   p.push_back(cylinder(M::Bark, 0, 0, girth, -0.3, bare));
   p.push_back(cylinder(M::Bark, 0, 0, girth * 0.7, bare, height * 0.75));
-  const double density = rng.between(0.10, 0.26);
+  const double density = rng.between(0.16, 0.42);
   const double cell = rng.between(0.13, 0.2);
   const int crowns = 2 + rng.below(4);
   const double middle = 0.5 * (bare + height);
@@ -29,7 +29,7 @@ void add_tree(Rng& rng, Parts& p, double height, double spread) {
 
 void add_conifer(Rng& rng, Parts& p, double height, double spread) {
   p.push_back(cylinder(M::Bark, 0, 0, 0.018 * height, -0.3, height * 0.9));
-  const double density = rng.between(0.2, 0.35);
+  const double density = rng.between(0.3, 0.5);
   for (int k = 0; k < 4; ++k) {
     const double z = height * (0.2 + 0.2 * k);
     const double r = spread * (1.0 - 0.22 * k) * rng.between(0.9, 1.1);
@@ -39,7 +39,7 @@ void add_conifer(Rng& rng, Parts& p, double height, double spread) {
 
 void add_bush(Rng& rng, Parts& p, double height, double spread) {
   const int lumps = 1 + rng.below(3);
-  const double density = rng.between(0.2, 0.45);
+  const double density = rng.between(0.3, 0.6);
   for (int k = 0; k < lumps; ++k) {
     const double x = lumps > 1 ? rng.between(-0.6, 0.6) * spread : 0.0;
     const double y = lumps > 1 ? rng.between(-0.5, 0.5) * spread : 0.0;

@@ -47,12 +47,12 @@ Sensor::Sensor(std::uint64_t seed) : ripple_(kLasers * 24), rotation_(4000) {
     l.dist = row.dist_mm * 0.001;
     // Real drives: 8.6-10.3 mm in the upper block, 7.2-7.5 in the lower, single lasers from 5.7 to 12.
     const double spread = rng.between(-1.0, 1.0);
-    l.sigma = (laser < 32 ? 0.0094 : 0.0073) * (1.0 + 0.24 * spread * abs_of(spread) + 0.06 * spread);
+    l.sigma = (laser < 32 ? 0.0092 : 0.0070) * (1.0 + 0.24 * spread * abs_of(spread) + 0.06 * spread);
     // No two detectors are alike: gain, dark level and reach differ from laser to laser.
-    l.gain = rng.between(0.80, 1.18);
-    l.offset = rng.between(-14.0, 10.0);
-    l.reach = rng.between(0.85, 1.15);
-    const double amplitude = (laser < 32 ? 0.0010 : 0.0018) * rng.between(0.6, 1.4);
+    l.gain = rng.between(0.72, 1.16);
+    l.offset = rng.between(-66.0, 4.0);
+    l.reach = rng.between(0.55, 1.25);
+    const double amplitude = (laser < 32 ? 0.0018 : 0.0028) * rng.between(0.6, 1.4);
     const std::array<double, 3> phase{rng.unit(), rng.unit(), rng.unit()};
     const std::array<double, 3> part{rng.between(0.4, 1.0), rng.between(0.3, 1.0), rng.between(0.2, 0.8)};
     for (int k = 0; k < 24; ++k) {

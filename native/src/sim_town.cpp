@@ -23,13 +23,13 @@ Street Town::street(bool along_y, std::int64_t index) const {
     s.cobbled = rng.chance(0.4);
   } else if (kind < 0.6) {
     s.kind = StreetClass::Residential;
-    s.half_width = rng.between(4.8, 5.6), s.lane = 1.55, s.pavement = rng.between(1.8, 3.0), s.speed = 9.5;
+    s.half_width = rng.between(5.5, 6.6), s.lane = 1.5, s.pavement = rng.between(1.8, 3.0), s.speed = 9.5;
   } else if (kind < 0.87) {
     s.kind = StreetClass::Main;
-    s.half_width = rng.between(5.6, 6.6), s.lane = 1.75, s.pavement = rng.between(2.5, 4.5), s.speed = 13.0;
+    s.half_width = rng.between(6.2, 7.6), s.lane = 1.75, s.pavement = rng.between(2.5, 4.5), s.speed = 13.0;
   } else {
     s.kind = StreetClass::Avenue;
-    s.half_width = rng.between(8.8, 10.0), s.lane = 1.75, s.pavement = rng.between(3.5, 6.0), s.speed = 14.0;
+    s.half_width = rng.between(9.2, 10.5), s.lane = 1.75, s.pavement = rng.between(3.5, 6.0), s.speed = 14.0;
     s.two_lanes = true;
   }
   return s;

@@ -37,11 +37,13 @@ struct Span {
   }
 };
 
-// Pane of a car: the beam goes through, is lost, or (false) comes back.
+// Pane of a car: the beam goes through, is lost, or (false) comes back. Here and there a patch lets beams through.
 bool glass_eats(const LocalRay& r, Hit& hit, double t) {
+  const V3 p = r.o + r.d * t;
   const double luck = luck_of(r, 11);
-  if (luck < 0.5) return true;
-  if (luck < 0.74) {
+  const bool clear = unit32(cell_hash(r.id, floor_of(p.x * 2.5), floor_of((p.y + p.z) * 2.5), 12)) < 0.16;
+  if (luck < (clear ? 0.75 : 0.02)) return true;
+  if (luck < 0.97) {
     accept(r, hit, t, 1.0, Material::Nothing);
     return true;
   }
@@ -147,10 +149,10 @@ void walk_leaves(const LocalRay& r, Hit& hit, double in, double out, double dens
   const double fill = density * (1.0 + 0.5 * kBeamSpread * (in + out) * 0.5 * scale);
   for (; t < out; t += step) {
     const V3 p = r.o + r.d * t;
-    const double weight = inside(p);
-    if (weight <= 0) continue;
     const std::int64_t x = floor_of(p.x * scale), y = floor_of(p.y * scale), z = floor_of(p.z * scale);
     const double clump = unit32(cell_hash(r.id ^ 0x51u, x >> 2, y >> 2, z >> 2));
+    const double weight = inside(p, clump);
+    if (weight <= 0) continue;
     const std::uint32_t leaf = cell_hash(r.id, x, y, z);
     if (unit32(leaf) >= fill * weight * (0.15 + 1.7 * clump * clump)) continue;
     const double at = t + cell * (unit32(leaf * 0x9E3779B1u) - 0.5) * 0.8;
@@ -170,10 +172,11 @@ void trace_leaves(const Part& p, const LocalRay& r, Hit& hit) {
   if (disc <= 0) return;
   const double root = std::sqrt(disc);
   const double in = max_of(0.0, (-od - root) / dd), out = min_of(hit.t, (-od + root) / dd);
-  walk_leaves(r, hit, in, out, a[6], a[7], [&](const V3& q) {
+  walk_leaves(r, hit, in, out, a[6], a[7], [&](const V3& q, double clump) {
     const V3 u{(q.x - a[0]) * inverse.x, (q.y - a[1]) * inverse.y, (q.z - a[2]) * inverse.z};
-    const double radius = dot(u, u);
-    return radius > 0.8 ? (1.0 - radius) * 5.0 : 0.25 + radius;  // open inside, dense below a frayed outline
+    // Open inside, dense below an outline that boughs push out and leave open.
+    const double radius = dot(u, u) + 0.75 * (1.0 - clump);
+    return radius > 0.8 ? (1.0 - radius) * 5.0 : 0.3 + radius;
   });
 }
 
@@ -184,7 +187,7 @@ void trace_leaf_box(const Part& p, const LocalRay& r, Hit& hit) {
   if (!span.cut(r.o.x - a[0], r.d.x, 0) || !span.cut(a[1] - r.o.x, -r.d.x, 1) || !span.cut(r.o.y - a[2], r.d.y, 2) ||
       !span.cut(a[3] - r.o.y, -r.d.y, 3) || !span.cut(r.o.z - a[4], r.d.z, 4) || !span.cut(a[5] - r.o.z, -r.d.z, 5))
     return;
-  walk_leaves(r, hit, span.in, span.out, a[6], a[7], [&](const V3& q) {
+  walk_leaves(r, hit, span.in, span.out, a[6], a[7], [&](const V3& q, double) {
     const double edge = min_of(min_of(q.y - a[2], a[3] - q.y), a[5] - q.z);  // frayed over the outermost 8 cm
     return edge < 0.08 ? 0.25 : 1.0;
   });

@@ -69,7 +69,7 @@ void Traffic::spawn(bool at_start) {
   const Model& model = models_.vehicle(kind, mix(id ^ 2));
   drivers_.push_back({Route(town_, id, along_y, index, t, forward, 0.6), &model, id, usual_paint(id ^ 9)});
   Driver& d = drivers_.back();
-  d.eager = kind == Vehicle::Bicycle ? 0.5 : eager;
+  d.eager = eager;
   d.s = d.s_old = 0.1;
   d.v = d.v_old = 5.0 * d.eager;
   d.route.extend(120.0);
@@ -89,6 +89,14 @@ bool Traffic::red(const Leg& leg) const {
   return leg.street.along_y ? phase >= 20 * 20 : (phase < 23 * 20 || phase >= 43 * 20);
 }
 
+double Traffic::behind(const Driver& d, const Leg& leg) const {
+  const double half = 0.5 * d.model->length;
+  if (leg.turn == Turn::Straight)
+    return leg.s0 + leg.length + town_.street(!leg.street.along_y, leg.street.along_y ? leg.cj : leg.ci).half_width + 2.0 + half;
+  const Leg& curve = d.route.leg(leg.s0 + leg.length + 0.1);
+  return curve.s0 + curve.length + 1.5 + half;
+}
+
 bool Traffic::may_cross(const Driver& d, std::size_t self, const Leg& leg) const {
   if (red(leg)) return false;
   // Whoever holds the crossing has it alone, but for followers from the same side and straight oncoming traffic.
@@ -101,10 +109,15 @@ bool Traffic::may_cross(const Driver& d, std::size_t self, const Leg& leg) const
     const bool oncoming = theirs.forward != leg.forward;
     if (oncoming && (leg.turn == Turn::Left || theirs.turn == Turn::Left)) return false;
   }
-  // Nobody stands just behind the crossing.
-  const Waypoint exit = d.route.at(leg.s0 + leg.length + 14.0);
-  for (std::size_t k = 0; k < drivers_.size(); ++k)
-    if (k != self && drivers_[k].v < 2.0 && off_body(exit.at, drivers_[k]) < 5.0 && !drivers_[k].granted) return false;
+  // Nobody stands where this one would have to stop behind the crossing.
+  const double out = behind(d, leg);
+  for (std::size_t k = 0; k < drivers_.size(); ++k) {
+    const Driver& other = drivers_[k];
+    if (k == self || other.v > 2.0) continue;
+    const double touch = 0.5 * (d.model->width + other.model->width) + 0.3;
+    for (double ahead = -2.0; ahead < 0.5 * d.model->length + 3.0; ahead += 1.5)
+      if (off_body(d.route.at(out + ahead).at, other) < touch) return false;
+  }
   return true;
 }
 
@@ -128,7 +141,7 @@ double Traffic::accelerate(Driver& d, std::size_t self) {
       if (may_cross(d, self, leg)) {
         d.granted = true;
         d.ci = leg.ci, d.cj = leg.cj;
-        d.cleared = leg.s0 + leg.length + 12.0 + half;
+        d.cleared = behind(d, leg);
       } else {
         a = min_of(a, follow(d.v, wanted, room + kStandstill - 0.5, 0));
       }
@@ -172,7 +185,7 @@ void Traffic::tick() {
   const V2 here = drivers_.front().now.at;
   for (std::size_t k = 1; k < drivers_.size();) {
     const double far = length(drivers_[k].now.at - here);
-    if (far > kFarAway || (drivers_[k].stuck > 90.0 && far > 30.0))
+    if (far > kFarAway || drivers_[k].stuck > (far > 40.0 ? 30.0 : 45.0))
       drivers_.erase(drivers_.begin() + static_cast<std::ptrdiff_t>(k));
     else
       ++k;

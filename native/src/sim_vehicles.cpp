@@ -88,10 +88,13 @@ Model bus(double length, double width, double height) {
   m.length = length, m.width = width, m.height = height;
   Parts& p = m.parts;
   const double x1 = length / 2, x0 = -x1, y = width / 2;
-  p.push_back(taper(M::CarPaint, x0, x1, -y + 0.03, y - 0.03, 0.3, x0, x1, -y, y, 1.1));
-  p.push_back(taper(M::Cabin, x0 + 0.05, x1 - 0.02, -y + 0.02, y - 0.02, 1.1, x0 + 0.1, x1 - 0.25, -y + 0.05, y - 0.05, height - 0.45));
+  p.push_back(taper(M::CarPaint, x0, x1, -y + 0.03, y - 0.03, 0.3, x0, x1, -y, y, 1.4));
+  p.push_back(taper(M::Cabin, x0 + 0.05, x1 - 0.02, -y + 0.02, y - 0.02, 1.4, x0 + 0.1, x1 - 0.25, -y + 0.05, y - 0.05, height - 0.45));
   p.push_back(taper(M::CarPaint, x0 + 0.1, x1 - 0.25, -y + 0.05, y - 0.05, height - 0.45, x0 + 0.2, x1 - 0.4, -y + 0.2, y - 0.2, height));
-  for (double x = x0 + 1.2; x < x1 - 1.5; x += 1.6) p.push_back(box(M::Cloth, x, x + 0.35, -y + 0.25, y - 0.25, 0.9, 1.75));
+  for (double x = x0 + 1.2; x < x1 - 1.5; x += 1.6) {
+    p.push_back(box(M::Cloth, x, x + 0.35, -y + 0.25, y - 0.25, 0.9, 1.85));
+    p.push_back(box(M::Plastic, x - 0.5, x - 0.3, -y - 0.005, y + 0.005, 1.4, height - 0.4));  // pillars
+  }
   p.push_back(box(M::Plastic, x1 - 0.1, x1 + 0.15, -y - 0.2, y + 0.2, 1.9, 2.3));
   add_wheels(p, x1 - 2.6, x0 + 3.1, y, 0.48);
   add_plates(p, x1, x0);
@@ -202,7 +205,7 @@ Vehicle usual_vehicle(std::uint64_t h, bool parked) {
   if (parked) return u < 0.97 ? Vehicle::Van : Vehicle::Hatchback;
   if (u < 0.965) return Vehicle::Truck;
   if (u < 0.975) return Vehicle::Bus;
-  return u < 0.985 ? Vehicle::Motorbike : Vehicle::Bicycle;
+  return Vehicle::Motorbike;
 }
 
 float usual_paint(std::uint64_t h) {

@@ -19,6 +19,25 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   throw Error(ErrorCode::Settings, "no such scene");
 }
 
+// The car's own roof hides part of the road: its edges in front, behind and at the sides of the sensor, and the roof
+// bars and aerials on it. What is hit there is nearer than the sensor can measure.
+bool hits_own_car(const Beam& b, std::uint64_t luck) {
+  if (b.direction.z > -0.2) return false;
+  const double ragged = 0.03 * unit_of(luck);
+  const auto at = [&](double z, double& x, double& y) {
+    const double t = (z - b.origin.z) / b.direction.z;
+    x = b.origin.x + t * b.direction.x;
+    y = b.origin.y + t * b.direction.y;
+  };
+  double x = 0, y = 0;
+  at(-0.23, x, y);
+  if (x < 0.95 + ragged && x > -1.12 - ragged && abs_of(y) < 0.55 + ragged) return true;
+  at(-0.14, x, y);  // roof bars
+  if (abs_of(abs_of(x + 0.1) - 0.62) < 0.04 + ragged && abs_of(y) < 0.68 + ragged) return true;
+  at(-0.08, x, y);  // aerials
+  return (x + 0.75) * (x + 0.75) + (y - 0.42) * (y - 0.42) < 0.008 || (x + 0.8) * (x + 0.8) + (y + 0.35) * (y + 0.35) < 0.005;
+}
+
 }  // namespace
 
 Simulator::Simulator(const SimulatorOptions& options)
@@ -31,6 +50,7 @@ void Simulator::look_around(std::int64_t t_ns, V3 at) {
   world_->gather(t_ns, kReach, objects_);
   index_.build(objects_, at, kReach, kSlack, 0.01);
   index_ns_ = t_ns;
+  looked_ = true;
 }
 
 void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
@@ -41,7 +61,7 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
   std::array<Echo, kLasers> echoes;
   for (std::size_t n = 0; n < count; ++n, ++packet_, out += kPacketBytes) {
     const std::int64_t start = static_cast<std::int64_t>(packet_) * kPacketNs;
-    if (packet_ % kIndexPackets == 0) look_around(start, world_->pose(start).at);
+    if (packet_ % kIndexPackets == 0 || !looked_) look_around(start, world_->pose(start).at);
     for (int f = 0; f < kFiringsPerPacket; ++f) {
       const std::int64_t now = start + f * kFiringNs;
       const std::uint64_t firing = packet_ * kFiringsPerPacket + static_cast<std::uint64_t>(f);
@@ -53,6 +73,9 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
         Ray ray{pose.at + pose.turn(beam.origin), pose.turn(beam.direction), hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
         Hit hit;
         hit.t = kReach;
+        if (hits_own_car(beam, ray.luck)) {
+          hit.label = Label::Vehicle;
+        } else
         // Steep beams end on the ground soon: with that known, few objects are left to try. Level ones the other way round.
         if (ray.direction.z < -0.06) {
           world_->trace_ground(ray, hit);
@@ -71,6 +94,12 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
     }
     status_.write(packet_, out + 1200);
   }
+}
+
+void Simulator::skip(std::uint64_t count) {
+  for (std::uint64_t n = 0; n < count * kFiringsPerPacket; ++n) rotor_.next();
+  packet_ += count;
+  looked_ = false;
 }
 
 PoseFinder::PoseFinder(const SimulatorOptions& options) : options_(options), world_(make_world(options)) {}

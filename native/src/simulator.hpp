@@ -30,6 +30,8 @@ class Simulator {
 
   // The next `count` packets, 1206 bytes each; with `truth`, 384 values a packet, firing by firing, laser by laser.
   void packets(std::size_t count, std::uint8_t* out, Truth* truth = nullptr);
+  // Drives on for `count` packets without looking.
+  void skip(std::uint64_t count);
   std::uint64_t packets_made() const { return packet_; }
 
   double ground_height(double x, double y) { return world_->ground_height({x, y}); }
@@ -47,6 +49,7 @@ class Simulator {
   std::uint64_t packet_ = 0;
   std::uint64_t luck_;
   std::int64_t index_ns_ = 0;
+  bool looked_ = false;
 };
 
 // The exact poses of a drive, without looking at anything: 0.1 ms for a second of the city.
