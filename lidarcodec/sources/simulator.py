@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,7 @@ CHUNK_PACKETS: Final = 29
 """Packets a native call: a twelfth of a turn."""
 MAX_SEED: Final = 2**53 - 1
 MAX_FRAMES: Final = 10**9
+MAX_SKIP: Final = 10**6
 MAX_TRUTH: Final = 100_000
 FARTHEST_M: Final = 1e8
 LONGEST_NS: Final = 30 * 86_400 * 10**9
@@ -115,7 +116,8 @@ class SimulatorSource(PacketSource):
     frames:   how many times 348 packets; None = endless
     speed:    top speed in m/s, 0.5 to 40; None = what the scene has
     traffic:  share of the scene's usual traffic, 0 to 3
-    start_ns: host and GPS time of the first packet, ns since the Unix epoch
+    skip:     how many times 348 packets of the drive are left out at its start (6000 a second)
+    start_ns: host and GPS time of the drive's start, ns since the Unix epoch; the attribute is the first packet's time
 
     A packet's time stamp is the moment of its first firing, by the host's clock and by GPS.
     Raises UnknownNameError for another scene, SourceError for a value out of range.
@@ -132,6 +134,7 @@ class SimulatorSource(PacketSource):
         *,
         speed: float | None = None,
         traffic: float = 1.0,
+        skip: int = 0,
         start_ns: int = START_NS,
     ) -> None:
         if scene not in SCENES:
@@ -144,18 +147,21 @@ class SimulatorSource(PacketSource):
             raise SourceError(f"sim:{scene}: speed is 0.5 to 40 m/s, not {speed}")
         if not 0.0 <= traffic <= 3.0:
             raise SourceError(f"sim:{scene}: traffic is a share from 0 to 3, not {traffic}")
+        if not 0 <= skip <= MAX_SKIP:
+            raise SourceError(f"sim:{scene}: skip is a whole number from 0 to {MAX_SKIP}, not {skip}")
         if not 0 <= start_ns < 2**61:
             raise SourceError(f"sim:{scene}: start_ns is a time since 1970 in ns, not {start_ns}")
         super().__init__(simulated_sensor())
         self.label = f"simulated {scene}, seed {seed}"
         self.scene, self.seed, self.frames = scene, seed, frames
-        self.start_ns = start_ns
+        self._skipped, self._drive_ns = skip * FRAME_PACKETS, start_ns
+        self.start_ns = start_ns + self._skipped * PACKET_NS
         self._options = (scene, seed, 0.0 if speed is None else float(speed), float(traffic))
         self.poses = SimulatedPoses(self._options, start_ns)
 
     @classmethod
     def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatorSource:
-        """The source that `sim:SCENE?key=value&...` names; keys: seed, frames, speed, traffic.
+        """The source that `sim:SCENE?key=value&...` names; keys: seed, frames, skip, speed, traffic.
 
         calibration: a file to decode with instead of the simulated unit's own table
         Raises UnknownNameError for another scene or key, SourceError for a bad value.
@@ -163,7 +169,7 @@ class SimulatorSource(PacketSource):
         given = parse(spec) if isinstance(spec, str) else spec
         if given.scheme != "sim":
             raise SourceError(f"'{given.text}' is no simulator: sim:city, sim:road or sim:street is needed")
-        given.only("seed", "frames", "speed", "traffic")
+        given.only("seed", "frames", "skip", "speed", "traffic")
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
         source = cls(
             given.place or "city",
@@ -171,6 +177,7 @@ class SimulatorSource(PacketSource):
             given.whole("frames", 1, MAX_FRAMES),
             speed=given.number("speed", 0.5, 40.0),
             traffic=1.0 if traffic is None else traffic,
+            skip=given.whole("skip", 0, MAX_SKIP) or 0,
         )
         if calibration is not None:
             source.sensor = read_calibration(calibration)
@@ -178,7 +185,7 @@ class SimulatorSource(PacketSource):
 
     def packets(self) -> Iterator[Packet]:
         """The drive's packets, from its start."""
-        simulator = _native.Simulator(*self._options, self.start_ns)
+        simulator = self._simulator()
         left = math.inf if self.frames is None else self.frames * FRAME_PACKETS
         first = 0
         while left > 0:
@@ -201,15 +208,18 @@ class SimulatorSource(PacketSource):
         """
         if not 0 <= packets <= MAX_TRUTH:
             raise SourceError(f"sim:{self.scene}: truth of 0 to 100000 packets, not {packets}")
-        simulator = _native.Simulator(*self._options, self.start_ns)
-        payloads, distance_m, labels = simulator.packets_with_truth(packets)
+        payloads, distance_m, labels = self._simulator().packets_with_truth(packets)
         return payloads, distance_m, labels
+
+    def _simulator(self) -> Any:
+        simulator = _native.Simulator(*self._options, self._drive_ns)
+        simulator.skip(self._skipped)
+        return simulator
 
     def ground_height(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without grass."""
         at = np.ascontiguousarray(np.asarray(places, np.float64).reshape(-1, 2))
         if not np.all(np.abs(at) < FARTHEST_M):
             raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")
-        simulator = _native.Simulator(*self._options, self.start_ns)
-        height: npt.NDArray[np.float64] = simulator.ground_height(at)
+        height: npt.NDArray[np.float64] = self._simulator().ground_height(at)
         return height

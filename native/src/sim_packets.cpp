@@ -32,11 +32,13 @@ Rotor::Rotor(std::uint64_t seed) : seed_(seed) {
 
 int Rotor::next() {
   const int azimuth = static_cast<int>((position_ >> 24) / 9) * 9;
-  // The motor hunts a little around its speed, over seconds.
-  const double t = static_cast<double>(firing_) * 48e-6;
-  const double phase = unit_of(seed_);
-  const double hunt = 0.0016 * sin_turns(t / 2.9 + phase) + 0.0009 * sin_turns(t / 0.83 + 2.0 * phase);
-  position_ += kTurnPerFiring + static_cast<std::int64_t>(hunt * static_cast<double>(kTurnPerFiring));
+  if (firing_ % 24 == 0) {  // the motor hunts a little around its speed, over seconds
+    const double t = static_cast<double>(firing_) * 48e-6;
+    const double phase = unit_of(seed_);
+    const double hunt = 0.0016 * sin_turns(t / 2.9 + phase) + 0.0009 * sin_turns(t / 0.83 + 2.0 * phase);
+    step_ = kTurnPerFiring + static_cast<std::int64_t>(hunt * static_cast<double>(kTurnPerFiring));
+  }
+  position_ += step_;
   if (position_ >= (std::int64_t{36000} << 24)) position_ -= std::int64_t{36000} << 24;
   ++firing_;
   return azimuth;

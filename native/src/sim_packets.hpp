@@ -23,6 +23,7 @@ class Rotor {
   std::uint64_t seed_;
   std::uint64_t firing_ = 0;
   std::int64_t position_;  // 2^-24 of 0.01 degree
+  std::int64_t step_ = 0;
 };
 
 // The status bytes: time of day, temperature, firmware, and the calibration table in 260 rounds of seven bytes.
