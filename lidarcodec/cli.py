@@ -6,13 +6,15 @@ SIGINT or SIGTERM), 1 failed at work, 2 wrong usage. An error is one line on std
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -272,11 +274,10 @@ def _stop(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def main(arguments: list[str] | None = None) -> int:
+def run(arguments: list[str]) -> int:
     """Run one command; its exit code."""
-    given = sys.argv[1:] if arguments is None else list(arguments)
-    debug = "--debug" in given or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
-    given = [word for word in given if word != "--debug"]
+    debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
+    given = [word for word in arguments if word != "--debug"]
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
     signal.signal(signal.SIGTERM, _stop)
     signal.signal(signal.SIGINT, _stop)
@@ -290,11 +291,25 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except Exception as error:
-        if debug:
-            raise
-        return _complain(error)
+        if not debug:
+            return _complain(error)
+        traceback.print_exception(error)
+        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
     return DONE if code in (None, _STOPPED) else int(code)
 
 
+def main() -> NoReturn:
+    """The process: run the command of the command line and end."""
+    code = run(sys.argv[1:])
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    sys.stderr.flush()
+    if "zenoh" in sys.modules:
+        # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
+        # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        os._exit(code)
+    sys.exit(code)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
