@@ -106,7 +106,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "noticed": dict(noticed),
     }
     if fidelity is not None:
-        found["fidelity"] = fidelity
+        found["fidelity"] = [one.rounded() for one in fidelity]
     return found
 
 

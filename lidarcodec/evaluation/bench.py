@@ -59,9 +59,10 @@ def bench(
             tick()
         run.flush()
         found = {"origin": source.sensor.origin, "hash": source.sensor.hash}
+        name = f"{spec} ({source.caveat})" if source.caveat else str(spec)
     if not run.frames:
         raise SourceError(f"{spec} has no frame behind the first {skip}: nothing to measure")
-    return {"source": str(spec), **run.result(), "calibration": found, "version": lidarcodec.__version__}
+    return {"source": name, **run.result(), "calibration": found, "version": lidarcodec.__version__}
 
 
 def effective(settings: StreamSettings) -> dict[str, Any]:

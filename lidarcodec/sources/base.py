@@ -5,13 +5,17 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from lidarcodec.sources.poses import Poses
+
+
+REGRIDDED: Final = "KITTI odometry, re-gridded"
+"""Stands in the name of a sensor whose scans were moved and put into a grid: it goes into messages and recordings."""
 
 
 class Source(Protocol):
@@ -43,7 +47,7 @@ class Source(Protocol):
 class PacketSource(Source):
     """A source with what they have in common.
 
-    label:    one line that says what it is, with what every figure from it needs said ("KITTI odometry, re-gridded")
+    label:    one line that says what it is
     poses:    where the sensor was, if known
     start_ns: host time of the first packet, if known before it is read
     """
@@ -64,6 +68,11 @@ class PacketSource(Source):
 
         Raises SourceError when the source cannot be read, PacketError for a sensor that is not supported.
         """
+
+    @property
+    def caveat(self) -> str:
+        """What must stand beside every figure from this source, also when it was recorded; empty if nothing must."""
+        return REGRIDDED if REGRIDDED in self.sensor.name else ""
 
     def close(self) -> None:
         """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""

@@ -17,7 +17,7 @@ from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import generic_sensor, read_calibration
-from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.base import REGRIDDED, PacketSource
 from lidarcodec.sources.kitti_grid import fit_rings, regrid, without_two_point_correction
 from lidarcodec.sources.kitti_inversion import Fidelity, Firings, Geometry, invert
 from lidarcodec.sources.kitti_packets import FiringPacker
@@ -29,7 +29,6 @@ logger = logging.getLogger(__name__)
 
 Kind = Literal["raw", "odometry"]
 KINDS: Final[tuple[Kind, ...]] = ("raw", "odometry")
-REGRIDDED: Final = "KITTI odometry, re-gridded"
 RECOVERED: Final = "kitti_hdl64e_s2_recovered*"
 INNER: Final = frozenset({"data", "velodyne", "velodyne_points"})
 """Folders that do not say which drive it is."""

@@ -59,6 +59,11 @@ class Fidelity(NamedTuple):
     in_one_cell: int
     out_of_range: int
 
+    def rounded(self) -> dict[str, float]:
+        """The figures by name, with as many digits as they are worth."""
+        shares = {"equal": round(self.equal, 4), "within_1mm": round(self.within_1mm, 7)}
+        return self._asdict() | shares | {"worst_mm": round(self.worst_mm, 2)}
+
 
 class Geometry:
     """The per-laser numbers of a calibration, in the order of hardware lasers, (64,) float64 in metres and radians."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.assembly import Assembler
+from lidarcodec.commands.inspect_source import inspect_source
 from lidarcodec.errors import CalibrationError, SourceError, UnknownNameError
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.sensors import generic_sensor, read_calibration, write_yaml
@@ -184,6 +185,7 @@ def test_moved_points_are_re_gridded_and_every_name_says_so(tmp_path, caplog):
     azimuth, ranges, _, _ = native_of(packets)
     assert np.array_equal(azimuth[:2088], np.rint(np.arange(2088) * 36000 / 2088))
     assert np.count_nonzero(ranges) == 2 * len(scan) - source.counts["points in one cell"]
+    assert source.caveat == "KITTI odometry, re-gridded"
     with open_source(f"{sequence}?columns=2160") as source:
         assert len(list(source.packets())) == 2 * 360
 
@@ -329,6 +331,13 @@ def test_the_cloud_of_the_frame_lies_on_the_stored_points(data_file, monkeypatch
     for point in cloud[:: len(cloud) // 200]:
         away = np.linalg.norm(points[:, :3] - [float(point[axis]) for axis in "xyz"], axis=1)
         assert away.min() * 1000 < far_mm
+
+
+def test_info_prints_the_fidelity_of_every_scan(tmp_path):
+    folder = drive(tmp_path, [turn(seed)[3] for seed in range(2)])
+    rows = inspect_source(str(folder), None)["fidelity"]
+    assert [row["within_1mm"] for row in rows] == [1.0, 1.0]
+    assert all(0.9 < row["equal"] <= 1.0 and row["worst_mm"] < 1.0 and row["points"] > 100_000 for row in rows)
 
 
 def test_an_odometry_scan_without_calibration_is_gridded_as_well_as_with_it(data_file, recovered):

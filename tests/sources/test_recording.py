@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lidarcodec.errors import LidarCodecError, SourceError, UnknownNameError
+from lidarcodec.evaluation.bench import bench
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sensors import write_yaml
@@ -57,6 +59,13 @@ def test_the_sensor_is_that_of_the_messages_unless_another_is_given(tmp_path):
     for what in ("messages", "packets"):
         path = record(tmp_path / "drive.mcap", what)
         assert open_source(path, calibration=tmp_path / "given.yaml").sensor.origin == "given"
+
+
+def test_what_every_figure_must_say_survives_the_recording(tmp_path):
+    sensor = replace(made.sensor(), name="HDL-64E (KITTI odometry, re-gridded)")
+    with open_source(record(tmp_path / "drive.mcap", sensor=sensor)) as source:
+        assert source.caveat == "KITTI odometry, re-gridded"
+    assert bench(tmp_path / "drive.mcap", StreamSettings())["source"].endswith("(KITTI odometry, re-gridded)")
 
 
 def test_what_to_read_can_be_chosen(tmp_path):
