@@ -18,8 +18,11 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "raw": (1, "lidarcodec.codecs.raw"),
     "zstd": (2, "lidarcodec.codecs.zstd"),
     "pcodec": (3, "lidarcodec.codecs.pcodec"),
+    "png": (4, "lidarcodec.codecs.png"),
+    "jxl": (5, "lidarcodec.codecs.jxl"),
+    "jpeg": (6, "lidarcodec.codecs.jpeg"),
 }
-"""Name: number in messages, never given to another codec; module. 4 to 11 are promised in docs/wire-format.md."""
+"""Name: number in messages, never given to another codec; module. 7 to 11 are promised in docs/wire-format.md."""
 
 
 def names() -> tuple[str, ...]:

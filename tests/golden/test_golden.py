@@ -34,7 +34,8 @@ def settings_of() -> dict[str, StreamSettings]:
     found: dict[str, StreamSettings] = {}
     for name in table.names():
         bound = 0.01 if table.codec(name).bounded else None
-        found[f"{name}_lossless"] = StreamSettings(codec=name, max_error_m=0 if bound else None, key_interval=3)
+        exact = "lossless" if bound else "default"
+        found[f"{name}_{exact}"] = StreamSettings(codec=name, max_error_m=0 if bound else None, key_interval=3)
         found[f"{name}_coarse"] = StreamSettings(codec=name, max_error_m=bound, intensity="levels=16", key_interval=3)
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found

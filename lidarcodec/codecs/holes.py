@@ -1,0 +1,49 @@
+"""What stands in the cells without a return: values that cost an image codec least. They are never decoded.
+
+Measured on every 16th frame of the two KITTI training drives (sfnd, 0013), bits a point without the mask:
+
+| filling | JPEG at an RMSE of 5 cm | lossless JPEG XL, effort 1 | lossless PNG |
+|---|---|---|---|
+| last return to the left | 2.32, 3.38 (`filled_left`) | 7.95, 8.77 | 9.10, 9.84 |
+| straight line along the row | 2.31, 3.37 | 8.83, 9.32 | 9.47, 10.08 |
+| clamped gradient (`filled_predicted`) | | 7.55, 8.52 | 9.45, 10.05 |
+| line, then three projections a block (`filled_blocks`) | 2.21, 3.32 | | |
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import _native
+
+Mask = npt.NDArray[np.bool_]
+Ranges = npt.NDArray[np.uint16]
+Samples = npt.NDArray[np.float32]
+
+ROUNDS: Final = 3
+"""Projections of each block with holes: six gain another 0.5 % and take 2 ms more."""
+
+
+def filled_blocks(samples: Samples, known: Mask, steps: npt.NDArray[np.uint16]) -> Samples:
+    """(H, W) float32, for JPEG: blocks of 8 x 8 that need few coefficients when quantised with these 64 steps.
+
+    H and W are multiples of 8. 2 ms for 64 x 2264.
+    """
+    filled: Samples = _native.fill_blocks(samples, known.view(np.uint8), steps, ROUNDS)
+    return filled
+
+
+def filled_predicted(values: Ranges, known: Mask) -> Ranges:
+    """(H, W) uint16, for codecs that predict from left, above and above left: holes are what they expect."""
+    filled: Ranges = _native.fill_predicted(values, known.view(np.uint8))
+    return filled
+
+
+def filled_left(values: Ranges, known: Mask) -> Ranges:
+    """(H, W) uint16, for codecs that predict from the left: each hole repeats the last return of its row."""
+    last = np.where(known, np.arange(values.shape[1], dtype=np.int32), 0)
+    np.maximum.accumulate(last, axis=1, out=last)
+    return np.take_along_axis(np.where(known, values, np.uint16(0)), last, axis=1)

@@ -1,0 +1,54 @@
+"""`jpeg`: the range image on its canvas as one JPEG, 12 bits a sample (Tu 2016's "normal JPEG", which had 8).
+
+A RANGE section is empty if there is no return, else: what samples mean (jpeg_samples.py), where cells are
+(canvas_head.py), and the JPEG.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.codecs.base import Codec, own_settings
+from lidarcodec.codecs.canvas import level_offsets
+from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
+from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.jpeg_file import BLOCK, read_jpeg
+from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.units import LASERS
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+
+class JpegEncoder(IntraEncoder):
+    """Encoder of `jpeg`."""
+
+    def _range(self, frame: Frame, valid: Mask) -> bytes:
+        if not valid.any():
+            return b""
+        own = own_settings(JpegSettings, self.settings)
+        head, canvas = canvas_of_frame(frame, valid, BLOCK)
+        values = np.where(valid, frame.range + level_offsets(frame.sensor)[:, None], np.int32(0)).astype(np.int32)
+        samples, jpeg = with_samples(own, canvas.spread(values), canvas.spread(valid))
+        return samples + head + jpeg
+
+
+class JpegDecoder(IntraDecoder):
+    """Decoder of `jpeg`."""
+
+    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+        if not valid.any():
+            if data:
+                raise SectionError(f"{len(data)} bytes of ranges for no return")
+            return np.zeros(0, np.uint16)
+        bits, value_of, rest = split_samples(data)
+        canvas, jpeg = split_canvas(rest, valid, sensor, BLOCK)
+        values = canvas.gather(value_of[read_jpeg(jpeg, LASERS, canvas.width, bits)])
+        return ranges_of(values, level_offsets(sensor), valid)
+
+
+CODEC = Codec(JpegSettings, JpegEncoder, JpegDecoder, bounded=False)

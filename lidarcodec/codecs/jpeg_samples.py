@@ -1,0 +1,67 @@
+"""What the samples of a JPEG mean, and how ranges become samples and come back: shared by the JPEG codecs.
+
+A RANGE section says it so: bits u8, mapping u8, top u32: the range, in steps on the canvas, of the largest sample.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from lidarcodec.codecs.base import CodecSettings
+from lidarcodec.codecs.canvas import MAX_VALUE
+from lidarcodec.codecs.jpeg_file import Tables, write_jpeg
+from lidarcodec.codecs.range_mapping import NAMES, MappingName, check_top, mapping_of, top_of
+from lidarcodec.errors import SectionError
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+SAMPLES: Final = struct.Struct("<BBI")
+
+
+class JpegSettings(CodecSettings):
+    """Settings of `jpeg`; those of `jpeg-layered` are these and more."""
+
+    quality: int = Field(default=90, ge=1, le=100)
+    """libjpeg's quality: how coarse the steps of the coefficients are."""
+    bits: Literal[8, 12] = 12
+    """Bits a sample. 8 are steps of 0.3 m at 80 m, and what decoders without 12-bit support read."""
+    mapping: MappingName = "linear"
+    """How ranges become samples (range_mapping.py)."""
+    tables: Tables = "even"
+    """Steps of the coefficients: all equal, or libjpeg's."""
+
+
+def with_samples(own: JpegSettings, values: npt.NDArray[np.int32], known: Mask) -> tuple[bytes, bytes]:
+    """Description of the samples, and the JPEG. values: (H, W) int32, ranges on the canvas, 0 where not known."""
+    top = top_of(own.mapping, int(values.max()))
+    samples = mapping_of(own.mapping, own.bits, top).sample[values]
+    jpeg = write_jpeg(samples, known, own.bits, own.tables, own.quality, MAX_VALUE / top)
+    return SAMPLES.pack(own.bits, NAMES.index(own.mapping), top), jpeg
+
+
+def split_samples(data: bytes) -> tuple[int, npt.NDArray[np.int32], bytes]:
+    """Bits a sample, canvas value of each sample, and what follows the description.
+
+    Raises SectionError.
+    """
+    if len(data) < SAMPLES.size:
+        raise SectionError(f"a range section of {len(data)} bytes ends before its samples are known")
+    bits, mapping, top = SAMPLES.unpack_from(data)
+    if bits not in (8, 12) or mapping >= len(NAMES):
+        raise SectionError(f"samples of {bits} bits by mapping {mapping}")
+    return bits, mapping_of(NAMES[mapping], bits, check_top(top)).value, data[SAMPLES.size :]
+
+
+def ranges_of(values: npt.NDArray[np.int32], offsets: npt.NDArray[np.int32], valid: Mask) -> Ranges:
+    """(N,) uint16, ranges of the returns in row order: never 0, which means no return.
+
+    values: (64, W), on the canvas' scale; offsets: (64,), what was added to each row.
+    """
+    near: Ranges = np.clip(values - offsets[:, None], 1, 65535).astype(np.uint16)[valid]
+    return near

@@ -1,0 +1,70 @@
+"""`jxl`: the range image on its canvas as lossless JPEG XL of 16 bits. Lossless or with a bound.
+
+A RANGE section is the step u16 and, if there are returns, the head of the canvas (canvas_head.py) and a bare JPEG XL
+codestream. Its samples are indices of quantised ranges on the canvas' scale; with step 1 they wrap at 65536.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
+from lidarcodec.codecs.canvas import level_offsets
+from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
+from lidarcodec.codecs.holes import filled_predicted
+from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
+from lidarcodec.codecs.quantise import quantise, reconstruct
+from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.units import LASERS
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+
+class JxlSettings(CodecSettings):
+    """Settings of `jxl`."""
+
+    effort: int = Field(default=1, ge=1, le=9)
+    """JPEG XL's effort. 2 saves 1 to 6 % and takes ten times as long; more than 2 is larger or no smaller."""
+
+
+def _indices_added(sensor: SensorModel, step: int) -> Ranges:
+    """(64, 1) uint16, indices to add to each row, so that rows are on one scale to within a step."""
+    added = (level_offsets(sensor) + step // 2) // step
+    return added.astype(np.uint16)[:, None]
+
+
+class JxlEncoder(IntraEncoder):
+    """Encoder of `jxl`."""
+
+    def _range(self, frame: Frame, valid: Mask) -> bytes:
+        step = self.settings.step
+        if not valid.any():
+            return with_step(step, b"")
+        head, canvas = canvas_of_frame(frame, valid)
+        levelled = quantise(frame.range, step) + _indices_added(frame.sensor, step)
+        filled = filled_predicted(canvas.spread(levelled), canvas.spread(valid))
+        return with_step(step, head + write_jxl(filled, own_settings(JxlSettings, self.settings).effort))
+
+
+class JxlDecoder(IntraDecoder):
+    """Decoder of `jxl`."""
+
+    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+        step, rest = split_step(data)
+        if not valid.any():
+            if rest:
+                raise SectionError(f"{len(rest)} bytes of ranges for no return")
+            return np.zeros(0, np.uint16)
+        canvas, codestream = split_canvas(rest, valid, sensor)
+        levelled = canvas.gather(read_jxl(codestream, LASERS, canvas.width))
+        return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
+
+
+CODEC = Codec(JxlSettings, JxlEncoder, JxlDecoder)

@@ -1,0 +1,121 @@
+"""`png`: the range image as it is, holes filled along the rows, as a grey PNG of 16 bits. Lossless or with a bound.
+
+What every image viewer opens; the lossless reference of the papers. Aligning rows gains nothing here: the filter that
+suits ranges looks to the left. A RANGE section is the step u16 and, if there are returns, the PNG.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Final
+
+import imagecodecs
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
+from lidarcodec.codecs.holes import filled_left
+from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.quantise import quantise, reconstruct
+from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import SensorModel
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_IHDR: Final = struct.Struct(">II5B")
+_GREY_16: Final = (16, 0, 0, 0, 0)
+"""16 bits, grey, deflate, the five standard filters, not interlaced."""
+_SUB: Final = 1
+_UP: Final = 2
+_ONLY_SUB: Final = 16
+"""libpng's name for the filter "sub" in all rows: the difference to the left."""
+
+
+class PngSettings(CodecSettings):
+    """Settings of `png`."""
+
+    level: int = Field(default=4, ge=0, le=9)
+    """zlib's compression level."""
+
+
+def compressed_pixels(data: bytes, rows: int, width: int) -> bytes:
+    """What the data parts of a PNG hold together, if it is grey, 16 bits, of these sides and has no other parts.
+
+    Raises SectionError.
+    """
+    if data[:8] != _SIGNATURE:
+        raise SectionError("a PNG that does not begin as one")
+    at, parts = 8, []
+    while at < len(data):
+        size, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        body = data[at + 8 : at + 8 + size]
+        if len(data) < at + 12 + size:
+            raise SectionError(f"a PNG that ends within its part at byte {at}")
+        if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(data[at + 8 + size : at + 12 + size], "big"):
+            raise SectionError(f"a PNG whose part at byte {at} is damaged")
+        parts.append((kind, body))
+        at += 12 + size
+    if not parts or parts[0] != (b"IHDR", _IHDR.pack(width, rows, *_GREY_16)):
+        raise SectionError(f"a PNG that is not grey, 16 bits, {width} x {rows}")
+    if parts[-1] != (b"IEND", b"") or any(kind != b"IDAT" for kind, _ in parts[1:-1]):
+        raise SectionError("a PNG with other parts than header, data and end")
+    return b"".join(body for _, body in parts[1:-1])
+
+
+def read_png(data: bytes, rows: int, width: int) -> Ranges:
+    """(rows, width) uint16 samples of a PNG whose rows have the filters none, sub or up.
+
+    By zlib alone, told how much there is to come: libpng prints warnings about what it reads.
+    Raises SectionError if it is damaged, or anything but that.
+    """
+    pixels, inflate = compressed_pixels(data, rows, width), zlib.decompressobj()
+    size = rows * (1 + 2 * width)
+    try:
+        plain = inflate.decompress(pixels, size + 1)
+    except zlib.error as error:
+        raise SectionError(f"damaged PNG: {error}") from None
+    if len(plain) != size or not inflate.eof or inflate.unused_data:
+        raise SectionError("a PNG that is not what its header says")
+    lines = np.frombuffer(plain, np.uint8).reshape(rows, 1 + 2 * width)
+    image = np.zeros((rows, width, 2), np.uint8)
+    above = np.zeros((width, 2), np.uint8)
+    for row, line in enumerate(lines):
+        filtered, kind = line[1:].reshape(width, 2), int(line[0])
+        if kind > _UP:
+            raise SectionError(f"a PNG with filter {kind} in row {row}: 0 to {_UP} are read")
+        image[row] = filtered.cumsum(axis=0, dtype=np.uint8) if kind == _SUB else filtered + kind // _UP * above
+        above = image[row]
+    return image.view(">u2")[..., 0].astype(np.uint16)
+
+
+class PngEncoder(IntraEncoder):
+    """Encoder of `png`."""
+
+    def _range(self, frame: Frame, valid: Mask) -> bytes:
+        step = self.settings.step
+        if not valid.any():
+            return with_step(step, b"")
+        filled = filled_left(quantise(frame.range, step), valid)
+        level = own_settings(PngSettings, self.settings).level
+        return with_step(step, bytes(imagecodecs.png_encode(filled, level=level, filter=_ONLY_SUB)))
+
+
+class PngDecoder(IntraDecoder):
+    """Decoder of `png`."""
+
+    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+        step, png = split_step(data)
+        if not valid.any():
+            if png:
+                raise SectionError(f"{len(png)} bytes of ranges for no return")
+            return np.zeros(0, np.uint16)
+        return reconstruct(read_png(png, *valid.shape)[valid], step)
+
+
+CODEC = Codec(PngSettings, PngEncoder, PngDecoder)
