@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import Counter, deque
@@ -11,6 +12,8 @@ from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
 from lidarcodec.wire import Header
+
+logger = logging.getLogger(__name__)
 
 LATENCY_LIMIT_MS = 60_000.0
 """A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
@@ -29,12 +32,14 @@ class ReceiverStats:
     """Counts of one receiver. Thread-safe.
 
     gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
+    second_publisher: times that a stream came back after another one: two publishers have the same name
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._stream_id: int | None = None
+        self._earlier: deque[int] = deque(maxlen=8)
         self._next_index = 0
         self._recent: deque[float] = deque(maxlen=64)
         self.counts: Counter[str] = Counter()
@@ -54,7 +59,11 @@ class ReceiverStats:
             broken = False
             if header.stream_id != self._stream_id:
                 self.counts["restarts"] += self._stream_id is not None
+                self.counts["second_publisher"] += header.stream_id in self._earlier
+                if self.counts["second_publisher"] == 1:
+                    logger.warning("two publishers send on the same key: give one of them another name")
                 self._stream_id = header.stream_id
+                self._earlier.append(header.stream_id)
                 broken = True
             elif header.frame_index > self._next_index:
                 self.counts["gaps"] += 1

@@ -8,7 +8,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -69,12 +68,6 @@ class Mailbox(Generic[T]):
             item, self._item = self._item, None
             self._condition.notify_all()
             return item
-
-    def wait_empty(self, timeout_s: float) -> bool:
-        """Whether the slot became empty in time."""
-        end = time.monotonic() + timeout_s
-        with self._condition:
-            return self._condition.wait_for(lambda: self._item is None, max(0.0, end - time.monotonic()))
 
     def close(self) -> None:
         """Take no more; harmless when called twice."""

@@ -44,6 +44,8 @@ PATIENT_S = 30.0
 TICK_S = 0.2
 """How soon a thread that waits sees that it should stop."""
 LAST_ARRIVAL_S = 2.0
+START_S = 1.0
+"""How long `start` waits for the network: endpoints that cannot be used are known by then."""
 JOIN_S = 10.0
 
 
@@ -122,7 +124,7 @@ class Publisher:
             self._recorder.start()
         for thread in self._threads:
             thread.start()
-        self._opened.wait(3.0)
+        self._opened.wait(START_S)
         if isinstance(self._failure, TransportError):
             self.stop()
             raise self._failure
@@ -225,7 +227,7 @@ class Publisher:
             sender = self._declare(self._transport)
             self._opened.set()
             self._send_frames(sender)
-        except TransportError as error:
+        except Exception as error:
             if not self._stop.is_set():
                 self._failure = self._failure or error
         finally:

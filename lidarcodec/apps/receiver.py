@@ -44,7 +44,7 @@ KEY_INTERVAL_S = 0.5
 REPORT_S = 1.0
 PING_S = 2.0
 ASK_S = 1.0
-START_S = 3.0
+START_S = 1.0
 JOIN_S = 10.0
 
 
@@ -207,6 +207,12 @@ class Receiver:
             return []
         except LidarCodecError as error:
             self._once.add("decode_errors", error)
+            self.request_key()
+            return []
+        except Exception as error:  # a fault of ours: this message is lost, the stream is not
+            logger.exception("frame %d could not be decoded", peek(data).frame_index)
+            self._once.add("decode_errors", error)
+            self._decoder = StreamDecoder()
             self.request_key()
             return []
         self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))

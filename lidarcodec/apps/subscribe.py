@@ -29,6 +29,8 @@ from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
 
 TICK_S = 0.2
+LAST_PACKETS_S = 5.0
+"""What is left to be sent by UDP when a stream ends is half a second of packets."""
 
 
 def receiver_name() -> str:
@@ -100,7 +102,7 @@ class LiveStream:
             self.receiver,
             self._deliver,
             self._keep,
-            self._frames.close,
+            self._ended,
             endpoints=endpoints,
             transport=transport,
             until_end=until_end,
@@ -246,6 +248,12 @@ class LiveStream:
     def _keep(self, data: bytes) -> None:
         if self._recorder is not None:
             self._recorder.message(data)
+
+    def _ended(self) -> None:
+        """Nothing more will come: let the last packets leave, then end the iteration."""
+        if self._udp is not None and not self._frames.closed:
+            self._udp.wait_sent(LAST_PACKETS_S)
+        self._frames.close()
 
     def _notify(self) -> None:
         """Wake the coroutines that wait."""

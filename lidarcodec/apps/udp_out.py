@@ -104,9 +104,14 @@ class UdpOut:
             return True
 
     def wait_sent(self, timeout_s: float) -> bool:
-        """Whether everything was sent; waits for it."""
+        """Whether everything was sent; waits for it, until closed."""
+
+        def sent() -> bool:
+            return not self._queue and self._idle
+
         with self._condition:
-            return self._condition.wait_for(lambda: not self._queue and self._idle, timeout_s)
+            self._condition.wait_for(lambda: sent() or self._closed.is_set(), timeout_s)
+            return sent()
 
     def close(self) -> None:
         """End at once, in the middle of a frame if need be; harmless when called twice."""

@@ -11,15 +11,17 @@ import pytest
 
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.reports import COUNTED
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.subscribe import LiveStream, subscribe
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.errors import LidarCodecError, SettingsError, TransportError, UnknownNameError
 from lidarcodec.settings import StreamSettings
+from lidarcodec.transport import Endpoints
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Broken, Loop
 from tests.conftest import ROOT
+from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
 KEY = "vehicle/lidar"
@@ -211,6 +213,44 @@ def test_a_subscriber_goes_on_with_a_publisher_that_was_started_again(network):
                 )
             assert eventually(lambda: not stream.alive)
         assert stream.stats.counts["restarts"] == 1
+
+
+def test_two_publishers_of_one_name_are_told(network, caplog):
+    with publisher(network), publisher(network), live(network) as stream:
+        assert eventually(lambda: stream.next(1) and stream.stats.counts["second_publisher"] > 1)
+    assert sum("two publishers" in record.message for record in caplog.records) == 1
+
+
+def test_a_fault_in_a_decoder_costs_that_message_only(network, monkeypatch, caplog):
+    with publisher(network), live(network) as stream:
+        assert stream.next(5)
+        monkeypatch.setattr(stream._receiver._decoder, "decode", lambda message: 1 / 0)
+        assert eventually(lambda: stream.summary()["errors"] == {"decode_errors": 1})
+        assert stream.next(5)
+        assert stream.next(5)
+    assert "could not be decoded" in caplog.text
+
+
+def test_a_vehicle_without_a_network_records_and_ends_when_told(tmp_path):
+    endpoints = Endpoints.of(connect=f"tcp/127.0.0.1:{free_port()}")
+    with Publisher(Loop(), rate=40.0, endpoints=endpoints, record=tmp_path) as car:
+        assert eventually(lambda: car.status()["recording"]["counts"].get("messages", 0) > 5)
+        start = time.monotonic()
+    assert time.monotonic() - start < 3.0
+    with subscribe(KEY, connect=endpoints.connect[0]) as stream:
+        assert stream.next(0.1) is None
+        start = time.monotonic()
+    assert time.monotonic() - start < 3.0
+
+
+@pytest.mark.parametrize(
+    "make", [lambda where: Publisher(Loop(), endpoints=where), lambda where: LiveStream(KEY, endpoints=where)]
+)
+def test_endpoints_that_cannot_be_used_are_said_at_the_start(make):
+    before = set(threading.enumerate())
+    with pytest.raises(TransportError):
+        make(Endpoints.of(listen="tcp/192.0.2.1:7447")).__enter__()
+    assert eventually(lambda: set(threading.enumerate()) <= before)
 
 
 def test_nobody_receives_so_nothing_is_encoded_and_it_says_so(network):

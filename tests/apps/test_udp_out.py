@@ -190,6 +190,7 @@ def test_an_independent_decoder_sees_the_same_clouds_in_what_a_subscriber_re_emi
         with Publisher(source, transport=near, rate="max"):
             for _ in stream:
                 pass
+        assert stream.summary()["udp"] == {"frames": 12, "packets": len(packets)}
         assert eventually(lambda: len(driver.payloads) == len(packets), 10)
     assert driver.payloads == [packet.payload for packet in packets]
     again = [Packet(data, packet.stamp_ns) for data, packet in zip(driver.payloads, packets, strict=True)]
