@@ -37,8 +37,8 @@ from lidarcodec.wire import MAX_MESSAGE
 logger = logging.getLogger(__name__)
 
 LOG_FILTER = "warn,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::dispatcher::queries=error"
-"""Why a connection was refused is said only at level warn, on the side that refused. The warnings left out repeat what is
-raised here, once per attempt, and tell of queries that nobody answered in time, which is expected when a path stands
+"""Why a connection was refused is said only at level warn, on the side that refused. The warnings left out repeat what
+is raised here, once per attempt, and tell of queries that nobody answered in time, which is expected when a path stands
 still. RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5

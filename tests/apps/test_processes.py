@@ -148,7 +148,7 @@ def test_a_narrow_path_costs_frames_and_not_latency_and_both_sides_count_them(en
     relay = Relay(port, kbit=kbit, delay_s=delay_s)
     try:
         office = ends("subscribe", connect=f"tcp/127.0.0.1:{relay.port}")
-        assert eventually(lambda: len(office.frames) > 20, 40)
+        assert eventually(lambda: len(office.frames) > 12, 40)
         status = car.status
         office.end()
         car.end()
@@ -157,8 +157,8 @@ def test_a_narrow_path_costs_frames_and_not_latency_and_both_sides_count_them(en
     summary = office.all("summary")[0]
     size = status["bytes"] / status["messages"]
     one_message_ms = 1e3 * (size * 8 / (kbit * 1e3) + delay_s)
-    assert status["replaced"] > 5
-    assert summary["missing"] > 5
+    assert status["replaced"] > 3
+    assert summary["missing"] > 3
     assert summary["errors"] == {}
     assert summary["messages"] > 0.6 * status["messages"]
     assert summary["latency_ms"]["p50"] < 2.5 * one_message_ms + 120

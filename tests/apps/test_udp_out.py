@@ -88,7 +88,7 @@ def test_packets_leave_as_they_came_and_at_the_pace_of_the_sensor(udp, driver):
     assert dict(udp.counts) == {"frames": 5, "packets": 5 * 348}
     due = np.arange(5 * 348) * 288e-6
     error = np.array(driver.times) - driver.times[0] - due
-    assert np.ptp(error) < 0.06  # of 500 ms; a busy machine wakes threads late
+    assert np.ptp(error) < 0.15  # of 500 ms; a busy machine wakes threads late
     assert np.median(np.abs(np.diff(driver.times[::29]) - 29 * 288e-6)) < 0.003
 
 
