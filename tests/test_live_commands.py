@@ -74,10 +74,13 @@ def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(c
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, subscriber):
-    receiving = subscriber()
+def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, subscriber, tmp_path):
+    kept = tmp_path / "kept"
+    receiving = subscriber("--record", kept)
     with start(*publish("sim:city", endpoint)) as publishing:
-        time.sleep(3.0)
+        patience = time.monotonic() + 60
+        while sum(file.stat().st_size for file in kept.glob("*")) < 500_000 and time.monotonic() < patience:
+            time.sleep(0.1)  # until some frames have come, however slow the machine is
         publishing.send_signal(number)
         said, complaints = publishing.communicate(timeout=20)
     assert publishing.returncode == 0, complaints
