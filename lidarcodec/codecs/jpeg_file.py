@@ -26,6 +26,7 @@ Mask = npt.NDArray[np.bool_]
 BLOCK: Final = 8
 EVEN_BASE: Final = 16
 """Step of `even` at quality 50, in samples, as that of a block's mean in libjpeg's table."""
+_LARGEST_STEP: Final = 0xFFFF
 _LUMINANCE: Final = np.array(
     [16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56,
      14, 17, 22, 29, 51, 87, 80, 62, 18, 22, 37, 56, 68, 109, 103, 77, 24, 35, 55, 64, 81, 104, 113, 92,
@@ -33,6 +34,8 @@ _LUMINANCE: Final = np.array(
 """ITU-T T.81, table K.1: what libjpeg scales."""
 _SKIPPED: Final = frozenset({0xDB, 0xC4, *range(0xE0, 0xF0), 0xFE})
 """Markers between start and scan whose segments the decoder may read: steps, Huffman tables, APPn, comment."""
+_SAMPLES_PER_BYTE: Final = 256
+"""A block of 64 samples takes two bits or more: less is cut off, or sent to make a decoder allocate."""
 _SEQUENTIAL: Final = (0xC0, 0xC1)
 
 
@@ -49,7 +52,7 @@ def steps_of(tables: Tables, quality: int, finer: float = 1.0) -> npt.NDArray[np
     """
     scale = scale_of(quality)
     if tables == "even":
-        return np.full(64, max(1, round(EVEN_BASE * scale / 100 * finer)), np.uint16)
+        return np.full(64, min(max(1, round(EVEN_BASE * scale / 100 * finer)), _LARGEST_STEP), np.uint16)
     return np.maximum(1, (_LUMINANCE * scale + 50) // 100).astype(np.uint16)
 
 
@@ -98,6 +101,8 @@ def check_jpeg(data: bytes, rows: int, width: int, bits: int) -> None:
         at += 2 + size
     if not seen:
         raise SectionError("a JPEG that says no size before its scan")
+    if (len(data) - at) * _SAMPLES_PER_BYTE < rows * width:
+        raise SectionError(f"a JPEG of {width} x {rows} samples in {len(data) - at} bytes")
 
 
 def read_jpeg(data: bytes, rows: int, width: int, bits: int) -> npt.NDArray[np.uint16]:

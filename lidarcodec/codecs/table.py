@@ -21,8 +21,9 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "png": (4, "lidarcodec.codecs.png"),
     "jxl": (5, "lidarcodec.codecs.jxl"),
     "jpeg": (6, "lidarcodec.codecs.jpeg"),
+    "jpeg-layered": (7, "lidarcodec.codecs.jpeg_layered"),
 }
-"""Name: number in messages, never given to another codec; module. 7 to 11 are promised in docs/wire-format.md."""
+"""Name: number in messages, never given to another codec; module. 8 to 11 are promised in docs/wire-format.md."""
 
 
 def names() -> tuple[str, ...]:

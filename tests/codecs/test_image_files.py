@@ -120,6 +120,13 @@ def test_a_jpeg_comes_back_nearly(bits: int, tables: str) -> None:
         assert error < 0.5 * max(1, 16 * (5000 / quality if quality < 50 else 200 - 2 * quality) / 100), quality
 
 
+def test_a_return_at_the_sensors_foot_can_be_sent() -> None:
+    """Samples as fine as they get: steps that keep their metres would not fit a JPEG."""
+    for quality in (1, 50, 100):
+        steps = steps_of("even", quality, 66535.0)
+        assert 1 <= steps[0] <= 65535
+
+
 def test_our_jpeg_is_one_that_others_read() -> None:
     data = write_jpeg(SMOOTH / np.float32(16), ALL, 8, "even", 95, 1.0)
     other = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)

@@ -290,7 +290,7 @@ def decodes_or_refuses(decoder: Decoder, message: Message) -> None:
     except DecodeError:
         return
     for frame in came:
-        assert frame.range.shape == (64, message.width)
+        assert frame.width == message.width or (frame.width < message.width and message.frame_count > 1)
         assert int(frame.azimuth.max(initial=0)) < 36000
 
 

@@ -1,0 +1,202 @@
+"""`jpeg-layered`: several turns as one JPEG in which the rows of each laser are times (Tu 2016's "layer JPEG").
+
+The frames of a group go into one message when the group is full, so the first waits for `group` - 1 others: 0.8 s with
+the default of 8 and frames of 0.1 s. A group needs no other: a lost one loses its own frames and nothing else. A key
+frame on demand, another sensor or other settings end a group early, and so does the end of the stream.
+
+A RANGE section, there is one in a message, is the head of the group (group_head.py) and, if there is any return, what
+samples mean (jpeg_samples.py) and the JPEG.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from lidarcodec.codecs.base import Codec, own_settings
+from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
+from lidarcodec.codecs.group_head import pack_group, packets_in, split_group
+from lidarcodec.codecs.history import MaskHistory
+from lidarcodec.codecs.intra import frame_of
+from lidarcodec.codecs.jpeg_file import read_jpeg
+from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
+from lidarcodec.codecs.layers import group_fits, layers_of
+from lidarcodec.codecs.planes import decode_planes, encode_planes
+from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.settings import StreamSettings
+from lidarcodec.units import LASERS
+
+Mask = npt.NDArray[np.bool_]
+
+MAX_GROUP = 32
+
+
+class LayeredSettings(JpegSettings):
+    """Settings of `jpeg-layered`."""
+
+    group: int = Field(default=8, ge=1, le=MAX_GROUP)
+    """Frames of a group: 8 fill the rows of a JPEG's blocks; the paper has 10."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """A frame that waits for its group: what is sent beside its ranges is coded already."""
+
+    frame: Frame
+    valid: Mask
+    planes: list[Section]
+
+
+class LayeredEncoder:
+    """Encoder of `jpeg-layered`."""
+
+    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+        self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
+        self._own = own_settings(LayeredSettings, settings)
+        self._members: list[_Member] = []
+        self._ready: list[Message] = []
+        self._group = self._own
+        self._key = False
+        self._since_key: int | None = None
+        self._sensor: tuple[str, str] | None = None
+        self._history = MaskHistory()
+
+    def apply(self, settings: StreamSettings) -> bool:
+        """Takes new settings from the next frame on. True: the next message will be a key message.
+
+        Raises SettingsError for another codec: that takes another encoder.
+        """
+        if settings.codec != self.settings.codec:
+            raise SettingsError(f"an encoder of {self.settings.codec} cannot become {settings.codec}", "codec")
+        self._own = own_settings(LayeredSettings, settings)
+        self.settings = settings
+        return self._key if self._members else self._key_is_due()
+
+    def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
+        """The message of the group that this frame completes, and of one that ends before it.
+
+        Raises LidarCodecError for a frame that contradicts itself; the group goes on without it.
+        """
+        if self._members and (key or self._ends_before(frame)):
+            self._close()
+        if not self._members:
+            self._history = MaskHistory()
+        previous = self._history.before(frame.azimuth, frame.sensor) if self._members else None
+        planes = encode_planes(frame, self.settings.intensity_levels, previous)
+        self._history.remember(frame.valid, frame.azimuth, frame.sensor)
+        if not self._members:
+            sensor = (frame.sensor.hash, frame.sensor.convention)
+            self._group, self._key = self._own, key or sensor != self._sensor or self._key_is_due()
+            self._sensor = sensor
+        self._members.append(_Member(frame, frame.valid, planes))
+        if len(self._members) >= self._group.group:
+            self._close()
+        return self._taken()
+
+    def flush(self) -> list[Message]:
+        """The message of the group that was not yet full."""
+        if self._members:
+            self._close()
+        return self._taken()
+
+    def _taken(self) -> list[Message]:
+        ready, self._ready = self._ready, []
+        return ready
+
+    def _close(self) -> None:
+        """Makes a message of the group. It waits in `_ready`, also when the frame that ended the group is refused."""
+        members, self._members = self._members, []
+        frames = [member.frame for member in members]
+        first = frames[0]
+        sections = [
+            Section(SectionType.CALIBRATION, encode_calibration(first.sensor, self._key)),
+            Section(SectionType.RANGE, self._range(members)),
+        ]
+        for ordinal, member in enumerate(members):
+            sections += [section._replace(ordinal=ordinal) for section in member.planes]
+        self._since_key = len(frames) if self._key else (self._since_key or 0) + len(frames)
+        self._ready.append(
+            Message(
+                codec=self.codec_id,
+                stream_id=self.stream_id,
+                frame_index=first.index,
+                stamp_ns=first.stamp_ns,
+                key=self._key,
+                width=max(frame.width for frame in frames),
+                packets=max(packets_in(frame) for frame in frames),
+                sections=tuple(sections),
+                frame_count=len(frames),
+            )
+        )
+
+    def _key_is_due(self) -> bool:
+        """Whether a group that begins now is to be a key message: the next one would come too late."""
+        return self._since_key is None or self._since_key + self._own.group > self.settings.key_interval
+
+    def _ends_before(self, frame: Frame) -> bool:
+        last, widest = self._members[-1].frame, max(member.frame.width for member in self._members)
+        return (
+            self._own != self._group
+            or (frame.sensor.hash, frame.sensor.convention) != self._sensor
+            or not 0 < frame.index - last.index < 2**16
+            or not group_fits(len(self._members) + 1, max(widest, frame.width))
+        )
+
+    def _range(self, members: list[_Member]) -> bytes:
+        frames = [member.frame for member in members]
+        layers = layers_of([frame.azimuth[0] for frame in frames])
+        head = pack_group(frames, layers)
+        known = layers.spread([member.valid for member in members]) if layers.samples else np.zeros((0, 0), np.bool_)
+        if not known.any():
+            return head
+        values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members])
+        samples, jpeg = with_samples(self._group, values.astype(np.int32), known)
+        return head + samples + jpeg
+
+
+class LayeredDecoder:
+    """Decoder of `jpeg-layered`."""
+
+    def __init__(self, codec_id: int) -> None:
+        self.codec_id = codec_id
+        self._sensors = SensorBook()
+
+    def decode(self, message: Message) -> list[Frame]:
+        """The frames of the message.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        if message.codec != self.codec_id:
+            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
+        if message.frame_count > MAX_GROUP or message.needs is not None:
+            raise SectionError(f"a group of {message.frame_count} frames that needs frame {message.needs}")
+        sensor = self._sensors.sensor_of(message)
+        alone, layers, rest = split_group(message.section(SectionType.RANGE), message)
+        history, planes = MaskHistory(), []
+        for number, one in enumerate(alone):
+            planes.append(decode_planes(one, sensor, history if number else None))
+            history.remember(planes[-1].valid, planes[-1].azimuth, sensor)
+        ranges = [np.zeros(plane.valid.shape, np.uint16) for plane in planes]
+        if any(plane.valid.any() for plane in planes):
+            bits, value_of, jpeg = split_samples(rest)
+            image = read_jpeg(jpeg, *layers.shape, bits)
+            level = np.zeros(LASERS, np.int32)
+            for plane, out, samples in zip(planes, ranges, layers.gather(image), strict=True):
+                out[plane.valid] = ranges_of(value_of[samples], level, plane.valid)
+        elif rest:
+            raise SectionError(f"{len(rest)} bytes of ranges for no return")
+        return [
+            frame_of(one, sensor, plane, range_) for one, plane, range_ in zip(alone, planes, ranges, strict=True)
+        ]  # fmt: skip
+
+    def flush(self) -> list[Frame]:
+        """Nothing: a group comes whole."""
+        return []
+
+
+CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False)
