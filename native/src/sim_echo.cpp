@@ -37,12 +37,12 @@ Echo Receiver::receive(int laser, std::uint64_t firing, const Hit& hit) {
   const double speckle = normal_of(h0, u);
   const double need = kThreshold / sensor_.reach(laser);
   before_[k] = hit.t;
-  if (power * (1.0 + 0.15 * speckle) < need || u < 0.002) return {};
+  if (power * (1.0 + 0.06 * speckle) < need || u < 0.001) return {};
 
   // A slanting surface spreads the pulse over the footprint of the beam.
   const double slant = min_of(hit.t * kFootprint * std::sqrt(1.0 - cosine * cosine) / cosine, 1.5);
   const double sigma = sensor_.sigma_m(laser) * (1.0 + 0.35 * need / power);
-  const double spread = std::sqrt(sigma * sigma + surface.rough_m * surface.rough_m + 0.0036 * slant * slant);
+  const double spread = std::sqrt(sigma * sigma + surface.rough_m * surface.rough_m + 0.0049 * slant * slant);
   double distance = hit.t + spread * normal_of(h1, unit_of(h0)) + sensor_.ripple_m(laser, firing);
   // At an edge one beam meets two surfaces, and when they are near each other their echoes are one.
   const double step = last - hit.t;

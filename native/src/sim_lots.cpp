@@ -61,7 +61,8 @@ void fill_rows(BlockBuilder& b, int k, const Side& side, bool old) {
   const double off = side.street.pavement + 0.05 + setback;
   const double end = side.length() - corner_of(k, side.far_pavement, 0.0, 13.5);
   int floors = 2 + rng.below(old ? 4 : 3);
-  for (double u = corner_of(k, side.near_pavement, 0.0, 13.5); u + 5.0 < end;) {
+  const double begin = corner_of(k, side.near_pavement, 0.0, 13.5);
+  for (double u = begin; u + 5.0 < end;) {
     HousePlan plan;
     plan.width = min_of(rng.between(old ? 11.0 : 6.5, old ? 21.0 : 15.0), end - u);
     if (end - u - plan.width < 5.0) plan.width = end - u;
@@ -70,7 +71,7 @@ void fill_rows(BlockBuilder& b, int k, const Side& side, bool old) {
     plan.floors = floors;
     plan.old = old && rng.chance(0.8);
     plan.shop = setback == 0 && rng.chance(old ? 0.5 : 0.2);
-    plan.free_ends = false;
+    plan.free_ends = u <= begin || u + plan.width >= end;  // at a corner the end is a front too
     const double step = setback == 0 ? rng.between(0.0, 0.25) : rng.between(0.0, 1.2);
     const Place p = front(side, u, plan.width, off + step);
     Parts parts;

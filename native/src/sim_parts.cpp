@@ -7,7 +7,7 @@ namespace lidarcodec::sim {
 const Surface& surface_of(Material material) {
   static constexpr std::array<Surface, static_cast<std::size_t>(Material::Count)> kSurfaces{{
       {0.00, 0.00, 0.000, 0.0},  // Nothing
-      {0.17, 0.18, 0.002, 0.1},  // Asphalt
+      {0.17, 0.18, 0.0035, 0.1},  // Asphalt
       {0.62, 0.15, 0.001, 0.0},  // RoadPaint
       {0.32, 0.16, 0.002, 0.0},  // Slabs
       {0.25, 0.25, 0.006, 0.0},  // Cobbles

@@ -31,9 +31,9 @@ bool hits_own_car(const Beam& b, std::uint64_t luck) {
   };
   double x = 0, y = 0;
   at(-0.23, x, y);
-  if (x < 0.95 + ragged && x > -1.12 - ragged && abs_of(y) < 0.55 + ragged) return true;
+  if (x < 0.92 + ragged && x > -1.08 - ragged && abs_of(y) < 0.52 + ragged) return true;
   at(-0.14, x, y);  // roof bars
-  if (abs_of(abs_of(x + 0.1) - 0.62) < 0.04 + ragged && abs_of(y) < 0.68 + ragged) return true;
+  if (abs_of(abs_of(x + 0.1) - 0.62) < 0.03 + ragged && abs_of(y) < 0.68 + ragged) return true;
   at(-0.08, x, y);  // aerials
   return (x + 0.75) * (x + 0.75) + (y - 0.42) * (y - 0.42) < 0.008 || (x + 0.8) * (x + 0.8) + (y + 0.35) * (y + 0.35) < 0.005;
 }
