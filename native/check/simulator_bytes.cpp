@@ -1,5 +1,5 @@
-// Writes the bytes of a short simulated drive to standard output, without Python: a test builds this with every compiler
-// and optimisation at hand and compares. Usage: simulator_bytes SCENE SEED SKIP PACKETS
+// Writes the bytes of a short simulated drive to standard output, without Python: a test builds this with every
+// compiler and optimisation at hand and compares. Usage: simulator_bytes SCENE SEED SKIP PACKETS
 #include <cstdio>
 #include <cstdlib>
 #include <vector>

@@ -15,8 +15,8 @@ struct Place {
 struct Side {
   Street street;
   bool open = true;
-  bool forward = true;           // x runs towards growing t
-  double t0 = 0, t1 = 0;         // between the kerbs of the crossing streets
+  bool forward = true;                         // x runs towards growing t
+  double t0 = 0, t1 = 0;                       // between the kerbs of the crossing streets
   double near_pavement = 2, far_pavement = 2;  // of the crossing streets, at x = 0 and at the end
   double length() const { return t1 - t0; }
   // `u` metres along, `off` metres from the kerb into the block.

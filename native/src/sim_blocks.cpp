@@ -15,8 +15,14 @@ Place Side::place(double u, double off) const {
 }
 
 BlockBuilder::BlockBuilder(const Town& town, TownGround& ground, const Models& models, std::int64_t i, std::int64_t j)
-    : town_(town), ground_(ground), models_(models), i_(i), j_(j), style_(town.style(i, j)),
-      hash_(hash_of(town.seed(), 51, i, j)), block_(std::make_unique<Block>()) {}
+    : town_(town),
+      ground_(ground),
+      models_(models),
+      i_(i),
+      j_(j),
+      style_(town.style(i, j)),
+      hash_(hash_of(town.seed(), 51, i, j)),
+      block_(std::make_unique<Block>()) {}
 
 Side BlockBuilder::side(int k) const {
   const bool along_y = k == 1 || k == 3;
@@ -70,7 +76,8 @@ std::unique_ptr<Block> BlockBuilder::finish() {
   return std::move(block_);
 }
 
-std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const Models& models, std::int64_t i, std::int64_t j) {
+std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const Models& models, std::int64_t i,
+                                   std::int64_t j) {
   BlockBuilder b(town, ground, models, i, j);
   std::array<Side, 4> sides;
   for (int k = 0; k < 4; ++k) sides[static_cast<std::size_t>(k)] = b.side(k);
@@ -79,12 +86,24 @@ std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const M
     if (side.length() < 12) continue;
     fill_kerbside(b, k, side);
     switch (b.style()) {
-      case BlockStyle::Rows: fill_rows(b, k, side, false); break;
-      case BlockStyle::OldRows: fill_rows(b, k, side, true); break;
-      case BlockStyle::Villas: fill_villas(b, k, side); break;
-      case BlockStyle::Flats: fill_flats(b, k, side); break;
-      case BlockStyle::Works: fill_works(b, k, side); break;
-      case BlockStyle::Park: fill_park(b, k, side); break;
+      case BlockStyle::Rows:
+        fill_rows(b, k, side, false);
+        break;
+      case BlockStyle::OldRows:
+        fill_rows(b, k, side, true);
+        break;
+      case BlockStyle::Villas:
+        fill_villas(b, k, side);
+        break;
+      case BlockStyle::Flats:
+        fill_flats(b, k, side);
+        break;
+      case BlockStyle::Works:
+        fill_works(b, k, side);
+        break;
+      case BlockStyle::Park:
+        fill_park(b, k, side);
+        break;
     }
     for (const double u : {2.0, side.length() - 2.0})
       b.block().round.push_back(side.place(u, 0.35 + 0.5 * side.street.pavement).at);
@@ -97,16 +116,26 @@ std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const M
   block->radius = 0.5 * length(q - p) + 12.0;
   Rng rng(hash_of(b.hash(), 3));
   switch (b.style()) {
-    case BlockStyle::OldRows: block->walkers = 4 + rng.below(9); break;
-    case BlockStyle::Rows: block->walkers = 2 + rng.below(6); break;
-    case BlockStyle::Park: block->walkers = 2 + rng.below(6); break;
-    case BlockStyle::Works: block->walkers = rng.below(3); break;
-    default: block->walkers = rng.below(5);
+    case BlockStyle::OldRows:
+      block->walkers = 4 + rng.below(9);
+      break;
+    case BlockStyle::Rows:
+      block->walkers = 2 + rng.below(6);
+      break;
+    case BlockStyle::Park:
+      block->walkers = 2 + rng.below(6);
+      break;
+    case BlockStyle::Works:
+      block->walkers = rng.below(3);
+      break;
+    default:
+      block->walkers = rng.below(5);
   }
   return block;
 }
 
-Blocks::Blocks(const Town& town, TownGround& ground, const Models& models) : town_(town), ground_(ground), models_(models) {}
+Blocks::Blocks(const Town& town, TownGround& ground, const Models& models)
+    : town_(town), ground_(ground), models_(models) {}
 
 const std::vector<const Block*>& Blocks::around(V2 p, double reach) {
   std::int64_t ci = 0, cj = 0;

@@ -40,6 +40,7 @@ class Blocks {
 };
 
 // Builds one block. `i, j`: between streets i and i + 1 along y, j and j + 1 along x.
-std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const Models& models, std::int64_t i, std::int64_t j);
+std::unique_ptr<Block> build_block(const Town& town, TownGround& ground, const Models& models, std::int64_t i,
+                                   std::int64_t j);
 
 }  // namespace lidarcodec::sim

@@ -6,7 +6,9 @@ using M = Material;
 
 double floor_height(const HousePlan& plan) { return plan.old ? 3.5 : 2.85; }
 double first_floor_height(const HousePlan& plan) { return plan.shop ? 4.0 : (plan.old ? 3.9 : 3.1); }
-double eaves_height(const HousePlan& plan) { return first_floor_height(plan) + (plan.floors - 1) * floor_height(plan) + 0.5; }
+double eaves_height(const HousePlan& plan) {
+  return first_floor_height(plan) + (plan.floors - 1) * floor_height(plan) + 0.5;
+}
 
 namespace {
 
@@ -45,7 +47,8 @@ void add_row_house(Rng& rng, const HousePlan& plan, Parts& p) {
   const double w = plan.width, d = plan.depth, z = eaves_height(plan);
   const M wall = wall_material(rng);
   const std::uint16_t style = style_of(rng, plan);
-  p.push_back(facade_box(wall, 0, w, 0, d, kBelow, z, rng.between(2.4, 3.6), floor_height(plan), first_floor_height(plan), style));
+  p.push_back(facade_box(wall, 0, w, 0, d, kBelow, z, rng.between(2.4, 3.6), floor_height(plan),
+                         first_floor_height(plan), style));
   if (!plan.shop) p.push_back(box(M::Concrete, 0, w, -0.05, 0.05, kBelow, rng.between(0.35, 0.8)));  // plinth
   if (plan.shop && rng.chance(0.5)) {  // awning over the shop
     const double x = w * rng.between(0.1, 0.3);
@@ -61,7 +64,8 @@ void add_row_house(Rng& rng, const HousePlan& plan, Parts& p) {
   }
   if (rng.chance(0.3)) {  // a bay window over the first floors
     const double x = w * rng.between(0.25, 0.75);
-    p.push_back(taper(wall, x - 1.5, x + 1.5, -0.9, 0.05, first_floor_height(plan), x - 1.5, x + 1.5, -0.9, 0.05, z - rng.between(0.0, 3.0)));
+    p.push_back(taper(wall, x - 1.5, x + 1.5, -0.9, 0.05, first_floor_height(plan), x - 1.5, x + 1.5, -0.9, 0.05,
+                      z - rng.between(0.0, 3.0)));
   }
   if (rng.chance(0.25)) {  // flat roof with a set-back top floor
     p.push_back(box(M::Concrete, 0, w, -0.02, 0.25, z, z + 0.8));
@@ -91,13 +95,14 @@ void add_villa(Rng& rng, const HousePlan& plan, Parts& p) {
   const double hip = rng.chance(0.35) ? 0.3 * w : 0.0;
   add_roof(p, -0.45, w + 0.45, -0.5, d + 0.5, z, rise, hip);
   if (hip == 0)
-    for (const double x : {0.0, w - 0.2}) p.push_back(taper(wall, x, x + 0.2, 0, d, z, x, x + 0.2, d / 2 - 0.1, d / 2 + 0.1, z + rise * 0.9));
+    for (const double x : {0.0, w - 0.2})
+      p.push_back(taper(wall, x, x + 0.2, 0, d, z, x, x + 0.2, d / 2 - 0.1, d / 2 + 0.1, z + rise * 0.9));
   if (rng.chance(0.55)) {  // a wing towards the street
     const double x = w * rng.between(0.05, 0.4), part = w * rng.between(0.35, 0.5);
     const double out = rng.between(1.2, 3.0);
     p.push_back(box(wall, x, x + part, -out, 0.2, kBelow, z - 0.4));
-    p.push_back(taper(M::Roof, x - 0.3, x + part + 0.3, -out - 0.4, d / 2, z - 0.4, x + part / 2 - 0.05, x + part / 2 + 0.05, -out - 0.3,
-                      d / 2, z + part * 0.42));
+    p.push_back(taper(M::Roof, x - 0.3, x + part + 0.3, -out - 0.4, d / 2, z - 0.4, x + part / 2 - 0.05,
+                      x + part / 2 + 0.05, -out - 0.3, d / 2, z + part * 0.42));
   }
   if (rng.chance(0.6)) {  // porch and steps
     const double x = w * rng.between(0.55, 0.85);

@@ -1,4 +1,5 @@
-// Houses, in a frame with x along the street front (0 to `width`), y into the plot (front at 0) and z up from the ground.
+// Houses, in a frame with x along the street front (0 to `width`), y into the plot (front at 0) and z up from the
+// ground.
 #pragma once
 #include "sim_models.hpp"
 

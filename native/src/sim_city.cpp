@@ -9,9 +9,15 @@ Pose pose_of(V3 at, double c, double s, double pitch, double roll) {
   Pose p;
   p.at = at;
   // Turn by the heading, then lift the nose, then the left side.
-  p.m = {c * cp, -s * cr - c * sp * sr, s * sr - c * sp * cr,
-         s * cp, c * cr - s * sp * sr,  -c * sr - s * sp * cr,
-         sp,     cp * sr,               cp * cr};
+  p.m = {c * cp,
+         -s * cr - c * sp * sr,
+         s * sr - c * sp * cr,
+         s * cp,
+         c * cr - s * sp * sr,
+         -c * sr - s * sp * cr,
+         sp,
+         cp * sr,
+         cp * cr};
   return p;
 }
 
@@ -20,7 +26,9 @@ namespace {
 class City final : public World {
  public:
   explicit City(const WorldOptions& options)
-      : town_(options.seed), ground_(town_), blocks_(town_, ground_, models_),
+      : town_(options.seed),
+        ground_(town_),
+        blocks_(town_, ground_, models_),
         traffic_(town_, models_, options.seed, options.speed > 0 ? options.speed : 14.0, options.traffic) {}
 
   Pose pose(std::int64_t t_ns) override {
@@ -41,8 +49,10 @@ class City final : public World {
     const double left = town_.height(at + V2{-sn, c} * 0.75), right = town_.height(at - V2{-sn, c} * 0.75);
     const double bounce = min_of(speed, 10.0) * 0.1;
     const double bump = 0.006 * bounce * noise_at(3, s / 2.3, 0.0) + 0.003 * bounce * noise_at(4, s / 0.9, 0.0);
-    const double pitch = (front - rear) / 2.7 + 0.0045 * traffic_.tilt(ego, t_ns) + 0.0022 * bounce * noise_at(5, s / 2.9, 0.5);
-    const double roll = (left - right) / 1.5 + 0.0025 * bounce * noise_at(6, s / 2.1, 0.5) + 0.0003 * sin_turns(seconds * 1.7);
+    const double pitch =
+        (front - rear) / 2.7 + 0.0045 * traffic_.tilt(ego, t_ns) + 0.0022 * bounce * noise_at(5, s / 2.9, 0.5);
+    const double roll =
+        (left - right) / 1.5 + 0.0025 * bounce * noise_at(6, s / 2.1, 0.5) + 0.0003 * sin_turns(seconds * 1.7);
     return pose_of({at.x, at.y, 0.5 * (front + rear) + 0.06 + bump + kSensorHeight}, c, sn, pitch, roll);
   }
 
@@ -105,7 +115,8 @@ class City final : public World {
       }
       const V2 dir = step * (1.0 / size);
       const V2 at = block.round[k] + dir * s + V2{-dir.y, dir.x} * side;
-      const Model& model = cycles ? models_.vehicle(Vehicle::Bicycle, id) : models_.walker(mix(id ^ 4), pace * seconds / 1.45 + start);
+      const Model& model =
+          cycles ? models_.vehicle(Vehicle::Bicycle, id) : models_.walker(mix(id ^ 4), pace * seconds / 1.45 + start);
       Object o;
       o.at = {at.x, at.y, ground_.surface(at)};
       const double sign = back ? -1.0 : 1.0;

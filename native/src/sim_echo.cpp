@@ -57,7 +57,8 @@ Echo Receiver::receive(int laser, std::uint64_t firing, const Hit& hit) {
   const double near = 0.45 + 0.55 * smooth_step(1.0, 9.0, hit.t), far = 1.0 / (1.0 + hit.t * hit.t * (1.0 / 8100.0));
   const double level = sensor_.offset(laser) + sensor_.gain(laser) * 225.0 * std::sqrt(lit * near * far);
   const double wobble = (firing & 1) ? 1.2 : -1.2;
-  echo.intensity = static_cast<std::uint8_t>(clamp_to(level * (1.0 + 0.025 * speckle) + 1.6 * normal_of(mix(h2), u) + wobble, 0.0, 255.0));
+  echo.intensity = static_cast<std::uint8_t>(
+      clamp_to(level * (1.0 + 0.025 * speckle) + 1.6 * normal_of(mix(h2), u) + wobble, 0.0, 255.0));
   return echo;
 }
 

@@ -25,7 +25,7 @@ class Receiver {
   std::array<double, kLasers> before_{};  // last distance of each laser, 0 = none
 };
 
-constexpr double kReach = 120.0;      // metres, HDL-64E S2 manual
-constexpr double kNearest = 0.9;      // metres: the sensor reports nothing nearer
+constexpr double kReach = 120.0;  // metres, HDL-64E S2 manual
+constexpr double kNearest = 0.9;  // metres: the sensor reports nothing nearer
 
 }  // namespace lidarcodec::sim

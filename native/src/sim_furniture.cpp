@@ -61,13 +61,17 @@ void add_furniture(Rng& rng, Parts& p) {
     case 1:  // wheeled bins, one to three
       for (int k = 0, n = 1 + rng.below(3); k < n; ++k) {
         const double x = 0.68 * k;
-        p.push_back(taper(M::Plastic, x - 0.24, x + 0.24, -0.26, 0.26, 0.05, x - 0.29, x + 0.29, -0.34, 0.36, 1.02 * size));
+        p.push_back(
+            taper(M::Plastic, x - 0.24, x + 0.24, -0.26, 0.26, 0.05, x - 0.29, x + 0.29, -0.34, 0.36, 1.02 * size));
       }
       break;
-    case 2: p.push_back(box(M::Plastic, -0.6 * size, 0.6 * size, -0.16, 0.2, 0, 1.25 * size)); break;  // cabinet
+    case 2:
+      p.push_back(box(M::Plastic, -0.6 * size, 0.6 * size, -0.16, 0.2, 0, 1.25 * size));
+      break;  // cabinet
     case 3:
     case 4:  // bollards
-      for (int k = 0, n = 1 + rng.below(4); k < n; ++k) p.push_back(cylinder(M::Metal, 1.5 * k, 0, 0.06 * size, -0.1, 0.95));
+      for (int k = 0, n = 1 + rng.below(4); k < n; ++k)
+        p.push_back(cylinder(M::Metal, 1.5 * k, 0, 0.06 * size, -0.1, 0.95));
       break;
     case 5:  // planter
       p.push_back(taper(M::Concrete, -0.5, 0.5, -0.5, 0.5, 0, -0.6, 0.6, -0.6, 0.6, 0.5));
@@ -81,7 +85,9 @@ void add_furniture(Rng& rng, Parts& p) {
       p.push_back(cylinder(M::Plaster, 0, 0, 0.6 * size, 0, 2.9));
       p.push_back(cylinder(M::Metal, 0, 0, 0.72 * size, 2.9, 3.1));
       break;
-    default: p.push_back(cylinder(M::Plastic, 0, 0, 0.2 * size, 0, 0.95)); break;  // litter bin
+    default:
+      p.push_back(cylinder(M::Plastic, 0, 0, 0.2 * size, 0, 0.95));
+      break;  // litter bin
   }
 }
 

@@ -10,11 +10,16 @@ constexpr double kClear = 0.2;      // kerbs and camber, which are steeper
 // Height of a stalk of grass or a pebble above the ground at most.
 double growth(Material m) {
   switch (m) {
-    case Material::Grass: return 0.07;
-    case Material::Gravel: return 0.012;
-    case Material::Soil: return 0.03;
-    case Material::Cobbles: return 0.012;
-    default: return 0;
+    case Material::Grass:
+      return 0.07;
+    case Material::Gravel:
+      return 0.012;
+    case Material::Soil:
+      return 0.03;
+    case Material::Cobbles:
+      return 0.012;
+    default:
+      return 0;
   }
 }
 
@@ -67,7 +72,8 @@ void TownGround::trace(const Ray& ray, Hit& hit) {
   meet(pavement_z, 3);
   if (s.kerb >= 0) return t < hit.t ? shade(ray, t, false, hit) : void();
   if (road_kerb < 0) return road_t < hit.t ? shade(ray, road_t, true, hit) : void();
-  // Over the carriageway at the height of the pavement, under the pavement at that of the carriageway: the kerb between.
+  // Over the carriageway at the height of the pavement, under the pavement at that of the carriageway: the kerb
+  // between.
   const double face = t + (road_t - t) * (-s.kerb) / (road_kerb - s.kerb);
   if (face >= hit.t) return;
   hit.t = face;
@@ -91,12 +97,14 @@ Material TownGround::marking(const Tile& tile, const Across& s, V2 p) {
   const double gap = on_y ? ax - other.half_width : ay - other.half_width;
   const bool before = (on_y ? s.x : s.y) < 0;
   const double along = on_y ? p.y : p.x;
-  if (gap > 1.0 && gap < 1.4 && (side > 0) == before && abs_of(side) < street.half_width - 0.3) return Material::RoadPaint;
+  if (gap > 1.0 && gap < 1.4 && (side > 0) == before && abs_of(side) < street.half_width - 0.3)
+    return Material::RoadPaint;
   const bool busy = street.kind != StreetClass::Residential;
   if (busy && gap > 2.0 && gap < 5.0 && fraction_of(side) < 0.5) return Material::RoadPaint;
   if (gap < 6.0) return Material::Asphalt;
   if (abs_of(side) < 0.06 && (street.two_lanes || fraction_of(along / 9.0) < 0.45)) return Material::RoadPaint;
-  if (street.two_lanes && abs_of(abs_of(side) - 3.4) < 0.06 && fraction_of(along / 9.0) < 0.4) return Material::RoadPaint;
+  if (street.two_lanes && abs_of(abs_of(side) - 3.4) < 0.06 && fraction_of(along / 9.0) < 0.4)
+    return Material::RoadPaint;
   const double bay = street.half_width - 2.1;
   if (abs_of(abs_of(side) - bay) < 0.05 && fraction_of(along / 6.0) < 0.1) return Material::RoadPaint;
   return Material::Asphalt;

@@ -40,9 +40,9 @@ class TownGround {
     std::int64_t tx = 0, ty = 0;
     Street along_y, along_x;
     double x0 = 0, y0 = 0;
-    std::vector<Sample> samples;        // (kCells + 1)^2
-    std::vector<Across> across;         // likewise
-    std::vector<std::uint8_t> cover;    // kCells^2, a Material
+    std::vector<Sample> samples;      // (kCells + 1)^2
+    std::vector<Across> across;       // likewise
+    std::vector<std::uint8_t> cover;  // kCells^2, a Material
   };
   struct Spot {
     double kerb, height;
@@ -56,7 +56,8 @@ class TownGround {
   };
 
   Place place(double x, double y) {
-    if (!last_ || x < last_->x0 || y < last_->y0 || x >= last_->x0 + kTile || y >= last_->y0 + kTile) last_ = &tile_at(x, y);
+    if (!last_ || x < last_->x0 || y < last_->y0 || x >= last_->x0 + kTile || y >= last_->y0 + kTile)
+      last_ = &tile_at(x, y);
     const double gx = (x - last_->x0) * (1.0 / kStep), gy = (y - last_->y0) * (1.0 / kStep);
     int ix = static_cast<int>(gx), iy = static_cast<int>(gy);
     if (ix >= kCells) ix = kCells - 1;

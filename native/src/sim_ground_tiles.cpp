@@ -16,11 +16,16 @@ Material yard(const Town& town, BlockStyle style, std::uint32_t seed, V2 p) {
   const double patch = noise_at(seed, p.x / 7.0, p.y / 7.0);
   switch (style) {
     case BlockStyle::Rows:
-    case BlockStyle::OldRows: return patch > 0.25 ? Material::Grass : (patch > -0.2 ? Material::Slabs : Material::Gravel);
-    case BlockStyle::Villas: return patch > 0.55 ? Material::Soil : Material::Grass;
-    case BlockStyle::Flats: return patch > 0.6 ? Material::Gravel : Material::Grass;
-    case BlockStyle::Works: return patch > 0.5 ? Material::Gravel : Material::Asphalt;
-    case BlockStyle::Park: break;
+    case BlockStyle::OldRows:
+      return patch > 0.25 ? Material::Grass : (patch > -0.2 ? Material::Slabs : Material::Gravel);
+    case BlockStyle::Villas:
+      return patch > 0.55 ? Material::Soil : Material::Grass;
+    case BlockStyle::Flats:
+      return patch > 0.6 ? Material::Gravel : Material::Grass;
+    case BlockStyle::Works:
+      return patch > 0.5 ? Material::Gravel : Material::Asphalt;
+    case BlockStyle::Park:
+      break;
   }
   const double path = noise_at(seed ^ static_cast<std::uint32_t>(town.seed()), p.x / 23.0, p.y / 23.0);
   return abs_of(path) < 0.07 ? Material::Gravel : Material::Grass;
@@ -59,7 +64,8 @@ void TownGround::make(Tile& tile) const {
   tile.along_y = near_high_v ? v.high : v.low;
   tile.along_x = near_high_h ? h.high : h.low;
   std::array<BlockStyle, 9> styles{};
-  for (int k = 0; k < 9; ++k) styles[static_cast<std::size_t>(k)] = town_.style(v.first - 1 + k / 3, h.first - 1 + k % 3);
+  for (int k = 0; k < 9; ++k)
+    styles[static_cast<std::size_t>(k)] = town_.style(v.first - 1 + k / 3, h.first - 1 + k % 3);
   tile.samples.resize((kCells + 1) * (kCells + 1));
   tile.across.resize(tile.samples.size());
   tile.cover.resize(kCells * kCells);
@@ -74,7 +80,8 @@ void TownGround::make(Tile& tile) const {
                                h.open_high[segment_h] ? abs_of(h1) - h.high.half_width : kNowhere);
       const double kerb = join(sv, sh);
       Sample& s = tile.samples[static_cast<std::size_t>(iy * (kCells + 1) + ix)];
-      const double lumps = 0.05 * noise_at(seed, p.x / 3.1, p.y / 3.1) + 0.1 * noise_at(seed + 1, p.x / 11.0, p.y / 11.0);
+      const double lumps =
+          0.05 * noise_at(seed, p.x / 3.1, p.y / 3.1) + 0.1 * noise_at(seed + 1, p.x / 11.0, p.y / 11.0);
       s.kerb = static_cast<float>(kerb);
       s.height = static_cast<float>(town_.height(p) + lumps * smooth_step(3.0, 6.0, kerb));
       tile.across[static_cast<std::size_t>(iy * (kCells + 1) + ix)] = {static_cast<float>(near_high_v ? v1 : v0),

@@ -55,14 +55,16 @@ void Index::build(const std::vector<const Object*>& objects, V3 center, double r
     const Entry entry{static_cast<float>(near.distance), static_cast<float>(min_of(low / from, low / to)),
                       static_cast<float>(max_of(high / from, high / to)), &o};
     const std::int64_t a = floor_of(lo * (kSectors / 4.0)), b = floor_of(hi * (kSectors / 4.0));
-    for (std::int64_t k = a; k <= b && k < a + kSectors; ++k) sectors_[static_cast<std::size_t>(k & (kSectors - 1))].push_back(entry);
+    for (std::int64_t k = a; k <= b && k < a + kSectors; ++k)
+      sectors_[static_cast<std::size_t>(k & (kSectors - 1))].push_back(entry);
   }
 }
 
 void Index::trace(const Ray& ray, double dt, Hit& hit) const {
   const double level = std::sqrt(ray.direction.x * ray.direction.x + ray.direction.y * ray.direction.y);
   const double slope = ray.direction.z / level;
-  const auto sector = static_cast<std::size_t>(diamond_angle(ray.direction.x, ray.direction.y) * (kSectors / 4.0)) & (kSectors - 1);
+  const auto sector =
+      static_cast<std::size_t>(diamond_angle(ray.direction.x, ray.direction.y) * (kSectors / 4.0)) & (kSectors - 1);
   double reached = hit.t * level;
   for (const Entry& entry : sectors_[sector]) {
     if (entry.distance > reached) break;

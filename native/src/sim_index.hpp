@@ -1,5 +1,5 @@
-// Which objects a beam can meet: the horizon around the sensor cut into sectors, in each the objects that reach into it,
-// nearest first, with the range of slopes they cover.
+// Which objects a beam can meet: the horizon around the sensor cut into sectors, in each the objects that reach into
+// it, nearest first, with the range of slopes they cover.
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -18,7 +18,7 @@ class Index {
 
  private:
   struct Entry {
-    float distance;          // of its nearest point, level, less the slack
+    float distance;            // of its nearest point, level, less the slack
     float slope_lo, slope_hi;  // rise over level distance
     const Object* object;
   };

@@ -20,14 +20,22 @@ int boundary_kind(Rng& rng) {
 void add_boundary(Rng& rng, int kind, double height, double x0, double x1, Parts& parts) {
   if (x1 - x0 < 0.4 || kind > 4) return;
   switch (kind) {
-    case 0: parts.push_back(leaf_box(x0, x1, 0, 0.7, -0.2, height, rng.between(0.4, 0.8), 0.09)); break;
-    case 1: parts.push_back(box(Material::Brick, x0, x1, 0, 0.24, -0.6, height * 0.8)); break;
-    case 2: parts.push_back(fence(Material::Wood, x0, x1, 0.1, 0.02, height, 0.14, 0.6)); break;
+    case 0:
+      parts.push_back(leaf_box(x0, x1, 0, 0.7, -0.2, height, rng.between(0.4, 0.8), 0.09));
+      break;
+    case 1:
+      parts.push_back(box(Material::Brick, x0, x1, 0, 0.24, -0.6, height * 0.8));
+      break;
+    case 2:
+      parts.push_back(fence(Material::Wood, x0, x1, 0.1, 0.02, height, 0.14, 0.6));
+      break;
     case 3:
       parts.push_back(box(Material::Plaster, x0, x1, 0, 0.22, -0.6, 0.45));
       parts.push_back(fence(Material::Metal, x0, x1, 0.1, 0.45, height, 0.13, 0.2));
       break;
-    default: parts.push_back(fence(Material::Metal, x0, x1, 0.1, 0.02, height + 0.4, 0.06, 0.12)); break;
+    default:
+      parts.push_back(fence(Material::Metal, x0, x1, 0.1, 0.02, height + 0.4, 0.06, 0.12));
+      break;
   }
 }
 
@@ -94,7 +102,8 @@ void fill_rows(BlockBuilder& b, int k, const Side& side, bool old) {
         const double gate = plan.width * rng.between(0.2, 0.7);
         add_boundary(rng, boundary, boundary_height, 0.1, gate, edge);
         add_boundary(rng, boundary, boundary_height, gate + 1.3, plan.width - 0.1, edge);
-        b.put(front(side, u, plan.width, side.street.pavement + 0.1), edge, boundary == 0 ? Label::Vegetation : Label::Other, rng.next());
+        b.put(front(side, u, plan.width, side.street.pavement + 0.1), edge,
+              boundary == 0 ? Label::Vegetation : Label::Other, rng.next());
         const double x = plan.width * rng.between(0.1, 0.9);
         if (rng.chance(0.5)) plant(b, rng, p, x, -setback * 0.5, 3.0);
       }
@@ -176,7 +185,8 @@ void fill_flats(BlockBuilder& b, int k, const Side& side) {
     Parts hedge;
     const double length = rng.between(8.0, 18.0);
     add_boundary(rng, 0, rng.between(0.6, 1.3), 0, length, hedge);
-    b.put(front(side, min_of(10.0, side.length() * 0.2), length, side.street.pavement + 0.2), hedge, Label::Vegetation, rng.next());
+    b.put(front(side, min_of(10.0, side.length() * 0.2), length, side.street.pavement + 0.2), hedge, Label::Vegetation,
+          rng.next());
   }
 }
 
@@ -219,7 +229,8 @@ void fill_park(BlockBuilder& b, int k, const Side& side) {
       const double length = min_of(rng.between(12.0, 25.0), side.length() - 2.0 - u);
       Parts parts;
       add_boundary(rng, kind, rng.between(0.5, 1.1), 0, length, parts);
-      b.put(front(side, u, length, side.street.pavement + 0.1), parts, kind == 0 ? Label::Vegetation : Label::Other, rng.next());
+      b.put(front(side, u, length, side.street.pavement + 0.1), parts, kind == 0 ? Label::Vegetation : Label::Other,
+            rng.next());
       u += length + rng.between(1.5, 4.0);
     }
   const double deep = 0.35 * side.length();

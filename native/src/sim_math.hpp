@@ -109,7 +109,9 @@ inline std::uint64_t mix(std::uint64_t z) {
   z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
   return z ^ (z >> 31);
 }
-inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b) { return mix(a ^ (static_cast<std::uint64_t>(b) * 0xD1342543DE82EF95ull)); }
+inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b) {
+  return mix(a ^ (static_cast<std::uint64_t>(b) * 0xD1342543DE82EF95ull));
+}
 inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b, std::int64_t c) { return hash_of(hash_of(a, b), c); }
 inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b, std::int64_t c, std::int64_t d) {
   return hash_of(hash_of(hash_of(a, b), c), d);
@@ -119,8 +121,8 @@ inline double unit_of(std::uint64_t h) { return static_cast<double>(h >> 11) * 0
 
 // A cheap hash of a cell of space, for leaves and textures: quality enough for the eye, half the price.
 inline std::uint32_t cell_hash(std::uint32_t seed, std::int64_t x, std::int64_t y, std::int64_t z) {
-  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^ (static_cast<std::uint32_t>(y) * 0xD8163841u) ^
-                    (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
+  std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
+                    (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
   h ^= h >> 15;
   h *= 0x2C1B3C6Du;
   h ^= h >> 12;

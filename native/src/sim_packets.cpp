@@ -53,7 +53,7 @@ Status::Status(std::int64_t start_ns, std::uint64_t seed) : start_ns_(start_ns),
     const LaserRow& row = kLaserTable[static_cast<std::size_t>(laser)];
     std::uint8_t bytes[28] = {};
     bytes[0] = static_cast<std::uint8_t>(laser);
-    const std::int16_t values[9] = {row.vert_cdeg, row.rot_cdeg, row.dist_mm, row.dist_mm, row.dist_mm,
+    const std::int16_t values[9] = {row.vert_cdeg,      row.rot_cdeg,        row.dist_mm,  row.dist_mm,    row.dist_mm,
                                     row.vert_offset_mm, row.horiz_offset_mm, row.focal_mm, row.slope_tenth};
     for (int k = 0; k < 9; ++k) put16(bytes + 1 + 2 * k, static_cast<std::uint16_t>(values[k]));
     bytes[19] = kMinIntensity;
@@ -69,9 +69,9 @@ Status::Status(std::int64_t start_ns, std::uint64_t seed) : start_ns_(start_ns),
   put16(tail + 6, 1289);   // hours of life
   const std::uint8_t from[4] = {192, 168, 3, 43}, to[4] = {192, 168, 3, 255};
   for (int k = 0; k < 4; ++k) tail[8 + k] = from[k], tail[12 + k] = to[k];
-  tail[16] = 0;     // strongest return
-  tail[17] = 0x60;  // warnings: none; PPS and GPS time present
-  tail[18] = 0xA8;  // power level
+  tail[16] = 0;            // strongest return
+  tail[17] = 0x60;         // warnings: none; PPS and GPS time present
+  tail[18] = 0xA8;         // power level
   put16(tail + 19, 1820);  // the S2 ends with the size of the table where the S3 has a checksum
   table_.insert(table_.end(), tail, tail + 21);
 }
@@ -94,8 +94,15 @@ void Status::write(std::uint64_t packet, std::uint8_t* tail) const {
   // Warms up over the first minutes, then wavers.
   const double minutes = static_cast<double>(ns) / 60e9;
   const double heat = 27.0 + 14.0 * minutes / (minutes + 4.0) + 1.5 * sin_turns(minutes / 7.0 + unit_of(seed_));
-  const int values[9] = {static_cast<int>(day_s / 3600), static_cast<int>(day_s / 60 % 60), static_cast<int>(day_s % 60),
-                         day, month, year % 100, 'A', static_cast<int>(heat), 72};
+  const int values[9] = {static_cast<int>(day_s / 3600),
+                         static_cast<int>(day_s / 60 % 60),
+                         static_cast<int>(day_s % 60),
+                         day,
+                         month,
+                         year % 100,
+                         'A',
+                         static_cast<int>(heat),
+                         72};
   tail[4] = static_cast<std::uint8_t>("HMSDNYGTV"[turn]);
   tail[5] = static_cast<std::uint8_t>(values[turn]);
 }

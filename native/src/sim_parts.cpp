@@ -6,30 +6,30 @@ namespace lidarcodec::sim {
 
 const Surface& surface_of(Material material) {
   static constexpr std::array<Surface, static_cast<std::size_t>(Material::Count)> kSurfaces{{
-      {0.00, 0.00, 0.000, 0.0},  // Nothing
+      {0.00, 0.00, 0.000, 0.0},   // Nothing
       {0.17, 0.18, 0.0035, 0.1},  // Asphalt
-      {0.62, 0.15, 0.001, 0.0},  // RoadPaint
-      {0.32, 0.16, 0.002, 0.0},  // Slabs
-      {0.25, 0.25, 0.006, 0.0},  // Cobbles
-      {0.48, 0.22, 0.012, 0.0},  // Grass
-      {0.30, 0.22, 0.008, 0.0},  // Gravel
-      {0.22, 0.25, 0.010, 0.0},  // Soil
-      {0.52, 0.12, 0.002, 0.0},  // Plaster
-      {0.34, 0.20, 0.003, 0.0},  // Brick
-      {0.40, 0.14, 0.002, 0.0},  // Concrete
-      {0.10, 0.10, 0.001, 0.8},  // Glass
-      {0.25, 0.20, 0.010, 0.0},  // Roof
-      {0.40, 0.15, 0.001, 0.3},  // Metal
-      {0.42, 0.20, 0.003, 0.0},  // Wood
-      {0.30, 0.25, 0.006, 0.0},  // Bark
-      {0.50, 0.30, 0.012, 0.0},  // Leaf
-      {0.40, 0.05, 0.001, 0.5},  // CarPaint
-      {0.10, 0.10, 0.001, 0.8},  // Cabin
-      {0.06, 0.15, 0.002, 0.0},  // Rubber
-      {0.40, 0.20, 0.006, 0.0},  // Cloth
-      {0.55, 0.08, 0.002, 0.0},  // Skin
-      {4.00, 0.10, 0.001, 0.0},  // Retro
-      {0.35, 0.10, 0.001, 0.2},  // Plastic
+      {0.62, 0.15, 0.001, 0.0},   // RoadPaint
+      {0.32, 0.16, 0.002, 0.0},   // Slabs
+      {0.25, 0.25, 0.006, 0.0},   // Cobbles
+      {0.48, 0.22, 0.012, 0.0},   // Grass
+      {0.30, 0.22, 0.008, 0.0},   // Gravel
+      {0.22, 0.25, 0.010, 0.0},   // Soil
+      {0.52, 0.12, 0.002, 0.0},   // Plaster
+      {0.34, 0.20, 0.003, 0.0},   // Brick
+      {0.40, 0.14, 0.002, 0.0},   // Concrete
+      {0.10, 0.10, 0.001, 0.8},   // Glass
+      {0.25, 0.20, 0.010, 0.0},   // Roof
+      {0.40, 0.15, 0.001, 0.3},   // Metal
+      {0.42, 0.20, 0.003, 0.0},   // Wood
+      {0.30, 0.25, 0.006, 0.0},   // Bark
+      {0.50, 0.30, 0.012, 0.0},   // Leaf
+      {0.40, 0.05, 0.001, 0.5},   // CarPaint
+      {0.10, 0.10, 0.001, 0.8},   // Cabin
+      {0.06, 0.15, 0.002, 0.0},   // Rubber
+      {0.40, 0.20, 0.006, 0.0},   // Cloth
+      {0.55, 0.08, 0.002, 0.0},   // Skin
+      {4.00, 0.10, 0.001, 0.0},   // Retro
+      {0.35, 0.10, 0.001, 0.2},   // Plastic
   }};
   return kSurfaces[static_cast<std::size_t>(material)];
 }
@@ -54,8 +54,8 @@ Part make(Shape shape, Material material, std::initializer_list<double> values) 
 
 }  // namespace
 
-Part taper(Material m, double x0, double x1, double y0, double y1, double z0, double X0, double X1, double Y0, double Y1,
-           double z1) {
+Part taper(Material m, double x0, double x1, double y0, double y1, double z0, double X0, double X1, double Y0,
+           double Y1, double z1) {
   return bounded(make(Shape::Taper, m, {x0, x1, y0, y1, z0, X0, X1, Y0, Y1, z1}), min_of(x0, X0), max_of(x1, X1),
                  min_of(y0, Y0), max_of(y1, Y1), z0, z1);
 }
@@ -69,11 +69,12 @@ Part wheel(Material m, double cx, double cz, double r, double y0, double y1) {
   return bounded(make(Shape::Wheel, m, {cx, cz, r, y0, y1}), cx - r, cx + r, y0, y1, cz - r, cz + r);
 }
 Part ellipsoid(Material m, double cx, double cy, double cz, double rx, double ry, double rz) {
-  return bounded(make(Shape::Ellipsoid, m, {cx, cy, cz, rx, ry, rz}), cx - rx, cx + rx, cy - ry, cy + ry, cz - rz, cz + rz);
+  return bounded(make(Shape::Ellipsoid, m, {cx, cy, cz, rx, ry, rz}), cx - rx, cx + rx, cy - ry, cy + ry, cz - rz,
+                 cz + rz);
 }
 Part leaves(double cx, double cy, double cz, double rx, double ry, double rz, double density, double cell) {
-  return bounded(make(Shape::Leaves, Material::Leaf, {cx, cy, cz, rx, ry, rz, density, cell}), cx - rx, cx + rx, cy - ry,
-                 cy + ry, cz - rz, cz + rz);
+  return bounded(make(Shape::Leaves, Material::Leaf, {cx, cy, cz, rx, ry, rz, density, cell}), cx - rx, cx + rx,
+                 cy - ry, cy + ry, cz - rz, cz + rz);
 }
 Part leaf_box(double x0, double x1, double y0, double y1, double z0, double z1, double density, double cell) {
   return bounded(make(Shape::LeafBox, Material::Leaf, {x0, x1, y0, y1, z0, z1, density, cell}), x0, x1, y0, y1, z0, z1);

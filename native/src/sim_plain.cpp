@@ -37,7 +37,10 @@ struct Stretch {
 class Plain final : public World {
  public:
   Plain(const WorldOptions& options, bool road)
-      : seed_(hash_of(options.seed, 201 + road)), road_(road), speed_(options.speed > 0 ? options.speed : 12.0), traffic_(options.traffic) {}
+      : seed_(hash_of(options.seed, 201 + road)),
+        road_(road),
+        speed_(options.speed > 0 ? options.speed : 12.0),
+        traffic_(options.traffic) {}
 
   Pose pose(std::int64_t t_ns) override {
     const double t = static_cast<double>(t_ns) * 1e-9;
@@ -73,8 +76,9 @@ class Plain final : public World {
     hit.local = o + d * t;
     const double y = abs_of(hit.local.y), edge = road_ ? 10.0 : 5.4;
     hit.material = y < edge ? M::Asphalt : (road_ ? M::Grass : M::Slabs);
-    const bool line = road_ ? abs_of(y - 9.2) < 0.08 || (abs_of(y - 1.9) < 0.07 && fraction_of(hit.local.x / 12.0) < 0.35)
-                            : y < 0.07 && fraction_of(hit.local.x / 9.0) < 0.4;
+    const bool line = road_
+                          ? abs_of(y - 9.2) < 0.08 || (abs_of(y - 1.9) < 0.07 && fraction_of(hit.local.x / 12.0) < 0.35)
+                          : y < 0.07 && fraction_of(hit.local.x / 9.0) < 0.4;
     if (line) hit.material = M::RoadPaint;
     hit.albedo = -1;
     hit.label = Label::Ground;
@@ -106,17 +110,20 @@ class Plain final : public World {
 
   void add_streetside(Rng& rng, Stretch& s, double x0, double side) const {
     for (double x = x0; x < x0 + kStretch - 4.0;) {  // house after house, now and then a gap
-      const double w = min_of(rng.between(8.0, 22.0), x0 + kStretch - x), d = rng.between(8.0, 12.0), back = rng.between(8.0, 11.0);
+      const double w = min_of(rng.between(8.0, 22.0), x0 + kStretch - x), d = rng.between(8.0, 12.0),
+                   back = rng.between(8.0, 11.0);
       const double h = rng.between(6.0, 14.0);
       const double y0 = side > 0 ? back : -back - d;
-      s.add(x, 0, {facade_box(M::Plaster, 0, w, y0, y0 + d, -0.6, h, 3.1, 2.9, 3.2, facade::kBlindEnds)}, Label::Building, rng.next());
+      s.add(x, 0, {facade_box(M::Plaster, 0, w, y0, y0 + d, -0.6, h, 3.1, 2.9, 3.2, facade::kBlindEnds)},
+            Label::Building, rng.next());
       x += w + (rng.chance(0.4) ? rng.between(2.0, 8.0) : 0.0);
     }
     for (double x = x0; x < x0 + kStretch; x += 15.0) {
       if (!rng.chance(0.7)) continue;
       const double r = rng.between(0.12, 0.3), crown = rng.between(1.4, 2.3);
       const double tx = x + 2.0 * rng.normal(), ty = side * rng.between(5.8, 6.6);
-      s.add(tx, ty, {cylinder(M::Bark, 0, 0, r, -0.3, 4.0), leaves(0, 0, 4.8, crown, crown, crown, 0.2, 0.16)}, Label::Vegetation, rng.next());
+      s.add(tx, ty, {cylinder(M::Bark, 0, 0, r, -0.3, 4.0), leaves(0, 0, 4.8, crown, crown, crown, 0.2, 0.16)},
+            Label::Vegetation, rng.next());
     }
     for (double x = x0; x < x0 + kStretch - 1.0; x += 30.0)
       s.add(x + rng.normal(), side * 5.6, {cylinder(M::Metal, 0, 0, 0.08, -0.2, 7.0)}, Label::Pole, 7);
@@ -137,8 +144,9 @@ class Plain final : public World {
     }
     for (double rail = x0; rail < x0 + kStretch; rail += 12.0)  // in pieces that follow the ground
       s.add(rail, side * 11.07,
-            {box(M::Metal, 0, 12.0, -0.07, 0.07, 0.35, 0.75), cylinder(M::Metal, 1.0, 0, 0.05, -0.1, 0.7), cylinder(M::Metal, 5.0, 0, 0.05, -0.1, 0.7),
-             cylinder(M::Metal, 9.0, 0, 0.05, -0.1, 0.7)}, Label::Other, 8);
+            {box(M::Metal, 0, 12.0, -0.07, 0.07, 0.35, 0.75), cylinder(M::Metal, 1.0, 0, 0.05, -0.1, 0.7),
+             cylinder(M::Metal, 5.0, 0, 0.05, -0.1, 0.7), cylinder(M::Metal, 9.0, 0, 0.05, -0.1, 0.7)},
+            Label::Other, 8);
   }
 
   void add_car(double x, double y, double vx, std::uint64_t id) {

@@ -19,7 +19,8 @@ std::int64_t end_of(bool forward, std::int64_t segment) { return forward ? segme
 
 }  // namespace
 
-Route::Route(const Town& town, std::uint64_t seed, bool along_y, std::int64_t index, double t, bool forward, double straight)
+Route::Route(const Town& town, std::uint64_t seed, bool along_y, std::int64_t index, double t, bool forward,
+             double straight)
     : town_(&town), seed_(seed), straight_(straight) {
   const Street street = town.street(along_y, index);
   std::int64_t segment = 0, other = 0;
@@ -34,7 +35,8 @@ Turn Route::choose(const Street& street, bool forward, std::int64_t segment, std
   const std::int64_t cross = end_of(forward, segment);  // index of the crossing street
   const bool ahead = town_->open(street.along_y, street.index, forward ? segment + 1 : segment - 1);
   // Growing t is to the right of a street along x seen along y, and to the left the other way round.
-  const bool up = town_->open(!street.along_y, cross, street.index), down = town_->open(!street.along_y, cross, street.index - 1);
+  const bool up = town_->open(!street.along_y, cross, street.index),
+             down = town_->open(!street.along_y, cross, street.index - 1);
   const bool right_is_up = street.along_y == forward;
   const bool right = right_is_up ? up : down, left = right_is_up ? down : up;
   const double u = unit_of(h);
@@ -43,7 +45,8 @@ Turn Route::choose(const Street& street, bool forward, std::int64_t segment, std
   return left ? Turn::Left : Turn::Straight;
 }
 
-Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from, bool joined) {
+Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from,
+                      bool joined) {
   const std::uint64_t h = hash_of(seed_, static_cast<std::int64_t>(count_++));
   Leg leg;
   leg.street = street;
@@ -89,7 +92,8 @@ void Route::append() {
   const std::int64_t cross = end_of(last.forward, last.segment);
   if (last.turn == Turn::Straight) {
     const double t = last.forward ? last.t_begin + last.length : last.t_begin - last.length;
-    legs_.push_back(street_leg(last.street, last.forward, last.forward ? last.segment + 1 : last.segment - 1, t, s0, last.lane_to, false));
+    legs_.push_back(street_leg(last.street, last.forward, last.forward ? last.segment + 1 : last.segment - 1, t, s0,
+                               last.lane_to, false));
     return;
   }
   const Street other = town_->street(!last.street.along_y, cross);
@@ -110,7 +114,8 @@ void Route::append() {
   // Quintic with the headings of both lanes and no curvature at its ends.
   const double size = 1.12 * length(p1 - p0);
   const V2 v0 = h0 * size, v1 = h1 * size, gap = p1 - p0;
-  curve.poly = {p0, v0, V2{}, gap * 10.0 - v0 * 6.0 - v1 * 4.0, gap * -15.0 + v0 * 8.0 + v1 * 7.0, gap * 6.0 - (v0 + v1) * 3.0};
+  curve.poly = {
+      p0, v0, V2{}, gap * 10.0 - v0 * 6.0 - v1 * 4.0, gap * -15.0 + v0 * 8.0 + v1 * 7.0, gap * 6.0 - (v0 + v1) * 3.0};
   V2 before = p0;
   for (int k = 1; k <= 32; ++k) {
     const double u = k / 32.0;

@@ -17,14 +17,14 @@ struct Leg {
   Street street;
   bool forward = true;
   double t_begin = 0, lane_from = 0, lane_to = 0, blend = 1;
-  std::int64_t segment = 0;    // between crossings `segment` and `segment + 1`
-  Turn turn = Turn::Straight;  // at its end
-  double stop = 0;             // distance driven at the stop line at its end
+  std::int64_t segment = 0;     // between crossings `segment` and `segment + 1`
+  Turn turn = Turn::Straight;   // at its end
+  double stop = 0;              // distance driven at the stop line at its end
   std::int64_t ci = 0, cj = 0;  // the crossing at its end
   // A curve: a polynomial of degree five, and the share of its length at each 32nd of its parameter.
   std::array<V2, 6> poly{};
   std::array<double, 33> share{};
-  double limit = 100;          // speed to take it at
+  double limit = 100;  // speed to take it at
 };
 
 struct Waypoint {
@@ -34,7 +34,8 @@ struct Waypoint {
 class Route {
  public:
   // Starts at `t` on a street.
-  Route(const Town& town, std::uint64_t seed, bool along_y, std::int64_t index, double t, bool forward, double straight);
+  Route(const Town& town, std::uint64_t seed, bool along_y, std::int64_t index, double t, bool forward,
+        double straight);
 
   Waypoint at(double s) const;
   // The leg at a distance driven; `s` must not lie before what `forget` dropped.
@@ -45,7 +46,8 @@ class Route {
   const std::deque<Leg>& legs() const { return legs_; }
 
  private:
-  Leg street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from, bool joined);
+  Leg street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from,
+                 bool joined);
   void append();
   Turn choose(const Street& street, bool forward, std::int64_t segment, std::uint64_t h) const;
   static V2 lane_point(const Leg& leg, double ahead, V2& heading);

@@ -10,9 +10,29 @@ namespace lidarcodec::sim {
 
 enum class Material : std::uint8_t {
   Nothing,  // the beam is lost: sky, or glass that mirrors it away
-  Asphalt, RoadPaint, Slabs, Cobbles, Grass, Gravel, Soil,
-  Plaster, Brick, Concrete, Glass, Roof, Metal, Wood, Bark, Leaf,
-  CarPaint, Cabin, Rubber, Cloth, Skin, Retro, Plastic,
+  Asphalt,
+  RoadPaint,
+  Slabs,
+  Cobbles,
+  Grass,
+  Gravel,
+  Soil,
+  Plaster,
+  Brick,
+  Concrete,
+  Glass,
+  Roof,
+  Metal,
+  Wood,
+  Bark,
+  Leaf,
+  CarPaint,
+  Cabin,
+  Rubber,
+  Cloth,
+  Skin,
+  Retro,
+  Plastic,
   Count
 };
 
@@ -55,8 +75,8 @@ constexpr std::uint16_t kHall = 8;       // a hall: gates and a band of windows 
 constexpr std::uint16_t kTall = 16;      // tall windows of an old house
 }  // namespace facade
 
-Part taper(Material m, double x0, double x1, double y0, double y1, double z0, double X0, double X1, double Y0, double Y1,
-           double z1);
+Part taper(Material m, double x0, double x1, double y0, double y1, double z0, double X0, double X1, double Y0,
+           double Y1, double z1);
 Part box(Material m, double x0, double x1, double y0, double y1, double z0, double z1);
 Part cylinder(Material m, double cx, double cy, double r, double z0, double z1);
 Part wheel(Material m, double cx, double cz, double r, double y0, double y1);
@@ -88,11 +108,11 @@ struct Ray {
 };
 
 struct Hit {
-  double t = 0;                // distance along the ray; hits beyond this do not count
-  double cosine = 1;           // of the angle of incidence
-  double albedo = -1;          // < 0: the material's own
-  double rough_m = 0;          // added to the material's
-  V3 local;                    // where, in the frame of the object (or the world for the ground)
+  double t = 0;        // distance along the ray; hits beyond this do not count
+  double cosine = 1;   // of the angle of incidence
+  double albedo = -1;  // < 0: the material's own
+  double rough_m = 0;  // added to the material's
+  V3 local;            // where, in the frame of the object (or the world for the ground)
   Material material = Material::Nothing;
   Label label = Label::None;
   std::uint32_t id = 0;

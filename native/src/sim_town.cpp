@@ -1,6 +1,5 @@
 #include "sim_town.hpp"
 
-
 namespace lidarcodec::sim {
 
 namespace {
@@ -69,14 +68,18 @@ BlockStyle Town::style(std::int64_t i, std::int64_t j) const {
   const double u = unit_of(hash_of(seed_, 41, i, j));
   if (u < 0.07) return BlockStyle::Park;
   if (dense > 0.25) return u < 0.5 ? BlockStyle::OldRows : (u < 0.9 ? BlockStyle::Rows : BlockStyle::Flats);
-  if (dense > -0.2) return u < 0.4 ? BlockStyle::Rows : (u < 0.7 ? BlockStyle::Villas : (u < 0.9 ? BlockStyle::Flats : BlockStyle::Works));
-  return u < 0.65 ? BlockStyle::Villas : (u < 0.82 ? BlockStyle::Flats : (u < 0.92 ? BlockStyle::Works : BlockStyle::Rows));
+  if (dense > -0.2)
+    return u < 0.4 ? BlockStyle::Rows
+                   : (u < 0.7 ? BlockStyle::Villas : (u < 0.9 ? BlockStyle::Flats : BlockStyle::Works));
+  return u < 0.65 ? BlockStyle::Villas
+                  : (u < 0.82 ? BlockStyle::Flats : (u < 0.92 ? BlockStyle::Works : BlockStyle::Rows));
 }
 
 double Town::height(V2 p) const {
   const double phase = unit_of(mix(seed_ ^ 5));
-  return 1.4 * sin_turns(p.x / 431.0 + 0.3 * sin_turns(p.y / 997.0) + phase) + 0.9 * sin_turns(p.y / 367.0 + p.x / 1511.0) +
-         0.15 * sin_turns(p.x / 97.0 - p.y / 131.0 + phase) + 0.02 * sin_turns(p.x / 29.0 + p.y / 23.0);
+  return 1.4 * sin_turns(p.x / 431.0 + 0.3 * sin_turns(p.y / 997.0) + phase) +
+         0.9 * sin_turns(p.y / 367.0 + p.x / 1511.0) + 0.15 * sin_turns(p.x / 97.0 - p.y / 131.0 + phase) +
+         0.02 * sin_turns(p.x / 29.0 + p.y / 23.0);
 }
 
 }  // namespace lidarcodec::sim

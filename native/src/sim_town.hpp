@@ -16,8 +16,8 @@ struct Street {
   std::int64_t index = 0;
   StreetClass kind = StreetClass::Residential;
   double base = 0, bend = 0, wave = 1, phase = 0;
-  double half_width = 5;   // centre to kerb
-  double lane = 1.6;       // centre to the middle of the first lane
+  double half_width = 5;  // centre to kerb
+  double lane = 1.6;      // centre to the middle of the first lane
   double pavement = 2.5;
   double speed = 10;       // m/s that people drive
   bool two_lanes = false;  // each way

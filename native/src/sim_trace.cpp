@@ -59,17 +59,28 @@ void trace_taper(const Part& p, const LocalRay& r, Hit& hit) {
   const double h = r.o.z - z0;
   Span span;
   span.out = hit.t;
-  if (!span.cut(h, r.d.z, 4) || !span.cut(a[9] - r.o.z, -r.d.z, 5) || !span.cut(r.o.x - a[0] - kx0 * h, r.d.x - kx0 * r.d.z, 0) ||
-      !span.cut(a[1] + kx1 * h - r.o.x, kx1 * r.d.z - r.d.x, 1) || !span.cut(r.o.y - a[2] - ky0 * h, r.d.y - ky0 * r.d.z, 2) ||
+  if (!span.cut(h, r.d.z, 4) || !span.cut(a[9] - r.o.z, -r.d.z, 5) ||
+      !span.cut(r.o.x - a[0] - kx0 * h, r.d.x - kx0 * r.d.z, 0) ||
+      !span.cut(a[1] + kx1 * h - r.o.x, kx1 * r.d.z - r.d.x, 1) ||
+      !span.cut(r.o.y - a[2] - ky0 * h, r.d.y - ky0 * r.d.z, 2) ||
       !span.cut(a[3] + ky1 * h - r.o.y, ky1 * r.d.z - r.d.y, 3) || span.face < 0)
     return;
   double slope = 0, k = 0;
   switch (span.face) {
-    case 0: slope = r.d.x - kx0 * r.d.z, k = kx0; break;
-    case 1: slope = kx1 * r.d.z - r.d.x, k = kx1; break;
-    case 2: slope = r.d.y - ky0 * r.d.z, k = ky0; break;
-    case 3: slope = ky1 * r.d.z - r.d.y, k = ky1; break;
-    default: slope = r.d.z;
+    case 0:
+      slope = r.d.x - kx0 * r.d.z, k = kx0;
+      break;
+    case 1:
+      slope = kx1 * r.d.z - r.d.x, k = kx1;
+      break;
+    case 2:
+      slope = r.d.y - ky0 * r.d.z, k = ky0;
+      break;
+    case 3:
+      slope = ky1 * r.d.z - r.d.y, k = ky1;
+      break;
+    default:
+      slope = r.d.z;
   }
   Material m = p.material;
   if (m == Material::Cabin) {
@@ -120,7 +131,8 @@ void trace_wheel(const Part& p, const LocalRay& r, Hit& hit) {
   if (in > span.in) span.in = in, span.face = 0;
   if (span.in >= span.out || span.face < 0) return;
   const double t = span.in;
-  if (span.face == 0) return accept(r, hit, t, abs_of((ox + t * r.d.x) * r.d.x + (oz + t * r.d.z) * r.d.z) / a[2], p.material);
+  if (span.face == 0)
+    return accept(r, hit, t, abs_of((ox + t * r.d.x) * r.d.x + (oz + t * r.d.z) * r.d.z) / a[2], p.material);
   const double x = ox + t * r.d.x, z = oz + t * r.d.z;  // the rim is bright, the tyre dark
   accept(r, hit, t, abs_of(r.d.y), x * x + z * z < 0.4 * a[2] * a[2] ? Material::Metal : p.material);
 }
@@ -142,7 +154,8 @@ void trace_ellipsoid(const Part& p, const LocalRay& r, Hit& hit) {
 // Leaves: space is cut into cells of a decimetre or two, each holding a leaf or none, denser in clumps and below the
 // outer shell. Every visit finds the same leaves; how deep a beam gets varies from beam to beam as in a real crown.
 template <typename Inside>
-void walk_leaves(const LocalRay& r, Hit& hit, double in, double out, double density, double cell, const Inside& inside) {
+void walk_leaves(const LocalRay& r, Hit& hit, double in, double out, double density, double cell,
+                 const Inside& inside) {
   const double step = cell * 0.92;
   const double scale = 1.0 / cell;
   double t = in + step * luck_of(r, 21);
@@ -217,13 +230,14 @@ void trace_object(const Object& object, const Ray& ray, double dt, Hit& hit) {
   const double wx = ray.origin.x - object.at.x - object.vx * dt;
   const double wy = ray.origin.y - object.at.y - object.vy * dt;
   r.o = {object.c * wx + object.s * wy, object.c * wy - object.s * wx, ray.origin.z - object.at.z};
-  r.d = {object.c * ray.direction.x + object.s * ray.direction.y, object.c * ray.direction.y - object.s * ray.direction.x,
-         ray.direction.z};
+  r.d = {object.c * ray.direction.x + object.s * ray.direction.y,
+         object.c * ray.direction.y - object.s * ray.direction.x, ray.direction.z};
   r.luck = static_cast<std::uint32_t>(ray.luck);
   r.id = object.id;
   r.paint = object.paint;
   // Directions that are exactly level or square would divide by zero: nudge them.
-  const V3 inverse{1.0 / (r.d.x == 0 ? 1e-12 : r.d.x), 1.0 / (r.d.y == 0 ? 1e-12 : r.d.y), 1.0 / (r.d.z == 0 ? 1e-12 : r.d.z)};
+  const V3 inverse{1.0 / (r.d.x == 0 ? 1e-12 : r.d.x), 1.0 / (r.d.y == 0 ? 1e-12 : r.d.y),
+                   1.0 / (r.d.z == 0 ? 1e-12 : r.d.z)};
   const auto misses = [&](const float* lo, const float* hi) {
     const double x0 = (lo[0] - r.o.x) * inverse.x, x1 = (hi[0] - r.o.x) * inverse.x;
     const double y0 = (lo[1] - r.o.y) * inverse.y, y1 = (hi[1] - r.o.y) * inverse.y;
@@ -238,14 +252,30 @@ void trace_object(const Object& object, const Ray& ray, double dt, Hit& hit) {
     const Part& p = object.parts[i];
     if (object.part_count > 1 && misses(p.lo, p.hi)) continue;
     switch (p.shape) {
-      case Shape::Taper: trace_taper(p, r, hit); break;
-      case Shape::Cylinder: trace_cylinder(p, r, hit); break;
-      case Shape::Wheel: trace_wheel(p, r, hit); break;
-      case Shape::Ellipsoid: trace_ellipsoid(p, r, hit); break;
-      case Shape::Leaves: trace_leaves(p, r, hit); break;
-      case Shape::LeafBox: trace_leaf_box(p, r, hit); break;
-      case Shape::Facade: trace_facade(p, r, hit); break;
-      case Shape::Fence: trace_fence(p, r, hit); break;
+      case Shape::Taper:
+        trace_taper(p, r, hit);
+        break;
+      case Shape::Cylinder:
+        trace_cylinder(p, r, hit);
+        break;
+      case Shape::Wheel:
+        trace_wheel(p, r, hit);
+        break;
+      case Shape::Ellipsoid:
+        trace_ellipsoid(p, r, hit);
+        break;
+      case Shape::Leaves:
+        trace_leaves(p, r, hit);
+        break;
+      case Shape::LeafBox:
+        trace_leaf_box(p, r, hit);
+        break;
+      case Shape::Facade:
+        trace_facade(p, r, hit);
+        break;
+      case Shape::Fence:
+        trace_fence(p, r, hit);
+        break;
     }
   }
   if (hit.t < before) hit.label = object.label;

@@ -26,7 +26,11 @@ double off_body(V2 p, const Driver& d) {
 }  // namespace
 
 Traffic::Traffic(const Town& town, const Models& models, std::uint64_t seed, double top_speed, double density)
-    : town_(town), models_(models), rng_(hash_of(seed, 61)), top_speed_(top_speed), wanted_(static_cast<int>(22 * density + 0.5)) {
+    : town_(town),
+      models_(models),
+      rng_(hash_of(seed, 61)),
+      top_speed_(top_speed),
+      wanted_(static_cast<int>(22 * density + 0.5)) {
   const double t = town.crossing(0, 0).y + 35.0;
   const Model& car = models.vehicle(Vehicle::Estate, 0);
   drivers_.push_back({Route(town, hash_of(seed, 62), true, 0, t, true, 0.4), &car, 0, 0.3F});
@@ -84,7 +88,8 @@ bool Traffic::red(const Leg& leg) const {
   };
   if (!busy(true, leg.ci) || !busy(false, leg.cj)) return false;
   const std::int64_t cycle = 46 * 20;
-  const auto shift = static_cast<std::int64_t>(hash_of(town_.seed(), 71, leg.ci, leg.cj) % static_cast<std::uint64_t>(cycle));
+  const auto shift =
+      static_cast<std::int64_t>(hash_of(town_.seed(), 71, leg.ci, leg.cj) % static_cast<std::uint64_t>(cycle));
   const std::int64_t phase = (ticks_ + shift) % cycle;
   return leg.street.along_y ? phase >= 20 * 20 : (phase < 23 * 20 || phase >= 43 * 20);
 }
@@ -92,7 +97,8 @@ bool Traffic::red(const Leg& leg) const {
 double Traffic::behind(const Driver& d, const Leg& leg) const {
   const double half = 0.5 * d.model->length;
   if (leg.turn == Turn::Straight)
-    return leg.s0 + leg.length + town_.street(!leg.street.along_y, leg.street.along_y ? leg.cj : leg.ci).half_width + 2.0 + half;
+    return leg.s0 + leg.length + town_.street(!leg.street.along_y, leg.street.along_y ? leg.cj : leg.ci).half_width +
+           2.0 + half;
   const Leg& curve = d.route.leg(leg.s0 + leg.length + 0.1);
   return curve.s0 + curve.length + 1.5 + half;
 }

@@ -13,15 +13,15 @@ struct Driver {
   const Model* model;
   std::uint64_t id;
   float paint;
-  double s = 0, v = 0, a = 0;           // distance driven, speed, acceleration: at the end of the tick
-  double s_old = 0, v_old = 0;          // at its start
-  double tilt = 0, tilt_old = 0;        // acceleration as the springs feel it
-  double eager = 1;                     // share of the usual speed
-  double stuck = 0;                     // seconds without moving
-  bool granted = false;                 // may cross the crossing ahead
-  double cleared = -1;                  // distance driven at which the crossing is behind it
-  std::int64_t ci = 0, cj = 0;          // the crossing it holds
-  Waypoint now{};                       // where it is at the end of the tick
+  double s = 0, v = 0, a = 0;     // distance driven, speed, acceleration: at the end of the tick
+  double s_old = 0, v_old = 0;    // at its start
+  double tilt = 0, tilt_old = 0;  // acceleration as the springs feel it
+  double eager = 1;               // share of the usual speed
+  double stuck = 0;               // seconds without moving
+  bool granted = false;           // may cross the crossing ahead
+  double cleared = -1;            // distance driven at which the crossing is behind it
+  std::int64_t ci = 0, cj = 0;    // the crossing it holds
+  Waypoint now{};                 // where it is at the end of the tick
 };
 
 class Traffic {

@@ -15,7 +15,8 @@ struct Pose {
   V3 at;
   std::array<double, 9> m{1, 0, 0, 0, 1, 0, 0, 0, 1};  // rows
   V3 turn(V3 v) const {
-    return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z, m[6] * v.x + m[7] * v.y + m[8] * v.z};
+    return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[3] * v.x + m[4] * v.y + m[5] * v.z,
+            m[6] * v.x + m[7] * v.y + m[8] * v.z};
   }
 };
 // Heading (c, s), then nose up by `pitch` and left side up by `roll`, small angles in radians.

@@ -11,8 +11,10 @@ constexpr double kSlack = 0.5;               // metres the sensor moves in that 
 std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (!(options.world.speed >= 0 && options.world.speed <= 40))
     throw Error(ErrorCode::Settings, "speed is 0.5 to 40 m/s, or 0 for what the scene has");
-  if (options.world.speed > 0 && options.world.speed < 0.5) throw Error(ErrorCode::Settings, "speed is at least 0.5 m/s");
-  if (!(options.world.traffic >= 0 && options.world.traffic <= 3)) throw Error(ErrorCode::Settings, "traffic is 0 to 3");
+  if (options.world.speed > 0 && options.world.speed < 0.5)
+    throw Error(ErrorCode::Settings, "speed is at least 0.5 m/s");
+  if (!(options.world.traffic >= 0 && options.world.traffic <= 3))
+    throw Error(ErrorCode::Settings, "traffic is 0 to 3");
   if (options.scene == "city") return make_city(options.world);
   if (options.scene == "road") return make_road(options.world);
   if (options.scene == "street") return make_street(options.world);
@@ -35,14 +37,18 @@ bool hits_own_car(const Beam& b, std::uint64_t luck) {
   at(-0.14, x, y);  // roof bars
   if (abs_of(abs_of(x + 0.1) - 0.62) < 0.03 + ragged && abs_of(y) < 0.68 + ragged) return true;
   at(-0.08, x, y);  // aerials
-  return (x + 0.75) * (x + 0.75) + (y - 0.42) * (y - 0.42) < 0.008 || (x + 0.8) * (x + 0.8) + (y + 0.35) * (y + 0.35) < 0.005;
+  return (x + 0.75) * (x + 0.75) + (y - 0.42) * (y - 0.42) < 0.008 ||
+         (x + 0.8) * (x + 0.8) + (y + 0.35) * (y + 0.35) < 0.005;
 }
 
 }  // namespace
 
 Simulator::Simulator(const SimulatorOptions& options)
-    : world_(make_world(options)), sensor_(hash_of(0x64E52, 1)), receiver_(sensor_, hash_of(options.world.seed, 101)),
-      rotor_(hash_of(options.world.seed, 102)), status_(options.start_ns, hash_of(options.world.seed, 103)),
+    : world_(make_world(options)),
+      sensor_(hash_of(0x64E52, 1)),
+      receiver_(sensor_, hash_of(options.world.seed, 101)),
+      rotor_(hash_of(options.world.seed, 102)),
+      status_(options.start_ns, hash_of(options.world.seed, 103)),
       luck_(hash_of(options.world.seed, 104)) {}
 
 void Simulator::look_around(std::int64_t t_ns, V3 at) {
@@ -54,6 +60,7 @@ void Simulator::look_around(std::int64_t t_ns, V3 at) {
 }
 
 void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
+  const std::lock_guard lock(busy_);
   if (truth) {
     truth->distance_m.reserve(count * kFiringsPerPacket * kLasers);
     truth->label.reserve(count * kFiringsPerPacket * kLasers);
@@ -70,20 +77,22 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
       const int azimuth = rotor_.next();
       for (int laser = 0; laser < kLasers; ++laser) {
         const Beam beam = sensor_.beam(laser, azimuth);
-        Ray ray{pose.at + pose.turn(beam.origin), pose.turn(beam.direction), hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
+        Ray ray{pose.at + pose.turn(beam.origin), pose.turn(beam.direction),
+                hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
         Hit hit;
         hit.t = kReach;
         if (hits_own_car(beam, ray.luck)) {
           hit.label = Label::Vehicle;
         } else
-        // Steep beams end on the ground soon: with that known, few objects are left to try. Level ones the other way round.
-        if (ray.direction.z < -0.06) {
-          world_->trace_ground(ray, hit);
-          index_.trace(ray, dt, hit);
-        } else {
-          index_.trace(ray, dt, hit);
-          world_->trace_ground(ray, hit);
-        }
+          // Steep beams end on the ground soon: with that known, few objects are left to try. Level ones the other way
+          // round.
+          if (ray.direction.z < -0.06) {
+            world_->trace_ground(ray, hit);
+            index_.trace(ray, dt, hit);
+          } else {
+            index_.trace(ray, dt, hit);
+            world_->trace_ground(ray, hit);
+          }
         echoes[static_cast<std::size_t>(laser)] = receiver_.receive(laser, firing, hit);
         if (truth) {
           truth->distance_m.push_back(hit.material == Material::Nothing ? 0.0F : static_cast<float>(hit.t));
@@ -96,7 +105,13 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
   }
 }
 
+void Simulator::ground_height(const double* places, std::size_t count, double* out) {
+  const std::lock_guard lock(busy_);
+  for (std::size_t n = 0; n < count; ++n) out[n] = world_->ground_height({places[2 * n], places[2 * n + 1]});
+}
+
 void Simulator::skip(std::uint64_t count) {
+  const std::lock_guard lock(busy_);
   for (std::uint64_t n = 0; n < count * kFiringsPerPacket; ++n) rotor_.next();
   packet_ += count;
   looked_ = false;
@@ -104,16 +119,19 @@ void Simulator::skip(std::uint64_t count) {
 
 PoseFinder::PoseFinder(const SimulatorOptions& options) : options_(options), world_(make_world(options)) {}
 
-void PoseFinder::at(std::int64_t t_ns, double* out) {
-  if (t_ns < last_ns_) world_ = make_world(options_);
-  last_ns_ = t_ns;
-  const Pose p = world_->pose(t_ns);
-  const double at[3] = {p.at.x, p.at.y, p.at.z};
-  for (std::size_t row = 0; row < 3; ++row) {
-    for (std::size_t k = 0; k < 3; ++k) *out++ = p.m[3 * row + k];
-    *out++ = at[row];
+void PoseFinder::at(const std::int64_t* t_ns, std::size_t count, double* out) {
+  const std::lock_guard lock(busy_);
+  for (std::size_t n = 0; n < count; ++n) {
+    if (t_ns[n] < last_ns_) world_ = make_world(options_);
+    last_ns_ = t_ns[n];
+    const Pose p = world_->pose(t_ns[n]);
+    const double at[3] = {p.at.x, p.at.y, p.at.z};
+    for (std::size_t row = 0; row < 3; ++row) {
+      for (std::size_t k = 0; k < 3; ++k) *out++ = p.m[3 * row + k];
+      *out++ = at[row];
+    }
+    *out++ = 0, *out++ = 0, *out++ = 0, *out++ = 1;
   }
-  *out++ = 0, *out++ = 0, *out++ = 0, *out++ = 1;
 }
 
 }  // namespace lidarcodec::sim

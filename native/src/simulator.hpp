@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,7 @@ struct Truth {
   std::vector<std::uint8_t> label;
 };
 
+// One call at a time: callers in several threads wait for each other.
 class Simulator {
  public:
   // Throws Error(Settings) for an unknown scene or a speed or traffic that is no number of use.
@@ -32,13 +34,14 @@ class Simulator {
   void packets(std::size_t count, std::uint8_t* out, Truth* truth = nullptr);
   // Drives on for `count` packets without looking.
   void skip(std::uint64_t count);
-  std::uint64_t packets_made() const { return packet_; }
 
-  double ground_height(double x, double y) { return world_->ground_height({x, y}); }
+  // Heights of the ground at `count` places x, y.
+  void ground_height(const double* places, std::size_t count, double* out);
 
  private:
   void look_around(std::int64_t t_ns, V3 at);
 
+  std::mutex busy_;
   std::unique_ptr<World> world_;
   Sensor sensor_;
   Receiver receiver_;
@@ -56,10 +59,12 @@ class Simulator {
 class PoseFinder {
  public:
   explicit PoseFinder(const SimulatorOptions& options);
-  // T_world_sensor, 16 numbers, at `t_ns` >= 0 since packet 0; an earlier time than the last drives again from the start.
-  void at(std::int64_t t_ns, double* out);
+  // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0; one earlier than the last asked for drives
+  // again from the start.
+  void at(const std::int64_t* t_ns, std::size_t count, double* out);
 
  private:
+  std::mutex busy_;
   SimulatorOptions options_;
   std::unique_ptr<World> world_;
   std::int64_t last_ns_ = 0;

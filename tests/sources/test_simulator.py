@@ -3,8 +3,10 @@ points do not lie on what was simulated."""
 
 from __future__ import annotations
 
+import doctest
 import hashlib
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.sensors.status_reader import StatusReader
 from lidarcodec.sources import open_source
 from lidarcodec.sources.simulator import LABELS, PACKET_NS, SCENES, START_NS, SimulatorSource
+from tests.conftest import ROOT
 
 GROUND = LABELS.index("ground")
 
@@ -194,6 +197,21 @@ def test_the_world_ends_nowhere_and_memory_is_flat():
 
     after_a_minute = hop(12)
     assert hop(40) < after_a_minute + 30e6  # 230 s and 2 km further
+
+
+def test_poses_can_be_asked_from_several_threads():
+    source = SimulatorSource("city", seed=3)
+    stamps = [START_NS + k * 10**8 for k in range(200)]
+    alone = source.poses(stamps)
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(source.poses.at, stamps))
+    assert np.array_equal(alone, np.stack(together))
+
+
+def test_the_examples_of_its_page_run():
+    failed, tried = doctest.testfile(str(ROOT / "docs" / "simulator.md"), module_relative=False)
+    assert tried >= 6
+    assert failed == 0
 
 
 def test_closing_ends_the_drive():

@@ -1,0 +1,77 @@
+"""What a user loses if these fail: drives that are the same on every machine. Recordings, figures and weights that name
+a seed would mean something else.
+
+The hashes change only when the simulation is changed on purpose; CHANGELOG.md then says so. By default one other
+compiler than the module's is tried; LIDARCODEC_COMPILERS=all tries all that are here, with and without optimisation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.sources.simulator import START_NS, _native
+from tests.conftest import ROOT
+
+GOLDEN = {
+    # scene, seed, packets left out, packets: SHA-256 of the payloads
+    ("city", 1, 0, 348): "ea75b5b7eeed7e0ec6a3056996db3cdabfcd15bc3616061883391cf2cebabc81",
+    ("city", 2, 200_000, 232): "d012636cec1d861966cbc297489b4c8263aa602fe43d356abdacbd0c2eaa93bc",
+    ("city", 2**53 - 1, 1_000_000, 116): "b237e63705c0bd7dbb8b4d644259be390ecb1942ad1f7a207ce8647e5c7305a9",
+    ("road", 1, 0, 116): "5ae1e78288f67a26bf86312021a74dbc6840bd9a14019a070941903c1c4ab1af",
+    ("road", 4, 100_000, 116): "ffe57360dffd2c9c0ac5532ebf540fe6c89b9a919912c5ee63c0f8bacfd937d8",
+    ("street", 1, 0, 116): "4ed181fbda3b6fdaa9e9d3930013b875dd73b636793a7ab2c29c126047b87557",
+    ("street", 3, 50_000, 116): "9ebb7689d88eee48cb2fb89034c8c8e92aa3878a2b7e29988f732d774430b478",
+}
+COMPILERS = ("clang++", "clang++-14", "g++")
+FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")
+ALL = os.environ.get("LIDARCODEC_COMPILERS") == "all"
+
+
+@pytest.mark.parametrize("drive", GOLDEN, ids=lambda drive: "-".join(map(str, drive)))
+def test_the_bytes_are_those_of_every_other_machine(drive):
+    scene, seed, skip, packets = drive
+    simulator = _native.Simulator(scene, seed, 0.0, 1.0, START_NS)
+    simulator.skip(skip)
+    assert hashlib.sha256(simulator.packets(packets).tobytes()).hexdigest() == GOLDEN[drive]
+
+
+def builds() -> list[tuple[str, str]]:
+    """Compilers and optimisations to try."""
+    here = [name for name in COMPILERS if shutil.which(name)]
+    if not ALL:
+        return [(here[0], "-O0")] if here else []
+    return [(name, level) for name in here for level in ("-O0", "-O3")]
+
+
+def build(folder: Path, compiler: str, level: str) -> Path:
+    """The program native/check/simulator_bytes.cpp, built from the core alone."""
+    sources = [*sorted((ROOT / "native" / "src").glob("sim*.cpp")), ROOT / "native" / "check" / "simulator_bytes.cpp"]
+    folder.mkdir()
+
+    def compile_one(source: Path) -> Path:
+        made = folder / f"{source.stem}.o"
+        subprocess.run([compiler, level, *FLAGS, "-c", source, "-o", made], check=True)
+        return made
+
+    with ThreadPoolExecutor(2) as pool:
+        objects = list(pool.map(compile_one, sources))
+    program = folder / "simulator_bytes"
+    subprocess.run([compiler, *objects, "-o", program], check=True)
+    return program
+
+
+@pytest.mark.parametrize(("compiler", "level"), builds() or [("none", "")])
+def test_every_compiler_gives_the_same_bytes(compiler, level, tmp_path):
+    if not level:
+        pytest.skip(f"needs one of {', '.join(COMPILERS)}")
+    program = build(tmp_path / "build", compiler, level)
+    for drive, expected in GOLDEN.items():
+        done = subprocess.run([program, *map(str, drive)], check=True, capture_output=True)
+        assert hashlib.sha256(done.stdout).hexdigest() == expected, f"{compiler} {level}: {drive}"
