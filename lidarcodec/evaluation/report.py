@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.errors import MissingExtraError
+from lidarcodec.evaluation.bench import effective
 from lidarcodec.settings import StreamSettings
 
 Result = dict[str, Any]
@@ -28,11 +29,13 @@ def _number(value: float | None, digits: int) -> str:
 
 def label(result: Result) -> str:
     """The codec and what was set apart from the defaults, for one line of a table."""
-    defaults = StreamSettings().model_dump(mode="json")
+    defaults = effective(StreamSettings(codec=result["codec"]))
+    own_defaults = defaults.pop("codec_settings")
     settings = dict(result["settings"])
     own = settings.pop("codec_settings")
-    apart = {key: value for key, value in settings.items() if key != "codec" and value != defaults[key]}
-    return " ".join([result["codec"], *(f"{key}={value}" for key, value in (apart | own).items())])
+    apart = {key: value for key, value in settings.items() if value != defaults[key]}
+    apart |= {key: value for key, value in own.items() if value != own_defaults[key]}
+    return " ".join([result["codec"], *(f"{key}={value}" for key, value in apart.items())])
 
 
 COLUMNS: dict[str, Callable[[Result], str]] = {
