@@ -1,0 +1,152 @@
+"""The documentation, held against the code: what exists has its heading, examples run, links lead somewhere."""
+
+import doctest
+import importlib
+import os
+import pkgutil
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import lidarcodec
+from lidarcodec import errors
+from lidarcodec.cli import app
+from lidarcodec.codecs import table
+from lidarcodec.settings import StreamSettings
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")], key=str)
+MODULES = sorted(
+    found.name
+    for found in pkgutil.walk_packages(lidarcodec.__path__, "lidarcodec.")
+    if not found.name.rpartition(".")[2].startswith("_")
+)
+CONTRACT_TARGETS = [
+    "help",
+    "demo",
+    "test",
+    "lint",
+    "check",
+    "bench",
+    "bench-compare",
+    "golden",
+    "fuzz",
+    "soak",
+    "faults",
+]
+COMMANDS = get_command(app).commands
+
+
+def headings(page):
+    text = re.sub(r"^```.*?^```", "", (DOCS / page).read_text(), flags=re.MULTILINE | re.DOTALL)
+    return {line.lstrip("# ").strip() for line in text.splitlines() if line.startswith("#")}
+
+
+def test_every_command_has_its_heading_and_no_other():
+    assert set(COMMANDS) == headings("commands.md") - {"Commands"}
+
+
+def test_every_setting_has_its_heading_and_no_other():
+    assert set(StreamSettings.model_fields) == headings("settings.md") - {"Settings"}
+
+
+def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
+    found = headings("codecs.md")
+    text = (DOCS / "codecs.md").read_text()
+    for name in table.names():
+        assert name in found
+        section = text.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
+        for setting in table.codec(name).settings.model_fields:
+            assert f"`{setting}`" in section, f"{setting} of {name}"
+
+
+def test_every_error_stands_in_the_tree_and_the_tree_is_that_of_the_code():
+    tree = errors.__doc__.partition("\n\n")[2].strip()
+    assert tree in (DOCS / "errors.md").read_text()
+    classes = {name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)}
+    assert classes == set(re.findall(r"\b\w+Error\b", tree))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    text = page.read_text()
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in target:
+            continue
+        path, _, anchor = target.partition("#")
+        found = (page.parent / path).resolve() if path else page
+        assert found.exists(), f"{page.name} links {target}"
+        if anchor:
+            slugs = {
+                re.sub(r"[^\w\- ]", "", line.lstrip("# ").strip().lower()).replace(" ", "-")
+                for line in found.read_text().splitlines()
+                if line.startswith("#")
+            }
+            assert anchor in slugs, f"{page.name} links {target}"
+
+
+def shown_commands():
+    """Every line of the pages that begins with `lidarcodec`, in a code block."""
+    for page in PAGES:
+        blocks = re.findall(r"^```[a-z]*\n(.*?)^```|((?:^    .*\n)+)", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+        for fenced, indented in blocks:
+            for line in (fenced or indented).splitlines():
+                words = shlex.split(line, comments=True) if line.strip().startswith(("lidarcodec ", "make ")) else []
+                if len(words) > 1:
+                    yield page.name, words
+
+
+@pytest.mark.parametrize(("page", "words"), list(shown_commands()), ids=lambda value: str(value)[:60])
+def test_every_command_that_is_shown_exists_with_its_options(page, words):
+    if words[0] == "make":
+        targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+        assert words[1] in targets
+        return
+    assert words[1] in COMMANDS, f"{page}: {words}"
+    options = {name for parameter in COMMANDS[words[1]].params for name in parameter.opts}
+    for word in words[2:]:
+        if word.startswith("--"):
+            assert word.partition("=")[0] in options | {"--help", "--debug"}, f"{page}: {word}"
+
+
+def test_the_readme_begins_with_the_two_commands():
+    text = (ROOT / "README.md").read_text()
+    assert "make demo" in text
+    assert text.index("make demo") < text.index("make test") < 600
+
+
+def test_every_target_of_the_makefile_says_what_it_does():
+    text = (ROOT / "Makefile").read_text()
+    for target in [
+        "help",
+        "demo",
+        "test",
+        "lint",
+        "check",
+        "bench",
+        "bench-compare",
+        "golden",
+        "fuzz",
+        "soak",
+        "faults",
+    ]:
+        assert re.search(rf"^{target}:.*## \S", text, flags=re.MULTILINE), target
+
+
+def test_nothing_names_the_machine_it_was_written_on():
+    told = re.compile(r"/(home|root|Users|tmp|work)/\w")
+    for page in [*PAGES, ROOT / "Makefile", ROOT / "pyproject.toml", ROOT / "constraints.txt"]:
+        assert not told.search(page.read_text()), page
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_of_a_module_run(name, tmp_path, monkeypatch):
+    module = importlib.import_module(name)
+    monkeypatch.chdir(tmp_path)
+    for variable in [key for key in os.environ if key.startswith("LIDARCODEC_")]:
+        monkeypatch.delenv(variable)
+    assert doctest.testmod(module).failed == 0
