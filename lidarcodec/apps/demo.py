@@ -17,6 +17,7 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 
 from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
@@ -100,7 +101,9 @@ class Demo:
     ) -> None:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
         self._fidelity = "packets come back byte for byte"
-        if settings.step > 1:
+        if not table.codec(settings.codec).bounded:
+            self._fidelity = "lossy, without a bound"
+        elif settings.step > 1:
             self._fidelity = f"no range off by more than {settings.max_error_m} m"
         elif settings.intensity != "lossless":
             self._fidelity = f"ranges exact, intensity {settings.intensity}"
@@ -169,9 +172,9 @@ class Demo:
     def figures(self, live: LiveStream) -> Figures:
         """Where it stands now."""
         summary, status = live.summary(), live.status or {}
-        latency, messages = summary["latency_ms"], summary.get("messages", 0)
+        latency, frames = summary["latency_ms"], summary.get("frames", 0)
         figures = Figures(
-            frames=summary.get("frames", 0),
+            frames=frames,
             seconds=time.monotonic() - self._started,
             fps=summary["fps"],
             p50_ms=latency["p50"],
@@ -182,8 +185,8 @@ class Demo:
             errors=sum(summary["errors"].values()),
             fidelity=self._fidelity,
         )
-        if messages and self._points:
-            frame_bytes = summary["bytes"] / messages
+        if frames and self._points:
+            frame_bytes = summary["bytes"] / frames
             packets = self._packets / self._seen
             figures.ratio = packets * PACKET_BYTES / frame_bytes
             figures.bits_per_point = frame_bytes * 8 * self._seen / self._points

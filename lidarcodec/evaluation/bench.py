@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from time import perf_counter
@@ -87,6 +88,21 @@ def _frames_and_payloads(
 
 
 @dataclass
+class _PerFrame:
+    """Times of frames: what a group took is shared out to its frames when they come out."""
+
+    seconds: list[float] = field(default_factory=list)
+    pending_s: float = 0.0
+
+    def add(self, seconds: float, frames: int) -> None:
+        """Count a call that took so long, and after which so many frames were done."""
+        self.pending_s += seconds
+        if frames:
+            self.seconds += [self.pending_s / frames] * frames
+            self.pending_s = 0.0
+
+
+@dataclass
 class _Run:
     """Adds up what encoder and decoder do with frames."""
 
@@ -98,8 +114,8 @@ class _Run:
     identical: bool = True
     sizes: Sizes = field(default_factory=Sizes)
     errors: RangeErrors = field(default_factory=RangeErrors)
-    encode_s: list[float] = field(default_factory=list)
-    decode_s: list[float] = field(default_factory=list)
+    encoding: _PerFrame = field(default_factory=_PerFrame)
+    decoding: _PerFrame = field(default_factory=_PerFrame)
     waiting: dict[int, tuple[Frame, list[bytes]]] = field(default_factory=dict)
 
     def frame(self, frame: Frame, payloads: list[bytes]) -> None:
@@ -110,27 +126,30 @@ class _Run:
         self.packets += len(payloads)
         self.points += frame.points
         self.waiting[frame.index] = frame, payloads
-        started = perf_counter()
-        coded = [(message, pack(message)) for message in self.encoder.encode(frame)]
-        self.encode_s.append(perf_counter() - started)
-        self._decode(coded)
+        self._encode(partial(self.encoder.encode, frame))
 
     def flush(self) -> None:
         """Take what encoder and decoder held back.
 
         Raises DecodeError if a frame never came out.
         """
-        self._decode([(message, pack(message)) for message in self.encoder.flush()])
+        self._encode(self.encoder.flush)
         self._compare(self.decoder.flush())
         if self.waiting:
             raise DecodeError(f"{len(self.waiting)} of {self.frames} frames never came out of the decoder")
+
+    def _encode(self, messages: Callable[[], list[Message]]) -> None:
+        started = perf_counter()
+        coded = [(message, pack(message)) for message in messages()]
+        self.encoding.add(perf_counter() - started, sum(message.frame_count for message, _ in coded))
+        self._decode(coded)
 
     def _decode(self, coded: list[tuple[Message, bytes]]) -> None:
         for message, data in coded:
             self.sizes.add(message, len(data))
             started = perf_counter()
             decoded = self.decoder.decode(unpack(data))
-            self.decode_s.append(perf_counter() - started)
+            self.decoding.add(perf_counter() - started, len(decoded))
             self._compare(decoded)
 
     def _compare(self, decoded: list[Frame]) -> None:
@@ -169,6 +188,6 @@ class _Run:
             "invented": errors.invented,
             "bits_per_kept_point": round(self.sizes.total * 8 / kept, 6) if kept else None,
             "packets_identical": self.identical,
-            "encode_ms": times_ms(self.encode_s),
-            "decode_ms": times_ms(self.decode_s),
+            "encode_ms": times_ms(self.encoding.seconds),
+            "decode_ms": times_ms(self.decoding.seconds),
         }
