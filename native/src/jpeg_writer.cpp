@@ -52,8 +52,10 @@ class Quantiser {
   // Levels of a block in zigzag order. The limit is what the format can write: holes may have been filled beyond it.
   std::array<int, kCoefficients> levels(const Block& c) const {
     Block scaled;
-    for (std::size_t i = 0; i < kCoefficients; ++i)
-      scaled[i] = std::clamp(c[i] * inverse_[i], -limit_, limit_);
+    for (std::size_t i = 0; i < kCoefficients; ++i) {
+      const float level = c[i] * inverse_[i];
+      scaled[i] = !(level > -limit_) ? -limit_ : level < limit_ ? level : limit_;  // what is no number: -limit
+    }
     std::array<int, kCoefficients> raster, out;
     for (std::size_t i = 0; i < kCoefficients; ++i) {
       const int magnitude = static_cast<int>(std::abs(scaled[i]) + kRounding);
