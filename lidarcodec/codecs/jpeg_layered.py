@@ -2,7 +2,8 @@
 
 The frames of a group go into one message when the group is full, so the first waits for `group` - 1 others: 0.8 s with
 the default of 8 and frames of 0.1 s. A group needs no other: a lost one loses its own frames and nothing else. A key
-frame on demand, another sensor or other settings end a group early, and so does the end of the stream.
+frame on demand or another sensor end a group early, and so does the end of the stream. New settings do not: a rate
+control that changes the quality with every frame would make groups of one. The group in progress takes them over.
 
 A RANGE section, there is one in a message, is the head of the group (group_head.py) and, if there is any return, what
 samples mean (jpeg_samples.py) and the JPEG.
@@ -60,14 +61,15 @@ class LayeredEncoder:
         self._own = own_settings(LayeredSettings, settings)
         self._members: list[_Member] = []
         self._ready: list[Message] = []
-        self._group = self._own
         self._key = False
         self._since_key: int | None = None
         self._sensor: tuple[str, str] | None = None
         self._history = MaskHistory()
 
     def apply(self, settings: StreamSettings) -> bool:
-        """Takes new settings from the next frame on. True: the next message will be a key message.
+        """Takes new settings for the group in progress; True: the next message will be a key message.
+
+        Only `intensity` is coded frame by frame, and so holds from the next frame on.
 
         Raises SettingsError for another codec: that takes another encoder.
         """
@@ -91,10 +93,10 @@ class LayeredEncoder:
         self._history.remember(frame.valid, frame.azimuth, frame.sensor)
         if not self._members:
             sensor = (frame.sensor.hash, frame.sensor.convention)
-            self._group, self._key = self._own, key or sensor != self._sensor or self._key_is_due()
+            self._key = key or sensor != self._sensor or self._key_is_due()
             self._sensor = sensor
         self._members.append(_Member(frame, frame.valid, planes))
-        if len(self._members) >= self._group.group:
+        if len(self._members) >= self._own.group:
             self._close()
         return self._taken()
 
@@ -141,7 +143,7 @@ class LayeredEncoder:
     def _ends_before(self, frame: Frame) -> bool:
         last, widest = self._members[-1].frame, max(member.frame.width for member in self._members)
         return (
-            self._own != self._group
+            len(self._members) >= self._own.group
             or (frame.sensor.hash, frame.sensor.convention) != self._sensor
             or not 0 < frame.index - last.index < 2**16
             or not group_fits(len(self._members) + 1, max(widest, frame.width))
@@ -155,7 +157,7 @@ class LayeredEncoder:
         if not known.any():
             return head
         values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members])
-        samples, jpeg = with_samples(self._group, values.astype(np.int32), known)
+        samples, jpeg = with_samples(self._own, values.astype(np.int32), known)
         return head + samples + jpeg
 
 

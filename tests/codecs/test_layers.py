@@ -64,18 +64,36 @@ def test_a_key_frame_on_demand_begins_a_group() -> None:
     assert indices(messages[1:]) == [4, 5]
 
 
-def test_new_settings_or_another_sensor_end_a_group() -> None:
+def test_another_sensor_ends_a_group() -> None:
     one = encoder(group=8)
-    assert one.encode(turns(1)[0]) == []
-    assert one.apply(stream(group=8, quality=50))
-    (first,) = one.encode(frames.scene(3, index=1))
-    assert first.frame_count == 1
-    (second,) = one.encode(frames.scene(3, index=2).with_(sensor=frames.sensor(9)))
-    (third,) = one.flush()
-    assert third.key, "the decoder has not seen this calibration"
-    assert indices([first, second, third]) == [0, 1, 2]
+    assert one.encode(frames.scene(3, index=0)) == []
+    (first,) = one.encode(frames.scene(3, index=1).with_(sensor=frames.sensor(9)))
+    (second,) = one.flush()
+    assert second.key, "the decoder has not seen this calibration"
+    assert indices([first, second]) == [0, 1]
     with pytest.raises(SettingsError):
         one.apply(StreamSettings(codec="jpeg"))
+
+
+def test_a_quality_that_changes_with_every_frame_leaves_groups_whole() -> None:
+    """As a rate control does it: the group in progress takes the last one."""
+    one, messages = encoder(group=4, quality=90), []
+    for frame in turns(8):
+        one.apply(stream(group=4, quality=90 - 10 * (frame.index % 4)))
+        messages += one.encode(frame)
+    assert [message.frame_count for message in messages] == [4, 4]
+    steady = encoder(group=4, quality=60)
+    assert [one.sections for frame in turns(4) for one in steady.encode(frame)] == [messages[0].sections]
+
+
+def test_a_smaller_group_holds_at_once() -> None:
+    one = encoder(group=8)
+    for frame in turns(5):
+        assert one.encode(frame) == []
+    one.apply(stream(group=2))
+    messages = one.encode(frames.scene(3, index=5)) + one.encode(frames.scene(3, index=6))
+    assert [message.frame_count for message in messages] == [5, 2]
+    assert indices(messages) == list(range(7))
 
 
 def test_frames_that_were_replaced_before_encoding_leave_gaps_in_a_group() -> None:
