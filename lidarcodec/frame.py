@@ -15,6 +15,16 @@ from lidarcodec.side import SideInfo
 from lidarcodec.units import LASERS, MAX_COLUMNS
 
 
+def _may_change(array: npt.NDArray[Any]) -> bool:
+    """Whether somebody else can still write what this view shows. An array that owns its data is taken over instead."""
+    base = array.base
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            return True
+        base = base.base
+    return array.base is not None and array.flags.writeable
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A frame; W columns. Immutable: arrays are made read-only and C-contiguous.
@@ -44,9 +54,10 @@ class Frame:
     pose: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        width = self.range.shape[1] if self.range.ndim == 2 else -1
+        shape_of_range = getattr(self.range, "shape", None)
+        width = shape_of_range[1] if shape_of_range and len(shape_of_range) == 2 else -1
         if not 0 <= width <= MAX_COLUMNS:
-            raise LidarCodecError(f"a range image is (64, W) with W up to {MAX_COLUMNS}, not {self.range.shape}")
+            raise LidarCodecError(f"a range image is (64, W) with W up to {MAX_COLUMNS}, not {shape_of_range}")
         wanted: dict[str, tuple[npt.DTypeLike, tuple[int, ...]]] = {
             "range": (np.uint16, (LASERS, width)),
             "intensity": (np.uint8, (LASERS, width)),
@@ -57,11 +68,12 @@ class Frame:
         }
         for name, (dtype, shape) in wanted.items():
             array = getattr(self, name)
-            if array is None:
+            if array is None and name in ("keep", "pose"):
                 continue
-            if array.dtype != dtype or array.shape != shape:
-                raise LidarCodecError(f"frame.{name} is {array.dtype}{array.shape}, not {np.dtype(dtype)}{shape}")
-            if not array.flags.c_contiguous or (array.base is not None and array.flags.writeable):
+            if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
+                found = f"{array.dtype}{array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+                raise LidarCodecError(f"frame.{name} is {found}, not {np.dtype(dtype)}{shape}")
+            if not array.flags.c_contiguous or _may_change(array):
                 array = np.array(array, order="C")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
