@@ -81,6 +81,8 @@ class RawEncoder(IntraEncoder):
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         check_unfired(frame, fired_cells(frame.fired, frame.sensor))
+        if int(frame.azimuth.max(initial=0)) >= AZIMUTH_TURN:
+            raise SectionError("a rotation of a full turn or more")
         valid, levels = frame.valid, self.settings.intensity_levels
         halves = frame.fired[0] | frame.fired[1] << np.uint8(1)
         sections = [

@@ -275,6 +275,15 @@ def resealed(data: bytes | bytearray) -> bytes:
     return with_checksum(bytes(body))
 
 
+def check_rotation(codec: CodecUnderTest) -> None:
+    """A rotation of a full turn or more is refused where the frame is, not by whoever receives it."""
+    frame = frames.scene(2)
+    azimuth = frame.azimuth.copy()
+    azimuth[:, 3] = 36_000
+    with pytest.raises(LidarCodecError, match="turn"):
+        codec.encoder(codec.settings()).encode(frame.with_(azimuth=azimuth))
+
+
 def check_truncated(codec: CodecUnderTest) -> None:
     """Every prefix of a message is refused with an error of ours."""
     for data in small_messages(codec):
@@ -354,6 +363,7 @@ CHECKS: tuple[Callable[[CodecUnderTest], None], ...] = (
     check_settings_change,
     check_new_sensor,
     check_contradiction,
+    check_rotation,
     check_truncated,
     check_mutated,
     check_random_sections,
