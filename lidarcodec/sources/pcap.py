@@ -71,7 +71,10 @@ def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Recor
         body = start + RECORD_BYTES
         end = body
         if body <= size:
-            seconds, fraction, captured, _ = unpack(data, start)
+            seconds, fraction, captured, original = unpack(data, start)
+            if not (seconds or captured or original):  # the tail of a file whose data never reached the disk
+                ending.set("damaged", f"record {number} and what follows are zeros")
+                return
             if captured > MAX_FRAME:
                 ending.set("damaged", f"record {number} claims {captured} bytes (limit {MAX_FRAME})")
                 return

@@ -323,3 +323,12 @@ def test_a_compressed_kitti_capture_streams(data_file):
     assert len(stamps) == (5_002_936 - 24) // 1264
     assert dict(source.counts) == {}
     assert 280_000 < np.median(np.diff(stamps)) < 295_000
+
+
+@pytest.mark.parametrize("ending", [".pcap", ".pcap.zst"])
+def test_a_tail_of_zeros_ends_the_reading_at_once(write, ending):
+    """What a power cut leaves behind; and a gigabyte of them in a small archive would be read for minutes."""
+    data = c.pcap(map(c.frame, PAYLOADS)) + bytes(5_000_000)
+    payloads, _, counts = read(write(zstandard.compress(data) if ending.endswith("zst") else data, f"drive{ending}"))
+    assert payloads == PAYLOADS
+    assert counts == {"damaged": 1}
