@@ -51,12 +51,19 @@ class StreamSettings(BaseModel):
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""
 
+    @field_validator("max_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before")
+    @classmethod
+    def _no_truth(cls, value: Any) -> Any:
+        if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
+            raise ValueError("a number is needed, not true or false")  # noqa: TRY004 (pydantic takes no other)
+        return value
+
     @field_validator("intensity")
     @classmethod
     def _intensity(cls, value: str) -> str:
         if value in ("lossless", "off"):
             return value
-        found = re.fullmatch(r"levels=(\d{1,3})", value)
+        found = re.fullmatch(r"levels=([0-9]{1,3})", value)
         if not found or not 2 <= int(found[1]) <= 256:
             raise ValueError("intensity is lossless, levels=N with N from 2 to 256, or off")
         return value
@@ -66,7 +73,7 @@ class StreamSettings(BaseModel):
     def _framing(cls, value: str) -> str:
         if value in ("packets", "revolution"):
             return value
-        found = re.fullmatch(r"packets:(\d{1,4})", value)
+        found = re.fullmatch(r"packets:([0-9]{1,4})", value)
         if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
             raise ValueError(f"framing is packets, packets:N with N from 1 to {MAX_PACKETS}, or revolution")
         return value

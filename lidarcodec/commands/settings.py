@@ -32,6 +32,8 @@ def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     Raises SettingsError with the key, or UnknownNameError, before anything is measured.
     """
     names: list[str | None] = [name.strip() for name in codecs.split(",")] if codecs else [None]
+    if "" in names:
+        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
     choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
     return [_settings(name, chosen) for name in names for chosen in product(*choices)]
 

@@ -62,3 +62,21 @@ def test_a_sweep_is_every_combination_in_order():
 def test_one_bad_value_of_a_sweep_is_refused_before_anything_is_measured():
     with pytest.raises(SettingsError, match="max_error_m"):
         sweep("zstd", ["max_error_m=0,-1"])
+
+
+@pytest.mark.parametrize("pair", ["max_error_m=true", "key_interval=true", "level=true"])
+def test_true_is_no_number_where_it_would_mean_a_metre(pair):
+    with pytest.raises(SettingsError, match=pair.partition("=")[0]):
+        one_setting("zstd", [pair])
+
+
+@pytest.mark.parametrize("pair", ["framing=packets:١٢", "intensity=levels=٣٣"])
+def test_digits_are_those_of_ascii(pair):
+    with pytest.raises(SettingsError):
+        one_setting(None, [pair])
+
+
+@pytest.mark.parametrize("names", ["zstd,", ",zstd", "zstd,,raw", ","])
+def test_a_missing_name_in_a_list_of_codecs_is_not_taken_for_the_default(names):
+    with pytest.raises(SettingsError, match="comma"):
+        sweep(names, [])
