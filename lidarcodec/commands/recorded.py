@@ -29,7 +29,7 @@ class RecordedFrames:
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         with path.open("rb") as handle:
-            reader = RecordingReader(handle)
+            reader = RecordingReader(handle, warn=False)
             self.metadata = reader.metadata
             self._coded = next(reader.messages(), None) is not None
 

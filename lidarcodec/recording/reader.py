@@ -34,17 +34,21 @@ class RecordingReader:
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches
     """
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        """Raises SourceError if this is no MCAP file."""
+    def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
+        """warn: False where the same file is read again, and was or will be warned of.
+
+        Raises SourceError if this is no MCAP file.
+        """
         self._stream = stream
         self._size = records.size_of(stream)
         self.counts: Counter[str] = Counter()
         self.metadata: dict[str, str] = {}
         self.channels: dict[int, Channel] = {}
-        self._warned = False
+        self._warned = not warn
+        self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
         if not magic or not records.MAGIC.startswith(magic):
-            raise SourceError("not a recording: it does not begin as an MCAP file does")
+            raise SourceError(f"{self._name} is no recording: it does not begin as an MCAP file does")
         self._data_start = min(self._size, len(records.MAGIC))
         self._read_beginning()
 
@@ -113,7 +117,7 @@ class RecordingReader:
                 end = stored[-1].start + stored[-1].length
             yield record.offset, stored
         self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
-        self._warn(f"a recording was cut: {self._size - end} bytes after its last whole message are lost")
+        self._warn(f"{self._name} was cut: {self._size - end} bytes after its last whole message are lost")
 
     def _read(
         self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
@@ -179,7 +183,7 @@ class RecordingReader:
 
     def _damaged(self, error: Exception) -> None:
         self.counts["damaged"] += 1
-        self._warn(f"a recording is damaged and a part of it left out: {error}")
+        self._warn(f"{self._name} is damaged and a part of it left out: {error}")
 
     def _warn(self, text: str) -> None:
         if not self._warned:

@@ -43,10 +43,10 @@ class RecordingSource(PacketSource):
         sensor, CalibrationError.
         """
         self.path, self._topic = path, topic
-        first = [] if channel == "messages" else list(islice(self._raw(Counter()), SEARCHED_PACKETS))
+        first = [] if channel == "messages" else list(islice(self._raw(Counter(), warn=False), SEARCHED_PACKETS))
         self.channel: Channel = "packets" if first else "messages"
         failed: list[DecodeError] = []
-        frame = next(self._frames(Counter(), failed), None) if channel != "packets" else None
+        frame = next(self._frames(Counter(), failed, warn=False), None) if channel != "packets" else None
         if not first and frame is None:
             why = f": {failed[0]}" if failed else f" and no {channel}" * bool(channel)
             raise SourceError(f"{path} has no frame that can be decoded{why}")
@@ -86,16 +86,16 @@ class RecordingSource(PacketSource):
             self.counts["frames without packets"] += 1
             return []
 
-    def _raw(self, counts: Counter[str]) -> Iterator[Packet]:
+    def _raw(self, counts: Counter[str], warn: bool = True) -> Iterator[Packet]:
         with self._open() as file:
-            reader = RecordingReader(file)
+            reader = RecordingReader(file, warn)
             yield from reader.packets(topic=self._topic)
             _note(reader, counts)
 
-    def _frames(self, counts: Counter[str], failed: list[DecodeError]) -> Iterator[Frame]:
+    def _frames(self, counts: Counter[str], failed: list[DecodeError], warn: bool = True) -> Iterator[Frame]:
         decoder = StreamDecoder()
         with self._open() as file:
-            reader = RecordingReader(file)
+            reader = RecordingReader(file, warn)
             for _, data in reader.messages(topic=self._topic):
                 try:
                     yield from decoder.decode(unpack(data))

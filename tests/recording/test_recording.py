@@ -215,7 +215,7 @@ def test_mutated_recordings_give_messages_or_nothing() -> None:
 
 def test_other_files_are_refused() -> None:
     for data in (b"", b"\xa1\xb2\xc3\xd4 a pcap", b"PK\3\4"):
-        with pytest.raises(SourceError, match="not a recording"):
+        with pytest.raises(SourceError, match="no recording"):
             read_recording(io.BytesIO(data))
 
 
