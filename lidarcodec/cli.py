@@ -7,6 +7,7 @@ SIGINT or SIGTERM), 1 failed at work, 2 wrong usage. An error is one line on std
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import signal
@@ -21,6 +22,8 @@ import typer
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
+MAX_FRAMES = 10**12
+"""More than three thousand years of them, and what Python can count to in packets."""
 _STOPPED = 130
 """What typer makes of a KeyboardInterrupt."""
 
@@ -51,8 +54,8 @@ Pairs = Annotated[
     list[str] | None,
     _option("--set", metavar="KEY=VALUE", help="A field of the stream's settings, else of the codec's. Repeatable."),
 ]
-FrameCount = Annotated[int | None, _option("--frames", min=1, metavar="N", help="Stop after N frames.")]
-SkipCount = Annotated[int, _option("--skip", min=0, metavar="N", help="Leave out the first N frames.")]
+FrameCount = Annotated[int | None, _option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
+SkipCount = Annotated[int, _option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Leave out the first N frames.")]
 AsJson = Annotated[bool, _option("--json", help="Print JSON.")]
 
 
@@ -251,7 +254,9 @@ def demo(
 
 def _one_line(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
-    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+        text = f"{error.strerror}: what was written before is kept; make room or write elsewhere"
+    elif isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{error.filename}: {error.strerror}"
     return text
 
@@ -270,6 +275,13 @@ def _complain(error: BaseException) -> int:
     return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
 
 
+def _flush() -> None:
+    """Write out what was printed; a stream is None where the caller closed it (`>&-`)."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+
+
 def _stop(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
@@ -283,7 +295,7 @@ def run(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, _stop)
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
-        sys.stdout.flush()
+        _flush()
     except KeyboardInterrupt:
         return DONE
     except BrokenPipeError:
@@ -302,8 +314,7 @@ def main() -> NoReturn:
     """The process: run the command of the command line and end."""
     code = run(sys.argv[1:])
     with contextlib.suppress(OSError):
-        sys.stdout.flush()
-    sys.stderr.flush()
+        _flush()
     if "zenoh" in sys.modules:
         # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
         # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.

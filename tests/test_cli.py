@@ -2,11 +2,12 @@
 
 import json
 import signal
+import subprocess
 import time
 
 import pytest
 
-from tests.command_line import run, start, the_one_line
+from tests.command_line import COMMAND, environment, run, start, the_one_line
 
 
 @pytest.mark.parametrize(
@@ -26,6 +27,7 @@ from tests.command_line import run, start, the_one_line
         (["simulate", "sim:city", "out.txt", "--frames", "1"], ".pcap"),
         (["decode", "in.mcap", "out.xyz"], ".las"),
         (["info", "--message", "3"], "recording"),
+        (["bench", "sim:city?frames=1", "--plot", "results.doc"], ".png"),
     ],
 )
 def test_wrong_usage_is_one_line_that_says_what_to_do_and_code_2(words, says):
@@ -207,3 +209,56 @@ def test_info_without_a_source_reports_this_installation():
     assert {"versions", "extras", "ports", "clock", "settings"} <= found.keys()
     assert found["settings"]["max_error_m"] == "0.01 (LIDARCODEC_SET)"
     assert found["settings"]["codec"] == "pcodec (default)"
+
+
+def test_what_is_read_is_never_written_over(tmp_path):
+    """Opening it for writing would empty a recording that may be the only one of a drive."""
+    path = tmp_path / "drive.mcap"
+    assert run("encode", "sim:city?frames=1", path).returncode == 0
+    before = path.read_bytes()
+    link = tmp_path / "link.mcap"
+    link.symlink_to(path)
+    for out in (path, link):
+        result = run("encode", path, out)
+        assert result.returncode == 2
+        assert "another name" in the_one_line(result)
+    result = run("encode", "sim:city?frames=1", path, "--skip", "5")
+    assert result.returncode == 1
+    assert "nothing was encoded" in the_one_line(result)
+    assert path.read_bytes() == before
+
+
+def test_a_name_that_is_no_unicode_is_a_name_like_any_other(tmp_path):
+    path = tmp_path / "drive\udcff.pcap"
+    assert run("simulate", "sim:city", tmp_path / "drive.pcap", "--frames", "1").returncode == 0
+    (tmp_path / "drive.pcap").rename(path)
+    command = [*COMMAND, "encode", str(path), str(tmp_path / "out\udcff.mcap")]
+    result = subprocess.run(command, capture_output=True, env=environment(), check=False)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("words", [("--frames", "9" * 30), ("--skip", "9" * 20)])
+def test_more_frames_than_can_be_counted_are_wrong_usage(words):
+    result = run("encode", "sim:city?frames=1", "out.mcap", *words)
+    assert result.returncode == 2
+    assert words[0] in the_one_line(result)
+
+
+def test_a_recording_cut_in_its_first_message_is_warned_of_once(tmp_path):
+    path = tmp_path / "cut.mcap"
+    assert run("encode", "sim:city?frames=2", path).returncode == 0
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
+    result = run("decode", path, tmp_path / "out.pcap")
+    assert result.returncode == 0, result.stderr
+    assert "cut.mcap was cut" in the_one_line(result)
+    path.write_bytes(path.read_bytes()[:30_000])
+    result = run("decode", path, tmp_path / "none.pcap")
+    assert result.returncode == 1
+    assert "cut.mcap" in the_one_line(result)
+
+
+def test_a_closed_standard_output_is_no_traceback():
+    command = f"{' '.join(COMMAND)} info sim:city?frames=1 >&-"
+    result = subprocess.run(["sh", "-c", command], capture_output=True, text=True, env=environment(), check=False)
+    assert "Traceback" not in result.stderr
+    assert "unexpected" not in result.stderr

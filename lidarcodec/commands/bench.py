@@ -8,9 +8,12 @@ from pathlib import Path
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
+from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.report import plot as draw
 from lidarcodec.evaluation.report import text_table
+
+PLOTS = (".png", ".svg", ".pdf")
 
 
 def run(
@@ -25,6 +28,8 @@ def run(
 ) -> None:
     """Measure each setting and print the results."""
     settings = sweep(codecs, pairs)
+    if plot is not None and plot.suffix.lower() not in PLOTS:
+        raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
     check_finite(source, frames)
     results = []
     for number, chosen in enumerate(settings, 1):

@@ -9,6 +9,7 @@ from pathlib import Path
 from lidarcodec.commands.outputs import Output, check_output, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SourceError
 
@@ -18,6 +19,7 @@ log = logging.getLogger(__name__)
 def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
     """Decode frame by frame; of a cut or damaged recording, all that is whole."""
     check_output(out)
+    check_not_input(out, recording)
     recorded = RecordedFrames(recording)
     output: Output | None = None
     count = points = 0
@@ -35,6 +37,8 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
             output.close()
     for text in recorded.warnings():
         log.warning("%s", text)
+    if not count and stopped():
+        return
     if not count:
         raise SourceError(
             f"{recording} has no frame behind the first {skip} that can be decoded: {out} was not written"

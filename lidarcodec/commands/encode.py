@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
-from lidarcodec.commands.sources import check_finite
+from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, frames_of
@@ -33,17 +33,26 @@ def run(
         raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
     encoder = StreamEncoder(one_setting(codec, pairs))
     check_finite(spec, frames, live_too=False)
+    check_not_input(out, spec)
     count = packets = coded = 0
-    with open_source(spec, calibration=calibration) as source, out.open("wb") as handle:
-        about = {"source": spec, "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
-        wake = source.close if source.live else None
+    with (
+        open_source(spec, calibration=calibration) as source,
+        stoppable(source.close if source.live else None) as stopped,
+    ):
+        about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
+        cut = frames_of(source.packets(), source.sensor, encoder.settings.framing)
+        chosen = islice(cut, skip, None if frames is None else skip + frames)
+        first = next(chosen, None)
+        if first is None and stopped():
+            return
+        if first is None:  # before the file is opened: what stood there stays
+            raise SourceError(f"{spec} has no frame behind the first {skip}: nothing was encoded")
         with (
+            out.open("wb") as handle,
             RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about) as writer,
             progress("encoding", frames) as tick,
-            stoppable(wake) as stopped,
         ):
-            cut = frames_of(source.packets(), source.sensor, encoder.settings.framing)
-            for frame in islice(cut, skip, None if frames is None else skip + frames):
+            for frame in chain((first,), chosen):
                 for message in encoder.encode(frame):
                     writer.write(data := pack(message))
                     coded += len(data)
@@ -55,7 +64,5 @@ def run(
             for message in encoder.flush():
                 writer.write(data := pack(message))
                 coded += len(data)
-    if not count:
-        raise SourceError(f"{spec} has no frame behind the first {skip}: nothing was encoded")
     size = packets * PACKET_BYTES
     print(f"{out}: {count} frames, {size:,} bytes of packets in {coded:,} bytes, ratio {size / coded:.2f}")

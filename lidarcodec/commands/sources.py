@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources.spec import parse
 
@@ -16,3 +18,15 @@ def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
     """Raise SettingsError if reading this source would never end; a live one counts when `live_too`."""
     if frames is None and is_endless(spec) and (live_too or parse(spec).scheme != "udp"):
         raise SettingsError(f"{spec} has no end: say how much of it with --frames N", "frames")
+
+
+def check_not_input(out: Path, spec: str | Path) -> None:
+    """Raise SettingsError if writing `out` would destroy what is read: opening it for writing empties it."""
+    path = spec if isinstance(spec, Path) else parse(spec).path
+    if out.is_file() and path.exists() and out.samefile(path):
+        raise SettingsError(f"{out} is what is read: give the output another name")
+
+
+def readable(name: str | Path) -> str:
+    """A name as valid Unicode: bytes of a file name that are none become escapes, so that it can be stored."""
+    return str(name).encode("utf-8", "backslashreplace").decode()
