@@ -3,15 +3,11 @@
 namespace lidarcodec::sim {
 namespace {
 
+constexpr double kLaneWidth = 3.35;
+
 // Distance from the middle of a crossing at which a turn begins, on a street that meets `other`.
 double reach_of(const Street& other, Turn turn) {
   return other.half_width + (turn == Turn::Right ? 4.5 : (turn == Turn::Left ? 1.5 : 0.0));
-}
-
-double lane_offset(const Street& street, std::uint64_t h, Turn turn) {
-  if (!street.two_lanes) return street.lane;
-  if (turn == Turn::Left) return street.lane;
-  return turn == Turn::Right || (h & 1) ? street.lane + 3.35 : street.lane;
 }
 
 // The crossing at the far end of a segment.
@@ -28,25 +24,28 @@ Route::Route(const Town& town, std::uint64_t seed, bool along_y, std::int64_t in
     town.block_of(street.point(t) + V2{0.01, 0}, other, segment);
   else
     town.block_of(street.point(t) + V2{0, 0.01}, segment, other);
-  legs_.push_back(street_leg(street, forward, segment, t, 0, 0, true));
+  legs_.push_back(street_leg(street, forward, segment, t, 0, (seed & 1) == 1));
 }
 
-Turn Route::choose(const Street& street, bool forward, std::int64_t segment, std::uint64_t h) const {
+Turn Route::choose(const Street& street, bool forward, std::int64_t segment, bool outer, std::uint64_t h) const {
   const std::int64_t cross = end_of(forward, segment);  // index of the crossing street
   const bool ahead = town_->open(street.along_y, street.index, forward ? segment + 1 : segment - 1);
   // Growing t is to the right of a street along x seen along y, and to the left the other way round.
   const bool up = town_->open(!street.along_y, cross, street.index),
              down = town_->open(!street.along_y, cross, street.index - 1);
   const bool right_is_up = street.along_y == forward;
-  const bool right = right_is_up ? up : down, left = right_is_up ? down : up;
+  bool right = right_is_up ? up : down, left = right_is_up ? down : up;
   const double u = unit_of(h);
   if (ahead && u < straight_) return Turn::Straight;
+  // Of two lanes the outer one turns right and the inner one left, if there is a choice.
+  if (street.two_lanes && left && (ahead || right)) left = !outer;
+  if (street.two_lanes && right && (ahead || left)) right = outer;
+  if (ahead && !left && !right) return Turn::Straight;
   if (right && (u < 0.5 + 0.5 * straight_ || !left)) return Turn::Right;
   return left ? Turn::Left : Turn::Straight;
 }
 
-Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from,
-                      bool joined) {
+Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, bool outer) {
   const std::uint64_t h = hash_of(seed_, static_cast<std::int64_t>(count_++));
   Leg leg;
   leg.street = street;
@@ -54,9 +53,9 @@ Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, 
   leg.segment = segment;
   leg.t_begin = t;
   leg.s0 = s0;
-  leg.turn = choose(street, forward, segment, h);
-  leg.lane_to = lane_offset(street, mix(h), leg.turn);
-  leg.lane_from = joined ? leg.lane_to : lane_from;
+  leg.turn = choose(street, forward, segment, outer, h);
+  leg.outer = outer;
+  leg.lane = street.two_lanes && outer ? street.lane + kLaneWidth : street.lane;
   const std::int64_t cross = end_of(forward, segment);
   leg.ci = street.along_y ? street.index : cross;
   leg.cj = street.along_y ? cross : street.index;
@@ -64,9 +63,8 @@ Leg Route::street_leg(const Street& street, bool forward, std::int64_t segment, 
   const Street other = town_->street(!street.along_y, cross);
   const double t_end = (street.along_y ? middle.y : middle.x) + (forward ? -1.0 : 1.0) * reach_of(other, leg.turn);
   leg.length = max_of(forward ? t_end - t : t - t_end, 0.5);
-  leg.blend = min_of(40.0, leg.length);
   const double to_middle = leg.length + reach_of(other, leg.turn);
-  leg.stop = s0 + to_middle - other.half_width - 1.6;
+  leg.stop = s0 + min_of(to_middle - other.half_width - 1.6, leg.length + 0.3);  // before the curve begins
   leg.limit = street.speed;
   return leg;
 }
@@ -75,15 +73,9 @@ V2 Route::lane_point(const Leg& leg, double ahead, V2& heading) {
   const double t = leg.forward ? leg.t_begin + ahead : leg.t_begin - ahead;
   const V2 tangent = leg.street.tangent(t);
   const double sign = leg.forward ? 1.0 : -1.0;
-  const V2 along{sign * tangent.x, sign * tangent.y};
-  const double x = clamp_to(ahead / leg.blend, 0.0, 1.0);
-  const double shift = leg.lane_to - leg.lane_from;
-  const double off = leg.lane_from + shift * x * x * (3.0 - 2.0 * x);
-  const double drift = shift * 6.0 * x * (1.0 - x) / leg.blend;  // sideways per metre ahead, to the right
-  const double n = 1.0 / std::sqrt(1.0 + drift * drift);
-  heading = {(along.x + drift * along.y) * n, (along.y - drift * along.x) * n};
+  heading = {sign * tangent.x, sign * tangent.y};
   const V2 p = leg.street.point(t);
-  return {p.x + off * along.y, p.y - off * along.x};
+  return {p.x + leg.lane * heading.y, p.y - leg.lane * heading.x};
 }
 
 void Route::append() {
@@ -92,8 +84,8 @@ void Route::append() {
   const std::int64_t cross = end_of(last.forward, last.segment);
   if (last.turn == Turn::Straight) {
     const double t = last.forward ? last.t_begin + last.length : last.t_begin - last.length;
-    legs_.push_back(street_leg(last.street, last.forward, last.forward ? last.segment + 1 : last.segment - 1, t, s0,
-                               last.lane_to, false));
+    const std::int64_t next = last.forward ? last.segment + 1 : last.segment - 1;
+    legs_.push_back(street_leg(last.street, last.forward, next, t, s0, last.outer));
     return;
   }
   const Street other = town_->street(!last.street.along_y, cross);
@@ -108,7 +100,7 @@ void Route::append() {
   curve.s0 = s0;
   curve.street = other;
   curve.limit = right ? 4.6 : 5.8;
-  Leg next = street_leg(other, forward, segment, t, 0, 0, true);
+  Leg next = street_leg(other, forward, segment, t, 0, right || (hash_of(seed_, -1, other.index) & 1) == 1);
   V2 h0, h1;
   const V2 p0 = lane_point(last, last.length, h0), p1 = lane_point(next, 0, h1);
   // Quintic with the headings of both lanes and no curvature at its ends.

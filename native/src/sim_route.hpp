@@ -16,11 +16,12 @@ struct Leg {
   // Along a street.
   Street street;
   bool forward = true;
-  double t_begin = 0, lane_from = 0, lane_to = 0, blend = 1;
-  std::int64_t segment = 0;     // between crossings `segment` and `segment + 1`
-  Turn turn = Turn::Straight;   // at its end
-  double stop = 0;              // distance driven at the stop line at its end
-  std::int64_t ci = 0, cj = 0;  // the crossing at its end
+  double t_begin = 0, lane = 0;  // `lane`: how far right of the middle of the street
+  bool outer = false;            // on the outer of two lanes
+  std::int64_t segment = 0;      // between crossings `segment` and `segment + 1`
+  Turn turn = Turn::Straight;    // at its end
+  double stop = 0;               // distance driven at the stop line at its end
+  std::int64_t ci = 0, cj = 0;   // the crossing at its end
   // A curve: a polynomial of degree five, and the share of its length at each 32nd of its parameter.
   std::array<V2, 6> poly{};
   std::array<double, 33> share{};
@@ -46,10 +47,9 @@ class Route {
   const std::deque<Leg>& legs() const { return legs_; }
 
  private:
-  Leg street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, double lane_from,
-                 bool joined);
+  Leg street_leg(const Street& street, bool forward, std::int64_t segment, double t, double s0, bool outer);
   void append();
-  Turn choose(const Street& street, bool forward, std::int64_t segment, std::uint64_t h) const;
+  Turn choose(const Street& street, bool forward, std::int64_t segment, bool outer, std::uint64_t h) const;
   static V2 lane_point(const Leg& leg, double ahead, V2& heading);
 
   const Town* town_;

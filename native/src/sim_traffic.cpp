@@ -50,8 +50,10 @@ bool Traffic::free_at(V2 p, double radius) const {
 }
 
 void Traffic::spawn(bool at_start) {
-  if (static_cast<int>(drivers_.size()) > wanted_) return;
+  // Some towns and quarters are busier than others.
   const V2 here = drivers_.front().now.at;
+  const double busy = 0.95 + 0.35 * unit_of(mix(town_.seed())) + 0.45 * noise_at(77, here.x / 350.0, here.y / 350.0);
+  if (static_cast<double>(drivers_.size()) > wanted_ * busy) return;
   const double turn = rng_.unit(), far = at_start ? rng_.between(18.0, 170.0) : rng_.between(138.0, 175.0);
   const V2 p{here.x + far * cos_turns(turn), here.y + far * sin_turns(turn)};
   const bool along_y = rng_.chance(0.5), forward = rng_.chance(0.5);
@@ -64,7 +66,7 @@ void Traffic::spawn(bool at_start) {
   const Street street = town_.street(along_y, index);
   if (street.kind == StreetClass::Lane && (id & 7) > 2) return;
   const V2 a = town_.crossing(i, j), b = along_y ? town_.crossing(i, j + 1) : town_.crossing(i + 1, j);
-  const double lo = (along_y ? a.y : a.x) + 16.0, hi = (along_y ? b.y : b.x) - 16.0;
+  const double lo = (along_y ? a.y : a.x) + 26.0, hi = (along_y ? b.y : b.x) - 26.0;
   const double t = along_y ? p.y : p.x;
   if (t < lo || t > hi) return;
   const V2 at = street.point(t);
@@ -127,6 +129,12 @@ bool Traffic::may_cross(const Driver& d, std::size_t self, const Leg& leg) const
   return true;
 }
 
+void Traffic::hold(Driver& d, const Leg& leg) const {
+  d.granted = true;
+  d.ci = leg.ci, d.cj = leg.cj;
+  d.cleared = behind(d, leg);
+}
+
 double Traffic::accelerate(Driver& d, std::size_t self) {
   const Leg& leg = d.route.leg(d.s);
   double wanted = min_of(leg.limit * d.eager, top_speed_);
@@ -143,11 +151,10 @@ double Traffic::accelerate(Driver& d, std::size_t self) {
 
   if (!leg.curve) {
     const double room = leg.stop - half - d.s;
+    if (!d.granted && room <= -2.0 && leg.turn != Turn::Straight) hold(d, leg);  // slid over the line: others wait now
     if (!d.granted && room < 4.0 + d.v * d.v / (2.0 * kBrake) + d.v * 1.0 && room > -2.0) {
       if (may_cross(d, self, leg)) {
-        d.granted = true;
-        d.ci = leg.ci, d.cj = leg.cj;
-        d.cleared = behind(d, leg);
+        hold(d, leg);
       } else {
         a = min_of(a, follow(d.v, wanted, room + kStandstill - 0.5, 0));
       }

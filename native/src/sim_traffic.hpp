@@ -45,6 +45,8 @@ class Traffic {
   bool may_cross(const Driver& d, std::size_t self, const Leg& leg) const;
   // Distance driven at which the crossing at the end of `leg` is behind a driver.
   double behind(const Driver& d, const Leg& leg) const;
+  // Takes the crossing at the end of `leg`.
+  void hold(Driver& d, const Leg& leg) const;
   bool red(const Leg& leg) const;
   void spawn(bool at_start);
   bool free_at(V2 p, double radius) const;

@@ -132,6 +132,19 @@ def test_poses_can_be_asked_in_any_order_and_the_car_moves_like_a_car():
         source.poses([0])
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_car_gets_through_the_town_and_stops_now_and_then(seed):
+    stamps = START_NS + np.arange(0, 900 * 10**9, 5 * 10**8)
+    at = SimulatorSource("city", seed).poses(stamps)[:, :2, 3]
+    stands = np.linalg.norm(np.diff(at, axis=0), axis=1) < 0.05
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], stands, [0]])))
+    stops = (changes[1::2] - changes[::2]) * 0.5
+    assert len(stops) > 2
+    assert stops.max() < 60.0
+    assert stands.mean() < 0.2
+    assert np.ptp(at, axis=0).max() > 300.0
+
+
 def test_a_public_reader_finds_the_calibration_in_the_status_bytes():
     hdl64e = pytest.importorskip("velodyne_decoder").hdl64e
     source = SimulatorSource("street", seed=1)
