@@ -49,6 +49,10 @@ Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, hel
 CalibrationFile = Annotated[
     Path | None, _option("--calibration", metavar="FILE", help="db.xml or ROS yaml; else found as `info` says.")
 ]
+PosesFile = Annotated[
+    Path | None,
+    _option("--poses", metavar="FILE", help="Where the sensor was (.npz, TUM or KITTI), sent with each frame."),
+]
 CodecName = Annotated[str | None, _option("--codec", metavar="NAME", help="Default: pcodec.")]
 Pairs = Annotated[
     list[str] | None,
@@ -100,11 +104,12 @@ def encode(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    poses: PosesFile = None,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
-    command.run(source, out, codec, pairs or [], frames, skip, calibration)
+    command.run(source, out, codec, pairs or [], frames, skip, calibration, poses)
 
 
 @app.command()
@@ -145,6 +150,7 @@ def bench(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    poses: PosesFile = None,
     plot: Annotated[
         Path | None, _option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")
     ] = None,
@@ -153,7 +159,7 @@ def bench(
     """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
-    command.run(source, codec, pairs or [], frames, skip, calibration, plot, as_json)
+    command.run(source, codec, pairs or [], frames, skip, calibration, poses, plot, as_json)
 
 
 @app.command()
@@ -203,13 +209,14 @@ def publish(
         float, _option("--record-gb", metavar="N", help="Size of DIR; the oldest files go first.")
     ] = 8.0,
     calibration: CalibrationFile = None,
+    poses: PosesFile = None,
 ) -> None:
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
 
     command.run(
         source, vehicle, sensor, codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
-        record, record_as, record_gb, calibration,
+        record, record_as, record_gb, calibration, poses,
     )  # fmt: skip
 
 

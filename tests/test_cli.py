@@ -7,6 +7,8 @@ import time
 
 import pytest
 
+import lidarcodec
+from lidarcodec.recording import read_recording
 from tests.command_line import COMMAND, environment, run, start, the_one_line
 
 
@@ -262,3 +264,34 @@ def test_a_closed_standard_output_is_no_traceback():
     result = subprocess.run(["sh", "-c", command], capture_output=True, text=True, env=environment(), check=False)
     assert "Traceback" not in result.stderr
     assert "unexpected" not in result.stderr
+
+
+def test_poses_travel_with_the_frames(tmp_path):
+    """A monitor that puts clouds into one map would lose where they were taken."""
+    capture, poses = tmp_path / "town.pcap", tmp_path / "poses.txt"
+    assert run("simulate", "sim:street", capture, "--frames", 2).returncode == 0
+    first_s = 1_767_225_600
+    poses.write_text("".join(f"{first_s + 0.1 * i:.1f} {2.0 * i} 0 0 0 0 0 1\n" for i in range(4)))
+    out = tmp_path / "posed.mcap"
+    assert run("encode", capture, out, "--poses", poses).returncode == 0
+    with out.open("rb") as handle:
+        decoder = lidarcodec.StreamDecoder()
+        frames = [f for _, data in read_recording(handle) for f in decoder.decode(lidarcodec.unpack(data))]
+    assert [frame.pose is not None for frame in frames] == [True, True]
+    assert frames[0].pose[0, 3] == pytest.approx(0.0, abs=1e-3)
+    assert frames[1].pose[0, 3] == pytest.approx(2.0, abs=0.1)
+
+
+def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
+    capture, out = tmp_path / "town.pcap", tmp_path / "town.mcap"
+    assert run("simulate", "sim:street", capture, "--frames", 3).returncode == 0
+    assert run("encode", capture, out).returncode == 0
+    assert run("verify", out, capture).returncode == 0
+    whole = out.read_bytes()
+    half = len(whole) // 2  # within the second message
+    flipped = whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]
+    for damaged, says in ((whole[:half], "cut"), (flipped, "damaged")):
+        out.write_bytes(damaged)
+        result = run("verify", out, capture)
+        assert result.returncode == 1
+        assert says in result.stdout

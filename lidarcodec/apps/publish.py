@@ -29,6 +29,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import NAME_PATTERN, StreamSettings
 from lidarcodec.sources.base import Source
+from lidarcodec.sources.poses import Poses
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
@@ -56,6 +57,7 @@ class Publisher:
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
     endpoints: where to listen and connect; by default nothing leaves the machine. `transport` instead: one that is open
+    poses:     where the sensor was, sent with each frame
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
     """
 
@@ -72,6 +74,7 @@ class Publisher:
         record: Path | None = None,
         record_as: RecordAs = "packets",
         record_limits: dict[str, int] | None = None,
+        poses: Poses | None = None,
     ) -> None:
         """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
         self.keys = StreamKeys(vehicle, sensor)
@@ -91,7 +94,13 @@ class Publisher:
         self._once = Once(logger)
         self._mailbox: Mailbox[Frame] = Mailbox()
         self._feed = FrameFeed(
-            source, self._mailbox, self.settings.framing, 10.0 if rate is None else rate, self._recorder, record_as
+            source,
+            self._mailbox,
+            self.settings.framing,
+            10.0 if rate is None else rate,
+            self._recorder,
+            record_as,
+            poses,
         )
         self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
         self._board = StatusBoard(self.keys, self._encoder.stream_id)

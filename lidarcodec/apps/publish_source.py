@@ -15,6 +15,8 @@ from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.pacing import PacedSource
+from lidarcodec.sources.posed import posed
+from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS, PACKET_INTERVAL_US
 
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
@@ -37,11 +39,13 @@ class FrameFeed:
         rate: float | Literal["max"],
         recorder: BackgroundRecorder | None,
         record_as: RecordAs,
+        poses: Poses | None = None,
     ) -> None:
-        self.source = source
-        self._paced = source
+        self.source, self._poses = source, poses
+        self._paced: Source = source
+        self._replay: PacedSource | None = None
         if rate != "max" and not source.live:
-            self._paced = PacedSource(source, speed=rate / NOMINAL_HZ, restamp=True)
+            self._paced = self._replay = PacedSource(source, speed=rate / NOMINAL_HZ, restamp=True)
         self._mailbox, self._recorder, self._record_as = mailbox, recorder, record_as
         self._lock = threading.Lock()
         self._framing = self._wanted_framing = framing
@@ -110,6 +114,7 @@ class FrameFeed:
     def _leave(self, frame: Frame, *, wait: bool) -> bool:
         """Leave a frame in the mailbox. True: its assembler is gone, and took the packet behind the frame with it."""
         lost = False
+        frame = posed(frame, self._poses, 0 if self._replay is None else self._replay.shift_ns)
         with self._lock:
             self.frames = frame.index + 1
             if self._wanted_framing != self._framing or self.source.sensor is not self._assembler.sensor:

@@ -40,9 +40,9 @@ class Decoder(Protocol):
 
 
 class CodecSettings(BaseModel):
-    """Base of the models of codecs' own settings. Frozen; unknown keys are refused."""
+    """Base of the models of codecs' own settings. Frozen; unknown keys, and `true` for a number, are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
 
 Own = TypeVar("Own", bound=CodecSettings)

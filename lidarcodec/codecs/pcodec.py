@@ -36,7 +36,7 @@ _GROUP: Final = struct.Struct("<BI")
 class PcodecSettings(CodecSettings):
     """Settings of `pcodec`."""
 
-    level: int = Field(default=8, ge=1, le=12, strict=True)
+    level: int = Field(default=8, ge=1, le=12)
     """pcodec's compression level; 12 gains 0.3 % over 8."""
     mask_history: bool = False
     """Whether masks refer to those of the last turn: a little smaller, but a lost message then costs all frames up to

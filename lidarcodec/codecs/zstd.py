@@ -24,7 +24,7 @@ Mask = npt.NDArray[np.bool_]
 class ZstdSettings(CodecSettings):
     """Settings of `zstd`."""
 
-    level: int = Field(default=3, ge=1, le=19, strict=True)
+    level: int = Field(default=3, ge=1, le=19)
     """zstd's compression level: 3 takes 1 ms a frame, 19 more than 100 ms."""
 
 

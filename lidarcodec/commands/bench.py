@@ -23,6 +23,7 @@ def run(
     frames: int | None,
     skip: int,
     calibration: Path | None,
+    poses: Path | None,
     plot: Path | None,
     as_json: bool,
 ) -> None:
@@ -34,7 +35,8 @@ def run(
     results = []
     for number, chosen in enumerate(settings, 1):
         with progress(f"{chosen.codec} ({number} of {len(settings)})", frames) as tick:
-            results.append(bench(source, chosen, frames=frames, skip=skip, calibration=calibration, tick=tick))
+            measured = bench(source, chosen, frames=frames, skip=skip, calibration=calibration, poses=poses, tick=tick)
+            results.append(measured)
     print(json.dumps(results, indent=2) if as_json else text_table(results))
     if plot is not None:
         draw(results, plot)

@@ -13,6 +13,7 @@ from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources import open_source
+from lidarcodec.sources.posed import with_poses
 from lidarcodec.units import PACKET_BYTES
 from lidarcodec.wire import pack
 
@@ -27,6 +28,7 @@ def run(
     frames: int | None,
     skip: int,
     calibration: Path | None,
+    poses: Path | None,
 ) -> None:
     """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
     if out.suffix.lower() != ".mcap":
@@ -36,11 +38,13 @@ def run(
     check_not_input(out, spec)
     count = packets = coded = 0
     with (
-        open_source(spec, calibration=calibration) as source,
+        open_source(spec, calibration=calibration, poses=poses) as source,
         stoppable(source.close if source.live else None) as stopped,
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
-        cut = frames_of(source.packets(), source.sensor, encoder.settings.framing)
+        cut = with_poses(
+            frames_of(source.packets(), source.sensor, encoder.settings.framing), source.poses if poses else None
+        )
         chosen = islice(cut, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
         if first is None and stopped():

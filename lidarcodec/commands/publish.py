@@ -51,13 +51,14 @@ def run(
     record_as: str,
     record_gb: float,
     calibration: Path | None,
+    poses: Path | None,
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
         raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
     settings = one_setting(codec, pairs)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
-    with open_source(spec, calibration=calibration) as source:
+    with open_source(spec, calibration=calibration, poses=poses) as source:
         publisher = Publisher(
             source,
             settings,
@@ -68,6 +69,7 @@ def run(
             record=record,
             record_as=cast(RecordAs, record_as),
             record_limits=record_limits(record_gb),
+            poses=source.poses if poses else None,
         )
         with stoppable(publisher.interrupt):
             publisher.run()

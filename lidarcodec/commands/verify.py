@@ -34,7 +34,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
     if comparison.not_in_source == comparison.frames:
         raise SourceError(f"{spec} has no packet of the times in {recording}: it was not made from this source")
     settings = recorded.settings()
-    broken = broken_promises(settings, comparison)
+    broken = missing_parts(recorded) + broken_promises(settings, comparison)
     result = comparison.result() | {
         "packets_passed_over": packets.passed,
         "settings": None if settings is None else settings.model_dump(mode="json"),
@@ -42,6 +42,18 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
     }
     print(json.dumps(result, indent=2) if as_json else _text(result))
     return not broken
+
+
+def missing_parts(recorded: RecordedFrames) -> list[str]:
+    """What is not there to be compared, a sentence each."""
+    missing = []
+    if failed := sum(recorded.failed.values()):
+        missing.append(f"{failed} messages could not be decoded")
+    if recorded.counts["damaged"]:
+        missing.append(f"{recorded.counts['damaged']} parts of the recording are damaged and were left out")
+    if recorded.counts["cut"]:
+        missing.append("the recording is cut: its end is missing")
+    return missing
 
 
 def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[str]:

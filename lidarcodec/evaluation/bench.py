@@ -30,6 +30,7 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
+from lidarcodec.sources.posed import posed
 from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 from lidarcodec.wire import pack, unpack
 
@@ -56,7 +57,7 @@ def bench(
     with open_source(spec, calibration=calibration, poses=poses) as source:
         cut = _frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
-            run.frame(frame, payloads)
+            run.frame(posed(frame, source.poses if poses else None), payloads)
             tick()
         run.flush()
         found = {"origin": source.sensor.origin, "hash": source.sensor.hash}

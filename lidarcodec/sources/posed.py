@@ -1,0 +1,22 @@
+"""Frames with the pose of the sensor at their first packet, from a file of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from lidarcodec.frame import Frame
+from lidarcodec.sources.poses import Poses
+
+
+def posed(frame: Frame, poses: Poses | None, shift_ns: int = 0) -> Frame:
+    """The frame with its pose, or as it is where none is known.
+
+    shift_ns: how much later the frame's stamps are than those of the source (a replay stamps anew).
+    """
+    pose = None if poses is None else poses.at(frame.stamp_ns - shift_ns)
+    return frame if pose is None else frame.with_(pose=pose)
+
+
+def with_poses(frames: Iterable[Frame], poses: Poses | None) -> Iterator[Frame]:
+    """Frames, each with its pose where one is known."""
+    return (posed(frame, poses) for frame in frames)
