@@ -22,7 +22,9 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 OPEN_TIMEOUT_MS = 500
 LOCAL_OPEN_TIMEOUT_MS = 1000
 """How long a program at the meeting point that is no Zenoh can delay the start."""
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|unixsock-stream)/\S+")
+_ENDPOINT = re.compile(
+    r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?|unixsock-stream/\S+"
+)
 
 Mode = Literal["peer", "client", "router"]
 
@@ -59,7 +61,8 @@ class Endpoints:
 
     def __post_init__(self) -> None:
         for endpoint in self.listen + self.connect:
-            if not _ENDPOINT.fullmatch(endpoint):
+            found = _ENDPOINT.fullmatch(endpoint)
+            if found is None or int(found["port"] or 0) > 65535:
                 raise TransportError(f"'{endpoint}' is not an endpoint: write for example tcp/192.168.1.5:7447")
         if self.mode not in (None, "peer", "client", "router"):
             raise TransportError(f"mode is peer, client or router, not '{self.mode}'")
@@ -132,7 +135,7 @@ def session_options(mode: Mode, listen: list[str], connect: list[str]) -> dict[s
         "listen/endpoints": listen,
         "connect/endpoints": connect,
         "connect/exit_on_failure": mode == "client",
-        "connect/timeout_ms": OPEN_TIMEOUT_MS if mode == "client" else 0,
+        "connect/timeout_ms": OPEN_TIMEOUT_MS if mode == "client" else -1,
         "connect/retry": RETRY,
         "transport/shared_memory/enabled": False,
     }

@@ -124,7 +124,7 @@ class _Inbox(_Declared):
 
     def __init__(self, key: str, entities: list[Any], forget: Callable[[_Declared], None]) -> None:
         super().__init__(key, entities, forget)
-        self._key, self._ring = key, entities[0].handler
+        self._key, self._ring, self._told = key, entities[0].handler, False
 
     def receive(self) -> bytes | None:
         """The newest message, as soon as there is one; None once closed."""
@@ -135,7 +135,9 @@ class _Inbox(_Declared):
                 return None
             if len(payload) <= MAX_MESSAGE:
                 return bytes(payload.to_bytes())
-            logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
+            if not self._told:
+                self._told = True
+                logger.warning("dropped %d bytes on %s: a message has at most %d", len(payload), self._key, MAX_MESSAGE)
 
 
 class ZenohTransport:

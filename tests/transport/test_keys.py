@@ -70,6 +70,11 @@ def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
     [
         {"connect": "192.168.1.5:7447"},
         {"listen": "http/0.0.0.0:7447"},
+        {"connect": "tcp/192.168.1.5"},
+        {"connect": "tcp/192.168.1.5:"},
+        {"connect": "tcp/192.168.1.5:70000"},
+        {"connect": "tcp/:::"},
+        {"connect": "tcp/fe80::1:7447"},
         {"listen": "tcp/0.0.0.0:7447", "mode": "client"},
         {"mode": "client"},
         {"mode": "leaf", "connect": "tcp/a:1"},
@@ -80,3 +85,19 @@ def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
 def test_endpoints_that_cannot_work_are_refused_with_a_reason(options):
     with pytest.raises(TransportError):
         Endpoints.of(**options)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/192.168.1.5:7447",
+        "tls/office.example:7447",
+        "udp/[fe80::1%eth0]:7447",
+        "quic/a:1#so_sndbuf=65536;so_rcvbuf=65536",
+        "tcp/0.0.0.0:0",
+        "tcp/a:1?prio=1-7",
+        "unixsock-stream//run/lidar.sock",
+    ],
+)
+def test_endpoints_as_zenoh_knows_them_are_taken(endpoint):
+    assert Endpoints.of(connect=endpoint).connect == (endpoint,)

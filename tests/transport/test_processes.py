@@ -183,3 +183,30 @@ def _target(entry: Path) -> str:
         return str(entry.readlink())
     except OSError:
         return ""
+
+
+def test_one_that_listens_and_connects_finds_a_partner_that_comes_later():
+    here, there = f"tcp/127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
+    with open_transport(Endpoints.of(listen=here, connect=there)) as early:
+        time.sleep(1.0)  # the first attempts fail
+        with open_transport(Endpoints.of(listen=there)):
+            assert eventually(lambda: early.connected, 10)
+
+
+def test_processes_meet_when_a_hung_one_that_kept_the_meeting_point_goes_on():
+    """A publisher stopped with Ctrl-Z keeps the port and answers nobody; started again it must bring all together."""
+    port = free_port()
+    nodes = {"a": Node("a", port)}
+    try:
+        assert nodes["a"].ready.wait(20)
+        nodes["a"].process.send_signal(signal.SIGSTOP)
+        for name in "bc":
+            nodes[name] = Node(name, port)
+            assert nodes[name].ready.wait(20)
+        time.sleep(1.0)
+        nodes["a"].process.send_signal(signal.SIGCONT)
+        for name in "abc":
+            assert eventually(lambda name=name: nodes[name].seen == set("abc"), 20), (name, nodes[name].seen)
+    finally:
+        for node in nodes.values():
+            node.kill()
