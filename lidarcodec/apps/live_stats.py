@@ -52,27 +52,30 @@ class ReceiverStats:
         return self._stream_id
 
     def arrived(self, header: Header, size: int) -> bool:
-        """Take a message's header. True: it begins another stream, or follows a gap."""
+        """Take a message's header. True: it begins another stream.
+
+        A gap is no reason for a key frame: most are frames that the publisher replaced before it encoded them. A
+        message whose reference was really lost says so when it is decoded.
+        """
         with self._lock:
             self.counts["messages"] += 1
             self.counts["bytes"] += size
-            broken = False
-            if header.stream_id != self._stream_id:
+            begins = header.stream_id != self._stream_id
+            if begins:
                 self.counts["restarts"] += self._stream_id is not None
-                self.counts["second_publisher"] += header.stream_id in self._earlier
-                if self.counts["second_publisher"] == 1:
-                    logger.warning("two publishers send on the same key: give one of them another name")
+                if header.stream_id in self._earlier:
+                    self.counts["second_publisher"] += 1
+                    if self.counts["second_publisher"] == 1:
+                        logger.warning("two publishers send on the same key: give one of them another name")
                 self._stream_id = header.stream_id
                 self._earlier.append(header.stream_id)
-                broken = True
             elif header.frame_index > self._next_index:
                 self.counts["gaps"] += 1
                 self.counts["missing"] += header.frame_index - self._next_index
-                broken = True
             elif header.frame_index < self._next_index:
                 self.counts["out_of_order"] += 1
             self._next_index = header.frame_index + header.frame_count
-            return broken
+            return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:
         """Take a decoded frame; its latency in ms if that can be told."""

@@ -129,6 +129,8 @@ class Receiver:
         for thread in self._threads:
             if thread.is_alive() and thread is not threading.current_thread():
                 thread.join(JOIN_S)
+        if self._own_transport and self._transport is not None:  # it may have been opened after the first look
+            self._transport.close()
 
     # --- the receive thread -----------------------------------------------------------------------------------------
 
@@ -165,8 +167,8 @@ class Receiver:
             except DecodeError as error:
                 self._once.add("decode_errors", error)
                 continue
-            restarted = self.stats.arrived(header, len(data))
-            if restarted and not header.key:
+            begins = self.stats.arrived(header, len(data))
+            if begins and not header.key:
                 self.request_key()
             while not self._slot.put_wait(data, TICK_S):
                 if self._slot.closed:
