@@ -10,6 +10,7 @@ import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from lidarcodec.apps.reports import finite, refuse_constant
 from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
@@ -54,9 +55,9 @@ def object_of(data: bytes) -> dict[str, Any]:
     if len(data) > MAX_QUERY_BYTES:
         raise SettingsError(f"a query of {len(data)} bytes: at most {MAX_QUERY_BYTES}")
     try:
-        values = json.loads(data or b"{}")
+        values = json.loads(data or b"{}", parse_constant=refuse_constant, parse_float=finite)
     except (ValueError, RecursionError):
-        raise SettingsError("the query is no JSON") from None
+        raise SettingsError("the query is no JSON, or holds a number that is none") from None
     if not isinstance(values, dict):
         raise SettingsError("the query is no JSON object")
     return values
@@ -67,7 +68,7 @@ def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[by
 
     def handle(data: bytes) -> bytes:
         try:
-            out = answer(object_of(data))
+            return json.dumps(answer(object_of(data)), allow_nan=False).encode()
         except LidarCodecError as error:
             out = {"error": str(error), "field": field_of(error)}
         except Exception:

@@ -71,7 +71,7 @@ class Publisher:
         rate: Rate | None = None,
         endpoints: Endpoints | None = None,
         transport: Transport | None = None,
-        record: Path | None = None,
+        record: str | Path | None = None,
         record_as: RecordAs = "packets",
         record_limits: dict[str, int] | None = None,
         poses: Poses | None = None,
@@ -84,11 +84,11 @@ class Publisher:
         self._every = rate == "max" and not source.live
         self._recorder = None
         if record is not None:
-            self._recorder = BackgroundRecorder(record, self.keys, None, **(record_limits or {}))
+            self._recorder = BackgroundRecorder(Path(record), self.keys, None, **(record_limits or {}))
         self._stop = threading.Event()
         self._done = threading.Event()
         self._opened = threading.Event()
-        self._interrupted = False
+        self._interrupted = self._begun = False
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
         self._once = Once(logger)
@@ -129,6 +129,9 @@ class Publisher:
 
         Raises TransportError when the endpoints cannot be used.
         """
+        if self._begun:
+            raise TransportError("a publisher is started once: make another one")
+        self._begun = True
         if self._recorder is not None:
             self._recorder.start()
         for thread in self._threads:
@@ -197,7 +200,7 @@ class Publisher:
             ended=self._done.is_set(),
         )
 
-    def change(self, **changes: Any) -> Applied:
+    def change(self, /, **changes: Any) -> Applied:
         """Change settings between two frames, as a whole or not at all.
 
         Raises SettingsError or UnknownNameError.

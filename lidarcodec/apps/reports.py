@@ -8,6 +8,7 @@ known and nothing else is passed on.
 from __future__ import annotations
 
 import json
+import math
 import struct
 from typing import Any
 
@@ -39,7 +40,22 @@ def read_arrival(data: bytes) -> int | None:
     return int(_ARRIVAL.unpack_from(data)[0]) if len(data) >= _ARRIVAL.size else None
 
 
-def _refuse(constant: str) -> None:
+def finite(text: str) -> float:
+    """For `json.loads`: a number that a float can hold.
+
+    Raises ValueError for others, such as 1e999.
+    """
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is out of range")
+    return value
+
+
+def refuse_constant(constant: str) -> None:
+    """For `json.loads`: NaN and Infinity are no JSON.
+
+    Raises ValueError.
+    """
     raise ValueError(f"{constant} is no JSON")
 
 
@@ -48,7 +64,7 @@ def read_report(data: bytes) -> dict[str, int | float | None] | None:
     if len(data) > MAX_REPORT_BYTES:
         return None
     try:
-        values: Any = json.loads(data, parse_constant=_refuse)
+        values: Any = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError):
         return None
     if not isinstance(values, dict):

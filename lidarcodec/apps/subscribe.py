@@ -22,6 +22,7 @@ from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.receiver import Receiver
 from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.apps.udp_out import UdpOut
+from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
 from lidarcodec.transport import Endpoints, Transport
@@ -86,15 +87,15 @@ class LiveStream:
         max_age_s: float | None = None,
         until_end: bool = False,
         udp: str | None = None,
-        record: Path | None = None,
+        record: str | Path | None = None,
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
         self.receiver = receiver_name() if receiver is None else valid_name(receiver, "receiver")
         self._newest, self._timeout_s, self._max_age_s = newest, timeout_s, max_age_s
         self._udp = None if udp is None else UdpOut(udp)
-        self._recorder = None if record is None else BackgroundRecorder(record, keys)
-        self._interrupted = False
+        self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)
+        self._interrupted = self._begun = False
         self._listeners: list[Callable[[], object]] = []
         self._frames: Mailbox[Frame] = Mailbox(self._notify)
         self._receiver = Receiver(
@@ -113,8 +114,11 @@ class LiveStream:
     def __enter__(self) -> Self:
         """Begin to receive. A router that cannot be reached is tried again meanwhile.
 
-        Raises TransportError when the endpoints cannot be used.
+        Raises TransportError when the endpoints cannot be used, or the stream was open before.
         """
+        if self._begun:
+            raise TransportError("a live stream is opened once: subscribe again")
+        self._begun = True
         for output in (self._udp, self._recorder):
             if output is not None:
                 output.start()
@@ -131,8 +135,9 @@ class LiveStream:
     def next(self, timeout_s: float | None = None) -> Frame | None:
         """The next frame; None when there was none in time, or after the end or an interruption.
 
-        Raises TransportError when the network failed for good.
+        Raises TransportError when the network failed for good, or nobody opened the stream.
         """
+        self._check_begun()
         end = None if timeout_s is None else time.monotonic() + timeout_s
         while not self._interrupted:
             left = TICK_S if end is None else end - time.monotonic()
@@ -152,6 +157,7 @@ class LiveStream:
 
     async def next_async(self, timeout_s: float | None = None) -> Frame | None:
         """As `next`, for asyncio; no frame is lost when the wait is cancelled."""
+        self._check_begun()
         loop = asyncio.get_running_loop()
         end = None if timeout_s is None else loop.time() + timeout_s
         changed = asyncio.Event()
@@ -161,7 +167,7 @@ class LiveStream:
 
         self._listeners.append(tell)
         try:
-            while True:
+            while not self._interrupted:
                 changed.clear()
                 frame = self._frames.take(0.0)
                 if frame is not None:
@@ -169,10 +175,12 @@ class LiveStream:
                 if self._frames.finished:
                     self._raise_failure()
                     return None
-                try:
-                    await asyncio.wait_for(changed.wait(), None if end is None else max(0.0, end - loop.time()))
-                except TimeoutError:
+                left = TICK_S if end is None else end - loop.time()
+                if left <= 0:
                     return None
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), min(left, TICK_S))
+            return None
         finally:
             self._listeners.remove(tell)
 
@@ -260,6 +268,10 @@ class LiveStream:
         for tell in tuple(self._listeners):
             with contextlib.suppress(RuntimeError):  # its loop is closed
                 tell()
+
+    def _check_begun(self) -> None:
+        if not self._begun and not self._frames.closed:
+            raise TransportError("this live stream is not open: write `with subscribe(...) as live:`")
 
     def _raise_failure(self) -> None:
         if self._receiver.failure is not None:
