@@ -83,6 +83,13 @@ class FrameFeed:
 
         Raises SourceError or PacketError when the source does.
         """
+        try:
+            self._read(wait=wait)
+        finally:  # what was read is kept, however the reading ended
+            if self._recorder is not None:
+                self._record_batch(self._recorder)
+
+    def _read(self, *, wait: bool) -> None:
         for packet in self._paced.packets():
             if self._closed:
                 return
@@ -103,8 +110,6 @@ class FrameFeed:
         last = self._assembler.flush()
         if last is not None and not self._closed:
             self._leave(last, wait=wait)
-        if self._recorder is not None:
-            self._record_batch(self._recorder)
 
     def close(self) -> None:
         """End `run`; closes the source."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from lidarcodec.apps.once import Once
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
@@ -46,7 +47,8 @@ class BackgroundRecorder:
         self._queue: deque[bytes | list[Packet] | Frame] = deque()
         self._condition = threading.Condition()
         self._closed = False
-        self._own: Counter[str] = Counter()
+        self._once = Once(logger)
+        self._own: Counter[str] = self._once.counts
         self._thread = threading.Thread(target=self._run, name="lidarcodec recorder", daemon=True)
 
     def start(self) -> None:
@@ -102,9 +104,10 @@ class BackgroundRecorder:
                 try:
                     self._write(item)
                 except LidarCodecError as error:
-                    self._own["errors"] += 1
-                    if self._own["errors"] == 1:
-                        logger.warning("not recorded: %s", error)
+                    self._once.add("errors", error)
+                except Exception as error:  # a fault of ours costs this item, and never the rest of the recording
+                    logger.exception("a fault while recording")
+                    self._once.add("errors", error)
         finally:
             self._files.close()
 

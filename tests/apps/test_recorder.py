@@ -18,6 +18,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec.wire import unpack
 from tests.apps.streams import Loop
+from tests.transport.test_contract import eventually
 
 
 def payloads_of(folder: Path) -> list[bytes]:
@@ -56,6 +57,38 @@ def test_it_records_without_anybody_on_the_network(tmp_path):
     with MemoryNetwork().transport() as near:
         Publisher(Loop(4), transport=near, rate=60.0, record=tmp_path).run()
     assert payloads_of(tmp_path) == Loop(4).payloads()
+
+
+def test_what_was_read_last_is_kept_when_a_publisher_is_stopped(tmp_path):
+    class Halts(Loop):
+        """A live sensor that falls silent in the middle of a batch."""
+
+        def packets(self):
+            yield from list(Loop(1).packets())[:100]
+            self._stop.wait(60)
+            yield from list(Loop(1).packets())[100:101]
+
+    with (
+        MemoryNetwork().transport() as near,
+        Publisher(Halts(), transport=near, rate="max", record=str(tmp_path)) as car,
+    ):
+        assert eventually(lambda: car.status()["packets"] == 100)
+    assert payloads_of(tmp_path)[:100] == Loop(1).payloads()[:100]
+
+
+def test_a_fault_costs_one_item_and_not_the_recording(tmp_path, monkeypatch):
+    recorder = BackgroundRecorder(tmp_path, StreamKeys())
+    write, broken = recorder._files.write_packets, [True]
+    monkeypatch.setattr(
+        recorder._files, "write_packets", lambda batch: 1 / 0 if broken and broken.pop() else write(batch)
+    )
+    batch = list(Loop(1).packets())
+    recorder.start()
+    recorder.packets(batch)
+    recorder.packets(batch)
+    recorder.close()
+    assert recorder.state()["counts"]["errors"] == 1
+    assert payloads_of(tmp_path) == Loop(1).payloads()
 
 
 def test_a_subscriber_keeps_the_messages_as_they_came(tmp_path):
