@@ -5,6 +5,7 @@ A table on a terminal, plain lines elsewhere; at the end a summary, and a pictur
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -31,6 +32,11 @@ FIRST_FRAME_S = 30.0
 REDRAW_S = 0.25
 LINE_S = 2.0
 END_S = 5.0
+NOT_FOR_THE_VEHICLE = {
+    f"LIDARCODEC_{option}"
+    for option in ("LISTEN", "ZENOH_CONFIG", "SENSOR", "RATE", "RECORD", "RECORD_AS", "RECORD_GB", "SET", "CODEC")
+}
+"""Options of `publish` that a user may have set for good; the demonstration says itself what its vehicle does."""
 
 
 def free_port() -> int:
@@ -223,7 +229,11 @@ def _vehicle(source: str, endpoint: str, words: list[str], complaints: IO[bytes]
         *words,
     ]
     process = subprocess.Popen(
-        [*command, "--connect", endpoint], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=complaints
+        [*command, "--connect", endpoint],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=complaints,
+        env={name: value for name, value in os.environ.items() if name not in NOT_FOR_THE_VEHICLE},
     )
     try:
         yield process

@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SAME_WISH_S = 1.0
 
 
 @contextmanager
 def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
-    """Function that says whether a signal asked to stop. A second one interrupts at once.
+    """Function that says whether a signal asked to stop. A second one, a second later or more, interrupts at once.
+
+    One wish to stop often comes as two signals: `timeout` sends its own to the process and to the group, and whoever
+    started us from a terminal passes on the one that we had already. They must not cut a file that is being ended.
 
     wake: called at the first signal, to end a read that waits
     """
-    asked = False
+    asked_s: float | None = None
 
     def ask(_number: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
+        nonlocal asked_s
+        if asked_s is not None:
+            if time.monotonic() - asked_s >= SAME_WISH_S:
+                raise KeyboardInterrupt
+            return
+        asked_s = time.monotonic()
         if wake is not None:
             wake()
 
     before = [signal.signal(number, ask) for number in SIGNALS]
     try:
-        yield lambda: asked
+        yield lambda: asked_s is not None
     finally:
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
