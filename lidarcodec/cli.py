@@ -305,7 +305,7 @@ def run(arguments: list[str]) -> int:
         _flush()
     except KeyboardInterrupt:
         return DONE
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
         # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
@@ -317,8 +317,20 @@ def run(arguments: list[str]) -> int:
     return DONE if code in (None, _STOPPED) else int(code)
 
 
+def _open_standard_streams() -> None:
+    """Give what was closed before the start (`>&-`) a place to go; else the first socket would be standard output."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w", closefd=False)
+
+
 def main() -> NoReturn:
     """The process: run the command of the command line and end."""
+    _open_standard_streams()
     code = run(sys.argv[1:])
     with contextlib.suppress(OSError):
         _flush()

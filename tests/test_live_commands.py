@@ -1,13 +1,15 @@
 """publish, subscribe and demo as a user runs them: separate processes that come, go and are killed."""
 
 import json
+import shlex
 import signal
+import subprocess
 import time
 
 import pytest
 
 from lidarcodec.apps.demo import free_port
-from tests.command_line import run, start, the_one_line
+from tests.command_line import COMMAND, environment, run, start, the_one_line
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +124,22 @@ def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     for word in ("ratio", "bits per point", "latency p50 / p99", "replaced", "byte for byte"):
         assert word in result.stdout
     assert (tmp_path / "demo-out" / "last-frame.png").stat().st_size > 100_000
+
+
+def test_the_demo_needs_no_folder_to_write_in_and_nobody_who_reads(tmp_path):
+    (tmp_path / "demo-out").write_text("in the way")
+    result = run("demo", "--seconds", "1", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "not saved" in result.stdout
+    for shell in ("exec 3>&1 1>&-; {}", "{} | true; exit ${{PIPESTATUS[0]}}"):
+        command = shell.format(shlex.join([*COMMAND, "demo", "--seconds", "1"]))
+        ended = subprocess.run(
+            ["bash", "-c", command],
+            cwd=tmp_path,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert (ended.returncode, ended.stderr) == (0, "")

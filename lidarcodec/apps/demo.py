@@ -211,8 +211,12 @@ class Demo:
             title = f"lidarcodec   {self._source}   frame {self._last.index}"
             if figures.ratio is not None:
                 title += f"   {figures.ratio:.2f} : 1"
-            save_picture(picture_of(self._last, title), self._picture)
-            print(f"  {'last frame':<20} {self._picture}")
+            try:
+                save_picture(picture_of(self._last, title), self._picture)
+            except OSError as error:  # a folder that cannot be written spoils no demonstration
+                print(f"  {'last frame':<20} not saved: {error.strerror or error}")
+            else:
+                print(f"  {'last frame':<20} {self._picture}")
 
 
 @contextmanager
