@@ -119,6 +119,14 @@ def test_the_readme_begins_with_the_two_commands():
     assert text.index("make demo") < text.index("make test") < 600
 
 
+def test_the_python_of_the_readme_runs(capsys):
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("(64, 2088) True")
+
+
 def test_every_target_of_the_makefile_says_what_it_does():
     text = (ROOT / "Makefile").read_text()
     for target in [

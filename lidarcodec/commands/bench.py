@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from lidarcodec.commands.progress import progress
@@ -10,8 +11,8 @@ from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
 from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.bench import bench
+from lidarcodec.evaluation.report import check_plot, text_table
 from lidarcodec.evaluation.report import plot as draw
-from lidarcodec.evaluation.report import text_table
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -27,16 +28,21 @@ def run(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure each setting and print the results."""
+    """Measure each setting and print the results; when stopped, those that were finished."""
     settings = sweep(codecs, pairs)
     if plot is not None and plot.suffix.lower() not in PLOTS:
         raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
+    if plot is not None:
+        check_plot()
     check_finite(source, frames)
     results = []
-    for number, chosen in enumerate(settings, 1):
-        with progress(f"{chosen.codec} ({number} of {len(settings)})", frames) as tick:
-            measured = bench(source, chosen, frames=frames, skip=skip, calibration=calibration, poses=poses, tick=tick)
-            results.append(measured)
-    print(json.dumps(results, indent=2) if as_json else text_table(results))
-    if plot is not None:
+    with suppress(KeyboardInterrupt):
+        for number, chosen in enumerate(settings, 1):
+            with progress(f"{chosen.codec} ({number} of {len(settings)})", frames) as tick:
+                results.append(
+                    bench(source, chosen, frames=frames, skip=skip, calibration=calibration, poses=poses, tick=tick)
+                )
+    if as_json or results:
+        print(json.dumps(results, indent=2) if as_json else text_table(results))
+    if plot is not None and results:
         draw(results, plot)

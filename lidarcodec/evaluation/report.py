@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +75,21 @@ def text_table(results: Sequence[Result]) -> str:
     return "\n".join([head, *("  ".join(row) for row in zip(*columns, strict=True))])
 
 
+def check_plot() -> None:
+    """Raise MissingExtraError if nothing can be drawn here; looked at before hours are spent on measuring."""
+    if find_spec("matplotlib") is None:
+        raise MissingExtraError("--plot", "plot")
+
+
 def plot(results: Sequence[Result], path: Path) -> None:
     """Draw bits per point by plane, and geometry against error, into a file of any type that matplotlib writes.
 
     Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("--plot", "plot") from None
+    check_plot()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     names = [label(result) for result in results]
     bits = [result["bits_per_point"] for result in results]
     figure = Figure(figsize=(12, 1.8 + 0.5 * len(results)), layout="constrained")
