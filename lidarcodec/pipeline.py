@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
@@ -16,6 +17,7 @@ from lidarcodec.codecs.base import Decoder
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
+from lidarcodec.ratecontrol import RateControl
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 
@@ -42,21 +44,32 @@ class StreamEncoder:
         self.settings = table.check(settings or StreamSettings())
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._encoder = table.make_encoder(self.settings, self.stream_id)
+        self._rate = self._rate_control(self.settings)
         self._held: list[Message] = []
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
+        if self._rate is not None:
+            self._encoder.apply(self._rate.settings_for(frame))
+        messages = self._encoder.encode(frame, key=key)
+        if self._rate is not None:
+            self._rate.sent(frame, messages)
         held, self._held = self._held, []
-        return held + self._encoder.encode(frame, key=key)
+        return held + messages
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
         checked = table.check(settings)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)
+            if self._rate is not None and checked.target_kbps is not None:
+                self._rate.apply(checked)
+            else:
+                self._rate = self._rate_control(checked)
         else:
             fresh = table.make_encoder(checked, self.stream_id)
-            self._held += self._encoder.flush()
+            self._held += self._flushed()
+            self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
         self.settings = checked
         return key
@@ -64,7 +77,24 @@ class StreamEncoder:
     def flush(self) -> list[Message]:
         """Messages of frames that were held back."""
         held, self._held = self._held, []
-        return held + self._encoder.flush()
+        return held + self._flushed()
+
+    @property
+    def rate(self) -> dict[str, Any] | None:
+        """How a target bitrate is kept: `target_kbps`, `reachable_kbps`, `reached`, `kbps_5s`, and where the codec's
+        knob stands; None without a target."""
+        control = self._rate
+        return None if control is None else control.report()
+
+    def _flushed(self) -> list[Message]:
+        messages = self._encoder.flush()
+        if self._rate is not None:
+            self._rate.sent(None, messages)
+        return messages
+
+    @staticmethod
+    def _rate_control(settings: StreamSettings, before: RateControl | None = None) -> RateControl | None:
+        return None if settings.target_kbps is None else RateControl(settings, before)
 
 
 class StreamDecoder:

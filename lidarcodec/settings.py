@@ -19,6 +19,7 @@ from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 MAX_BOUND_M = 20.0
+MAX_KBPS = 1e6
 
 
 def step_of(max_error_m: float) -> int:
@@ -39,6 +40,7 @@ class StreamSettings(BaseModel):
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
     """Largest error of any range; 0 = lossless, None = the codec's default."""
     target_kbps: float | Literal["auto"] | None = None
+    """Mean bitrate of any five seconds, by the sensor's time; it turns the bound or the quality of the codec."""
     intensity: str = "lossless"
     """`lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`."""
     reduction: str = "all"
@@ -66,6 +68,13 @@ class StreamSettings(BaseModel):
         found = re.fullmatch(r"levels=([0-9]{1,3})", value)
         if not found or not 2 <= int(found[1]) <= 256:
             raise ValueError("intensity is lossless, levels=N with N from 2 to 256, or off")
+        return value
+
+    @field_validator("target_kbps")
+    @classmethod
+    def _target(cls, value: float | str | None) -> float | str | None:
+        if isinstance(value, float) and not 1.0 <= value <= MAX_KBPS:
+            raise ValueError(f"a target is 1 to {MAX_KBPS:.0f} kbit/s")
         return value
 
     @field_validator("framing")

@@ -192,6 +192,7 @@ class Publisher:
         """What is told once a second on the status key (docs/live.md lists the fields)."""
         return self._board.status(
             settings=self.settings,
+            rate=self._encoder.rate,
             feed=self._feed,
             flight=self._flight.state(),
             errors=self._once.counts,

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from lidarcodec.codecs.rate_knob import RateKnob
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -69,10 +70,11 @@ class Codec(NamedTuple):
     """What a codec's file offers to the table, as `CODEC`.
 
     settings: model of its own settings; encoder: of (codec id, settings, stream id); decoder: of (codec id);
-    bounded: whether it can keep `max_error_m`
+    bounded: whether it can keep `max_error_m`; knob: what a target bitrate turns, None where nothing can
     """
 
     settings: type[CodecSettings]
     encoder: Callable[[int, StreamSettings, int], Encoder]
     decoder: Callable[[int], Decoder]
     bounded: bool = True
+    knob: RateKnob | None = None

@@ -15,6 +15,7 @@ from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.jpeg_file import BLOCK, read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
+from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -51,4 +52,23 @@ class JpegDecoder(IntraDecoder):
         return ranges_of(values, level_offsets(sensor), valid)
 
 
-CODEC = Codec(JpegSettings, JpegEncoder, JpegDecoder, bounded=False)
+KNOB = quality_knob(
+    (
+        (1, 0.132),
+        (3, 0.349),
+        (5, 0.515),
+        (10, 0.825),
+        (20, 1.25),
+        (35, 1.72),
+        (50, 2.03),
+        (65, 2.37),
+        (80, 2.93),
+        (90, 3.86),
+        (95, 4.55),
+        (98, 6.48),
+        (100, 6.48),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(JpegSettings, JpegEncoder, JpegDecoder, bounded=False, knob=KNOB)

@@ -18,6 +18,7 @@ from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -67,4 +68,24 @@ class JxlDecoder(IntraDecoder):
         return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
 
 
-CODEC = Codec(JxlSettings, JxlEncoder, JxlDecoder)
+KNOB = bound_knob(
+    (
+        (20, 0.225),
+        (10, 0.291),
+        (5, 0.447),
+        (2.5, 0.572),
+        (1, 0.846),
+        (0.5, 1.15),
+        (0.25, 1.52),
+        (0.1, 2.12),
+        (0.05, 2.73),
+        (0.02, 3.75),
+        (0.01, 4.54),
+        (0.004, 5.67),
+        (0.002, 6.40),
+        (0, 8.07),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(JxlSettings, JxlEncoder, JxlDecoder, knob=KNOB)

@@ -22,6 +22,7 @@ from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -126,4 +127,24 @@ class PcodecDecoder(IntraDecoder):
         return reconstruct(decompress_groups(coded, size), step)
 
 
-CODEC = Codec(PcodecSettings, PcodecEncoder, PcodecDecoder)
+KNOB = bound_knob(
+    (
+        (20, 0.094),
+        (10, 0.161),
+        (5, 0.239),
+        (2.5, 0.329),
+        (1, 0.518),
+        (0.5, 0.722),
+        (0.25, 0.988),
+        (0.1, 1.48),
+        (0.05, 1.99),
+        (0.02, 2.85),
+        (0.01, 3.61),
+        (0.004, 4.66),
+        (0.002, 5.38),
+        (0, 6.96),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(PcodecSettings, PcodecEncoder, PcodecDecoder, knob=KNOB)

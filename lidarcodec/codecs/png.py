@@ -20,6 +20,7 @@ from lidarcodec.codecs.holes import filled_left
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -118,4 +119,24 @@ class PngDecoder(IntraDecoder):
         return reconstruct(read_png(png, *valid.shape)[valid], step)
 
 
-CODEC = Codec(PngSettings, PngEncoder, PngDecoder)
+KNOB = bound_knob(
+    (
+        (20, 0.202),
+        (10, 0.315),
+        (5, 0.441),
+        (2.5, 0.591),
+        (1, 0.882),
+        (0.5, 1.20),
+        (0.25, 1.62),
+        (0.1, 2.35),
+        (0.05, 3.07),
+        (0.02, 4.27),
+        (0.01, 5.32),
+        (0.004, 6.70),
+        (0.002, 7.62),
+        (0, 9.59),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(PngSettings, PngEncoder, PngDecoder, knob=KNOB)

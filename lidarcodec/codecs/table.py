@@ -71,15 +71,22 @@ def check(settings: StreamSettings) -> StreamSettings:
     own_settings(chosen.settings, settings)
     if settings.max_error_m is not None and not chosen.bounded:
         raise SettingsError(f"codec {settings.codec} cannot keep a bound: leave max_error_m out", "max_error_m")
-    if settings.target_kbps is not None:
-        raise SettingsError(f"codec {settings.codec} does not reach a target bitrate: leave target_kbps out",
-                            "target_kbps")  # fmt: skip
+    _check_target(settings, chosen)
     if settings.reduction != "all":
         raise SettingsError(f"unknown reduction '{settings.reduction}': there is only 'all'", "reduction")
     for field in ("keep_points", "keep_fraction"):
         if getattr(settings, field) is not None:
             raise SettingsError(f"{field} needs a reduction that drops points, not '{settings.reduction}'", field)
     return settings
+
+
+def _check_target(settings: StreamSettings, chosen: Codec) -> None:
+    if settings.target_kbps == "auto":
+        raise SettingsError("a target bitrate is a number of kbit/s; 'auto' is not offered", "target_kbps")
+    if settings.target_kbps is not None and chosen.knob is None:
+        able = ", ".join(name for name in names() if codec(name).knob is not None)
+        raise SettingsError(f"codec {settings.codec} cannot be steered to a target bitrate: leave target_kbps out, "
+                            f"or take one of {able}", "target_kbps")  # fmt: skip
 
 
 def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:

@@ -13,6 +13,7 @@ from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
+from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.codecs.zstd_frames import compress, decompress
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -61,4 +62,24 @@ class ZstdDecoder(IntraDecoder):
         return reconstruct(summed_differences(planes), step)
 
 
-CODEC = Codec(ZstdSettings, ZstdEncoder, ZstdDecoder)
+KNOB = bound_knob(
+    (
+        (20, 0.137),
+        (10, 0.235),
+        (5, 0.347),
+        (2.5, 0.467),
+        (1, 0.713),
+        (0.5, 0.973),
+        (0.25, 1.31),
+        (0.1, 1.92),
+        (0.05, 2.49),
+        (0.02, 3.44),
+        (0.01, 4.25),
+        (0.004, 5.36),
+        (0.002, 6.06),
+        (0, 7.57),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(ZstdSettings, ZstdEncoder, ZstdDecoder, knob=KNOB)

@@ -22,9 +22,9 @@ from lidarcodec.wire.header import (
     header_bytes_of,
     read_header,
 )
-from lidarcodec.wire.sections import read_sections, section_bytes
+from lidarcodec.wire.sections import SECTION_HEAD, read_sections, section_bytes
 
-__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "pack", "peek", "unpack"]
+__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "pack", "peek", "size_of", "unpack"]
 
 
 def pack(message: Message) -> bytes:
@@ -35,6 +35,12 @@ def pack(message: Message) -> bytes:
     sections = section_bytes(message.sections)
     head = header_bytes_of(message, HEADER_BYTES + len(sections) + CHECKSUM_BYTES)
     return with_checksum(head + sections)
+
+
+def size_of(message: Message) -> int:
+    """Number of bytes that `pack` makes of a message, without making them."""
+    sections = sum(SECTION_HEAD.size + len(section.data) for section in message.sections)
+    return HEADER_BYTES + sections + CHECKSUM_BYTES
 
 
 def peek(data: bytes) -> Header:

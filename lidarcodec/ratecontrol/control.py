@@ -1,0 +1,157 @@
+"""RateControl: the controller at work beside an encoder. Its clock is the frames' own stamps."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections import deque
+from typing import Any, Final
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, SectionType
+from lidarcodec.ratecontrol.budget import WINDOW_S, kbps
+from lidarcodec.ratecontrol.controller import (
+    SETTLED_S,
+    Load,
+    Plan,
+    RateState,
+    Sizes,
+    chosen,
+    measured,
+    on_target,
+    reachable_kbps,
+    retargeted,
+)
+from lidarcodec.settings import StreamSettings
+from lidarcodec.units import FIRINGS_PER_PACKET, PACKET_INTERVAL_US
+from lidarcodec.wire import size_of
+
+logger = logging.getLogger(__name__)
+
+PACKET_S: Final = PACKET_INTERVAL_US * 1e-6
+"""An HDL-64 sends a packet every 288 us (6 firings of 48 us), however fast it turns."""
+STAMP_FACTOR: Final = 4.0
+"""Stamps that say a packet took 4 times as long, or a quarter, tell of a pause or of a clock that was set."""
+STAMP_GAIN: Final = 0.2
+
+
+class RateControl:
+    """Says at which value of its knob an encoder is to code each frame, and learns from the messages.
+
+    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`. Raises SettingsError when the settings name
+    a codec without a knob, or no number as target.
+    """
+
+    def __init__(self, settings: StreamSettings, before: RateControl | None = None) -> None:
+        """before: the control of this stream under another codec, whose knowledge goes on."""
+        self._state: RateState = RateState() if before is None else before._state
+        self._packet_s: float = PACKET_S if before is None else before._packet_s
+        self._last: tuple[int, int, int] | None = None if before is None else before._last
+        self._told: bool = before is None or before._told
+        self._untold_s: float = 0.0 if before is None else before._untold_s
+        self._waiting: deque[Load] = deque()
+        self._level = 0
+        self._take(settings)
+        if before is not None and before._plan.target_bps != self._plan.target_bps:
+            self._state = retargeted(self._state)
+
+    def apply(self, settings: StreamSettings) -> None:
+        """Take other settings of the same codec from the next frame on."""
+        target_bps = self._plan.target_bps
+        at = self._plan.levels[self._level]
+        self._take(settings)
+        self._level = min(range(len(self._plan.levels)), key=lambda i: abs(self._plan.levels[i] - at))
+        if self._plan.target_bps != target_bps:
+            self._state = retargeted(self._state)
+
+    def settings_for(self, frame: Frame) -> StreamSettings:
+        """The settings with which to encode a frame. A group keeps those with which it began."""
+        if not self._waiting:
+            self._level = chosen(self._state, self._plan, self._load(frame))
+        return self._knob.with_value(self._settings, self._plan.levels[self._level])
+
+    def sent(self, frame: Frame | None, messages: list[Message]) -> None:
+        """Learn from the messages that became complete with a frame, or with the end of the stream."""
+        if frame is not None:
+            self._follow_stamps(frame)
+            self._waiting.append(self._load(frame))
+        for message in messages:
+            loads = [self._waiting.popleft() for _ in range(min(message.frame_count, len(self._waiting)))]
+            if not loads:
+                continue
+            load = Load(*(sum(parts) for parts in zip(*loads, strict=True)))
+            self._state = measured(self._state, self._plan, self._level, load, _sizes(message), len(loads))
+            self._tell(load.seconds)
+
+    def report(self) -> dict[str, Any]:
+        """The status' `rate`: target, what can be reached, whether it is, the mean of five seconds, the knob."""
+        state, plan = self._state, self._plan
+        ends, mean = reachable_kbps(state, plan), kbps(state.budget, WINDOW_S)
+        return {
+            "target_kbps": plan.target_bps / 1e3,
+            "reachable_kbps": None if ends is None else [round(end, 1) for end in ends],
+            "reached": on_target(state, plan),
+            "kbps_5s": None if mean is None else round(mean, 1),
+            self._knob.setting: plan.levels[min(self._level, len(plan.levels) - 1)],
+        }
+
+    def _take(self, settings: StreamSettings) -> None:
+        knob = table.codec(settings.codec).knob
+        if knob is None or not isinstance(settings.target_kbps, int | float):
+            raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
+        own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
+        model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
+        self._settings, self._knob, self._plan = settings, knob, Plan.of(settings, knob, model)
+
+    def _load(self, frame: Frame) -> Load:
+        returns = frame.points if frame.keep is None else int(frame.valid.sum())
+        packets = _packets(frame)
+        return Load(returns, packets, packets * self._packet_s)
+
+    def _follow_stamps(self, frame: Frame) -> None:
+        if self._last is not None:
+            index, stamp_ns, packets = self._last
+            packet_s = (frame.stamp_ns - stamp_ns) * 1e-9 / packets
+            if frame.index == index + 1 and PACKET_S / STAMP_FACTOR <= packet_s <= PACKET_S * STAMP_FACTOR:
+                self._packet_s += STAMP_GAIN * (packet_s - self._packet_s)
+        self._last = frame.index, frame.stamp_ns, _packets(frame)
+
+    def _tell(self, seconds: float) -> None:
+        """Log when a target is missed, and when it is reached again; at most once in five seconds."""
+        self._untold_s += seconds
+        reached = on_target(self._state, self._plan)
+        if reached == self._told or self._untold_s < (SETTLED_S if self._told else WINDOW_S):
+            return
+        self._told, self._untold_s = reached, 0.0
+        mean = kbps(self._state.budget, WINDOW_S) or 0.0
+        low, high = reachable_kbps(self._state, self._plan) or (0.0, 0.0)
+        logger.log(
+            logging.INFO if reached else logging.WARNING,
+            "target of %.0f kbit/s %s: sending %.0f; codec %s can send %.0f to %.0f of this scene",
+            self._plan.target_bps / 1e3,
+            "reached" if reached else "missed",
+            mean,
+            self._settings.codec,
+            low,
+            high,
+        )
+
+
+def _packets(frame: Frame) -> int:
+    packets = 0 if frame.side is None else frame.side.packets
+    return max(packets or -(-frame.width // FIRINGS_PER_PACKET), 1)
+
+
+def _sizes(message: Message) -> Sizes:
+    bits = {SectionType.RANGE: 0.0, SectionType.INTENSITY: 0.0, SectionType.CALIBRATION: 0.0}
+    for section in message.sections:
+        if section.type in bits:
+            bits[SectionType(section.type)] += 8.0 * len(section.data)
+    return Sizes(
+        range=bits[SectionType.RANGE],
+        intensity=bits[SectionType.INTENSITY],
+        rest=8.0 * size_of(message) - sum(bits.values()),
+        calibration=bits[SectionType.CALIBRATION],
+    )

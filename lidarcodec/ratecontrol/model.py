@@ -1,0 +1,91 @@
+"""What a frame will take: a codec's curve, bent to fit the frames before, and the parts that no knob turns.
+
+ln(bits per return of the range) = ln(curve(value)) + roughness * tilt(curve(value)). Frames differ most by how rough
+the scene is, and the next frame is 0.1 s from the last, so one number learned quickly does. A rough scene takes a tenth
+more than a smooth one when coded without loss, and twice as much in steps of metres: that is the tilt. Intensity is
+learned by the return; mask, azimuth, side information and header by the packet.
+
+>>> model = learned(RangeModel(), seconds=0.1, bits=4e5, returns=100_000, guess=2.0)
+>>> bits_per_return(model, np.array([2.0])).round(3).tolist()
+[4.0]
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+LEARN_S: Final = 0.08
+"""Time constant of learning: a frame of 0.1 s moves a model by 71 % of its error, a slab of 8 ms by 10 %."""
+MAX_ROUGHNESS: Final = 6.0
+"""The two drives of the curves lie at -0.5 and 0.5. From 6.7 on coarse would be expected to take more than fine."""
+FIXED_BITS_PER_PACKET: Final = 70.0
+"""Mask, azimuth, side information and header before any was measured."""
+
+
+@dataclass(frozen=True)
+class RangeModel:
+    """roughness: 0 where a stream takes what the curve says; seen: messages learned from."""
+
+    roughness: float = 0.0
+    seen: int = 0
+
+
+@dataclass(frozen=True)
+class FixedModel:
+    """per_return: bits of intensity; per_packet: bits of all else but ranges and calibration; seen: as above."""
+
+    per_return: float
+    per_packet: float = FIXED_BITS_PER_PACKET
+    seen: int = 0
+
+
+def gain(seconds: float, seen: int) -> float:
+    """How much of an error a model takes in: all of the first, then by the time that the message covers."""
+    return max(1.0 - math.exp(-seconds / LEARN_S), 1.0 / (seen + 1))
+
+
+def tilt(guess: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(N,) float64, how much roughness moves the logarithm of so many bits a return; from pcodec's two drives."""
+    return np.maximum(0.4 - 0.15 * np.log(guess), 0.1)
+
+
+def bits_per_return(model: RangeModel, curve: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(N,) float64, bits of a return's range where the curve says (N,) bits."""
+    bits: npt.NDArray[np.float64] = curve * np.exp(model.roughness * tilt(curve))
+    return bits
+
+
+def learned(model: RangeModel, seconds: float, bits: float, returns: int, guess: float) -> RangeModel:
+    """The model after ranges that took `bits` where the curve says `guess` a return; no return teaches nothing."""
+    if not returns:
+        return model
+    seen = math.log(max(bits, 1.0) / (returns * guess)) / float(tilt(np.array([guess]))[0])
+    roughness = model.roughness + gain(seconds, model.seen) * (seen - model.roughness)
+    return RangeModel(min(max(roughness, -MAX_ROUGHNESS), MAX_ROUGHNESS), model.seen + 1)
+
+
+def learned_fixed(
+    model: FixedModel, seconds: float, intensity: float, rest: float, returns: int, packets: int
+) -> FixedModel:
+    """The model after a message of so many bits of intensity and of the rest."""
+    weight = gain(seconds, model.seen)
+    per_return = intensity / returns if returns else model.per_return
+    return FixedModel(
+        model.per_return + weight * (per_return - model.per_return),
+        model.per_packet + weight * (rest / max(packets, 1) - model.per_packet),
+        model.seen + 1,
+    )
+
+
+def first_fixed(levels: int, before: FixedModel | None) -> FixedModel:
+    """What to expect of so many intensity levels: KITTI takes 4.3 bits a return for all of them, 2.4 for 16.
+
+    before: what was learned with other levels.
+    """
+    per_return = 0.0 if levels == 0 else min(0.6 * math.log2(levels), 4.3)
+    return FixedModel(per_return) if before is None else FixedModel(per_return, before.per_packet)

@@ -1,0 +1,206 @@
+"""The controller alone, on recorded sizes and on any sizes: an uplink gets what was asked for, and no surprise."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarcodec.codecs import table
+from lidarcodec.ratecontrol.budget import covered_s, kbps
+from lidarcodec.ratecontrol.controller import (
+    Load,
+    Plan,
+    RateState,
+    Sizes,
+    chosen,
+    measured,
+    on_target,
+    reachable_kbps,
+    retargeted,
+)
+from lidarcodec.settings import StreamSettings
+
+PACKETS, SECONDS = 348, 0.1002
+TRACES = Path(__file__).parent / "traces.json"
+
+
+@cache
+def traces() -> dict:
+    return json.loads(TRACES.read_text())
+
+
+class Recorded:
+    """Sizes of a drive's frames at any value of the knob: log-linear between those that were measured."""
+
+    def __init__(self, drive: str, codec: str) -> None:
+        trace = traces()[drive][codec]
+        self.knob = table.codec(codec).knob
+        values = sorted((float(value) for value in trace["range"]), reverse=self.knob.setting == "max_error_m")
+        self.places = self.knob._places(values)
+        self.bits = np.log(np.array([trace["range"][f"{value:g}"] for value in values], float))
+        self.trace = trace
+
+    def __len__(self) -> int:
+        return len(self.trace["points"])
+
+    def load(self, frame: int) -> Load:
+        return Load(self.trace["points"][frame], PACKETS, SECONDS)
+
+    def sizes(self, frame: int, value: float, intensity: bool = False) -> Sizes:
+        ranges = math.exp(np.interp(self.knob._places([value])[0], self.places, self.bits[:, frame]))
+        return Sizes(ranges, self.trace["intensity"][frame] if intensity else 0.0, self.trace["rest"][frame])
+
+
+def plan_of(codec: str, target_kbps: float, **others: object) -> Plan:
+    settings = StreamSettings(codec=codec, target_kbps=target_kbps, **{"intensity": "off", **others})
+    return Plan.of(settings, table.codec(codec).knob, codec)
+
+
+def play(state: RateState, plan: Plan, recorded: Recorded, frames: range) -> tuple[RateState, list[float]]:
+    """The state after some frames, and their bits."""
+    spent = []
+    for frame in frames:
+        load = recorded.load(frame)
+        level = chosen(state, plan, load)
+        sizes = recorded.sizes(frame, plan.levels[level])
+        state = measured(state, plan, level, load, sizes)
+        spent.append(sum(sizes))
+    return state, spent
+
+
+def kbps_of(bits: list[float], frames: int) -> np.ndarray:
+    """Mean of every so many frames in a row."""
+    return np.convolve(bits, np.ones(frames), "valid") / (frames * SECONDS * 1e3)
+
+
+@pytest.mark.parametrize("drive", ["sfnd", "0013"])
+@pytest.mark.parametrize("codec", ["zstd", "pcodec", "jpeg"])
+@pytest.mark.parametrize("target", [700, 1200, 2000, 3500, 5000])
+def test_a_drive_keeps_to_the_target(drive: str, codec: str, target: float) -> None:
+    recorded = Recorded(drive, codec)
+    _, spent = play(RateState(), plan_of(codec, target), recorded, range(len(recorded)))
+    assert abs(kbps_of(spent, 50) / target - 1).max() < 0.05
+    assert kbps_of(spent, 10).max() < 1.2 * target
+
+
+@pytest.mark.parametrize(("first", "second"), [("sfnd", "0013"), ("0013", "sfnd")])
+@pytest.mark.parametrize("codec", ["zstd", "pcodec", "jpeg"])
+def test_another_scene_settles_within_a_second(first: str, second: str, codec: str) -> None:
+    plan = plan_of(codec, 2500)
+    state, before = play(RateState(), plan, Recorded(first, codec), range(40))
+    _, after = play(state, plan, Recorded(second, codec), range(40))
+    assert abs(kbps_of(before + after, 10)[-30:] / 2500 - 1).max() < 0.05
+    assert kbps_of(before + after, 10)[10:].max() < 1.2 * 2500
+
+
+@pytest.mark.parametrize(("one", "other"), [("pcodec", "jpeg"), ("jpeg", "zstd"), ("zstd", "pcodec")])
+def test_another_codec_settles_within_a_second(one: str, other: str) -> None:
+    state, before = play(RateState(), plan_of(one, 2500), Recorded("0013", one), range(25))
+    _, after = play(state, plan_of(other, 2500), Recorded("0013", other), range(25, 56))
+    assert abs(kbps_of(before + after, 10)[-20:] / 2500 - 1).max() < 0.05
+    assert kbps_of(before + after, 10)[5:].max() < 1.2 * 2500
+
+
+def test_what_was_learned_of_the_scene_serves_a_codec_that_was_never_used() -> None:
+    """Without it the first frames after a switch would be a third off."""
+    state, _ = play(RateState(), plan_of("pcodec", 2500), Recorded("sfnd", "pcodec"), range(20))
+    _, after = play(state, plan_of("zstd", 2500), Recorded("sfnd", "zstd"), range(20, 21))
+    assert after[0] == pytest.approx(2500e3 * SECONDS, rel=0.1)
+
+
+def test_the_reachable_interval_is_right_far_from_where_the_knob_stands() -> None:
+    """An operator chooses the next target by it."""
+    for drive in ("sfnd", "0013"):
+        for codec in ("zstd", "pcodec"):
+            recorded = Recorded(drive, codec)
+            plan = plan_of(codec, 2000)
+            state, _ = play(RateState(), plan, recorded, range(len(recorded)))
+            ends = reachable_kbps(state, plan)
+            assert ends is not None
+            last = len(recorded) - 1
+            for said, value, within in zip(ends, (plan.levels[0], plan.levels[-1]), (0.4, 0.2), strict=True):
+                true = sum(recorded.sizes(last, value)) / SECONDS / 1e3
+                assert said == pytest.approx(true, rel=within)
+
+
+def test_out_of_reach_gives_the_best_and_says_so() -> None:
+    recorded = Recorded("0013", "pcodec")
+    for target, best in ((100, 0), (20_000, -1)):
+        plan = plan_of("pcodec", target)
+        state, _ = play(RateState(), plan, recorded, range(40))
+        assert plan.levels[chosen(state, plan, recorded.load(40))] == plan.levels[best]
+        assert not on_target(state, plan)
+        reachable = plan_of("pcodec", 2500)
+        assert not on_target(state, reachable)
+        _, after = play(retargeted(state), reachable, recorded, range(20, 50))
+        assert kbps_of(after, 10).max() < 1.2 * 2500
+        assert kbps_of(after, 10)[10:].min() > 0.95 * 2500
+
+
+def test_a_target_in_reach_again_is_kept_at_once() -> None:
+    """Time out of reach leaves neither a debt to starve for nor savings to flood the path with."""
+    plan = plan_of("pcodec", 2500, max_error_m=0.01)
+    state, _ = play(RateState(), plan, Recorded("0013", "pcodec"), range(50))
+    assert not on_target(state, plan)
+    free = plan_of("pcodec", 2500)
+    _, after = play(state, free, Recorded("0013", "pcodec"), range(50))
+    assert abs(kbps_of(after, 10)[10:] / 2500 - 1).max() < 0.05
+
+
+@pytest.mark.parametrize("codec", ["zstd", "pcodec"])
+@pytest.mark.parametrize("bound", [0.0, 0.001, 0.01, 0.0333, 1.0, 20.0])
+def test_a_bound_leaves_no_coarser_level(codec: str, bound: float) -> None:
+    levels = plan_of(codec, 500, max_error_m=bound).levels
+    steps = [StreamSettings(max_error_m=level).step for level in levels]
+    assert steps[0] == StreamSettings(max_error_m=bound).step
+    assert steps[-1] == 1
+    assert steps == sorted(steps, reverse=True)
+
+
+SIZE = st.floats(0, 1e12)
+EVENT = st.tuples(
+    st.builds(Sizes, SIZE, SIZE, SIZE, SIZE),
+    st.integers(0, 10**7),
+    st.integers(1, 2048),
+    st.sampled_from([7.2e-5, 2.88e-4, 1.152e-3]),
+    st.integers(1, 64),
+    st.sampled_from(["zstd", "pcodec", "jpeg"]),
+)
+
+
+@given(st.lists(EVENT, max_size=40), st.floats(1, 1e6))
+def test_whatever_frames_take_the_controller_stays_sane(events: list, target: float) -> None:
+    """Never NaN, never beyond the levels, and the same again for the same sizes."""
+    ends = []
+    for _ in range(2):
+        state, log = RateState(), []
+        for sizes, returns, packets, packet_s, frames, codec in events:
+            plan = plan_of(codec, target)
+            load = Load(returns, packets, packets * packet_s)
+            level = chosen(state, plan, load)
+            assert 0 <= level < len(plan.levels)
+            state = measured(state, plan, level, load, sizes, frames)
+            low, high = reachable_kbps(state, plan)
+            assert 0 <= low <= high < math.inf
+            assert 0 <= kbps(state.budget, 5.0) < math.inf
+            assert abs(state.budget.debt_s) <= 0.3
+            assert len(state.budget.window) < 120
+            log.append((level, low, high, on_target(state, plan)))
+        ends.append((log, state))
+    assert ends[0] == ends[1]
+
+
+def test_slabs_of_a_packet_are_remembered_in_few_bins() -> None:
+    plan, state = plan_of("pcodec", 2000), RateState()
+    for _ in range(20_000):
+        load = Load(330, 1, 288e-6)
+        state = measured(state, plan, chosen(state, plan, load), load, Sizes(500.0, 0.0, 60.0))
+    assert len(state.budget.window) <= 55
+    assert 5.0 <= covered_s(state.budget) <= 5.2

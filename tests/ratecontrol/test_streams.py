@@ -1,0 +1,130 @@
+"""Streams with a target, from frames to bytes: what an operator asked for is what the path carries."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from benchmarks.rate_table import Sent, long_enough, run
+from lidarcodec import api
+from lidarcodec.codecs import table
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.wire import pack, size_of, unpack
+
+SFND = "kitti_sfnd_f000-049.pcap.xz"
+VEGETATION = "kitti_0013_f052-107.pcap.xz"
+
+
+@pytest.fixture(scope="module")
+def city() -> list[Frame]:
+    return long_enough(list(api.read_frames("sim:city?frames=12")), 7.0)
+
+
+def kept(sent: Sent, target: float) -> None:
+    """The rules: any five seconds within 5 %, no second above 1.2 of the target."""
+    five, one = sent.means(5.0), sent.means(1.0)
+    assert abs(five / target - 1).max() < 0.05, five
+    assert one.max() < 1.2 * target, one.max()
+
+
+@pytest.mark.parametrize("codec", ["pcodec", "zstd"])
+@pytest.mark.parametrize("target", [600, 1200, 2000, 3500, 5000])
+def test_the_simulator_keeps_to_the_target(city: list[Frame], codec: str, target: float) -> None:
+    kept(run(city, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
+
+
+@pytest.mark.parametrize("name", [SFND, VEGETATION])
+def test_a_drive_keeps_to_the_target(data_file, name: str) -> None:
+    frames = long_enough(list(api.read_frames(data_file(name))), 6.5)
+    for codec in ("pcodec", "zstd"):
+        for target in (600, 1200, 2000, 3500, 5000):
+            kept(run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
+
+
+def test_a_new_scene_and_a_new_codec_settle_within_a_second(data_file) -> None:
+    one, two = (list(api.read_frames(data_file(name)))[:30] for name in (SFND, VEGETATION))
+    frames = [frame.with_(index=i) for i, frame in enumerate(one + two)]
+    settings = settings_from({"codec": "pcodec", "target_kbps": 2500, "intensity": "off"})
+    sent = run(frames, settings, {15: {"codec": "jpeg"}, 45: {"codec": "zstd"}})
+    tenths = sent.bits / sent.seconds / 2.5e6
+    for settled in (tenths[10:15], tenths[25:30], tenths[40:45], tenths[55:-1]):
+        assert settled == pytest.approx(1.0, abs=0.15)
+    assert sent.means(1.0).max() < 1.2 * 2500
+
+
+def test_slabs_and_whole_turns_are_steered_by_time_not_by_count() -> None:
+    for framing in ("packets:29", "revolution"):
+        frames = list(api.read_frames("sim:city?frames=20", framing))[:-1]
+        sent = run(frames, StreamSettings(target_kbps=2000, intensity="off", framing=framing))
+        assert sent.means(0.5, 0.5) == pytest.approx(2000, rel=0.05)
+
+
+def test_a_bound_holds_and_the_missed_target_is_reported(city: list[Frame], caplog) -> None:
+    encoder, decoder = StreamEncoder(StreamSettings(target_kbps=300, max_error_m=0.01)), StreamDecoder()
+    with caplog.at_level(logging.WARNING, "lidarcodec"):
+        for frame in city[:15]:
+            for message in encoder.encode(frame):
+                (out,) = decoder.decode(unpack(pack(message)))
+                assert abs(out.range.astype(int) - frame.range).max() <= 5
+                assert np.array_equal(out.intensity, frame.intensity), "the operator's intensity is the operator's"
+    rate = encoder.rate
+    assert rate is not None
+    assert rate["reached"] is False
+    assert rate["max_error_m"] == 0.01
+    low, high = rate["reachable_kbps"]
+    assert 300 < low < high
+    assert rate["kbps_5s"] == pytest.approx(low, rel=0.05)
+    (record,) = caplog.records
+    assert "target of 300 kbit/s missed" in record.message
+
+
+def test_settings_come_and_go_in_mid_stream(city: list[Frame]) -> None:
+    encoder = StreamEncoder(StreamSettings())
+    assert encoder.rate is None
+    encoder.encode(city[0])
+    encoder.apply(encoder.settings.changed(target_kbps=1500.0, intensity="off"))
+    sizes = [sum(size_of(message) for message in encoder.encode(frame)) for frame in city[1:15]]
+    assert encoder.settings.max_error_m is None, "what the operator set is reported, not where the knob stands"
+    assert encoder.rate["target_kbps"] == 1500
+    encoder.apply(encoder.settings.changed(target_kbps=3000.0))
+    sizes += [sum(size_of(message) for message in encoder.encode(frame)) for frame in city[15:30]]
+    assert np.mean(sizes[4:14]) * 8 / 100.2 == pytest.approx(1500, rel=0.05)
+    assert np.mean(sizes[17:]) * 8 / 100.2 == pytest.approx(3000, rel=0.05)
+    encoder.apply(encoder.settings.changed(codec="raw", target_kbps=None))
+    assert encoder.rate is None
+    encoder.apply(encoder.settings.changed(codec="zstd"))
+    (message,) = encoder.encode(city[30])
+    (frame,) = StreamDecoder().decode(message)
+    assert np.array_equal(frame.range, city[30].range), "without a target the codec's default is back: lossless"
+
+
+def test_a_refused_frame_does_not_derail_the_stream(city: list[Frame]) -> None:
+    encoder = StreamEncoder(StreamSettings(target_kbps=1500, intensity="off"))
+    good = [encoder.encode(frame)[0] for frame in city[:5]]
+    with pytest.raises(SettingsError, match="raw cannot be steered"):
+        encoder.apply(encoder.settings.changed(codec="raw"))
+    good += [encoder.encode(frame)[0] for frame in city[5:12]]
+    assert np.mean([size_of(message) for message in good[2:]]) * 8 / 100.2 == pytest.approx(1500, rel=0.1)
+
+
+def test_sizes_are_those_of_the_bytes(city: list[Frame]) -> None:
+    for codec in table.names():
+        encoder = StreamEncoder(StreamSettings(codec=codec))
+        for message in encoder.encode(city[0]) + encoder.flush():
+            assert size_of(message) == len(pack(message))
+
+
+def test_stamps_that_jump_change_nothing(city: list[Frame]) -> None:
+    """A capture that is played again, a clock that is set, a pause: the next second is like the last."""
+    jumps = {5: -(10**15), 9: 10**12, 14: 0}
+    offset, frames = 0, []
+    for i, frame in enumerate(city[:25]):
+        offset += jumps.get(i, 0)
+        frames.append(frame.with_(stamp_ns=max(frame.stamp_ns + offset, 0)))
+    plain, jumped = (run(f, StreamSettings(target_kbps=1500, intensity="off")) for f in (city[:25], frames))
+    assert np.mean(jumped.bits[3:]) == pytest.approx(np.mean(plain.bits[3:]), rel=0.02)
