@@ -113,8 +113,8 @@ class RateControl:
     def _follow_stamps(self, frame: Frame) -> None:
         if self._last is not None:
             index, stamp_ns, packets = self._last
-            packet_s = (frame.stamp_ns - stamp_ns) * 1e-9 / packets
-            if frame.index == index + 1 and PACKET_S / STAMP_FACTOR <= packet_s <= PACKET_S * STAMP_FACTOR:
+            packet_s = (frame.stamp_ns - stamp_ns) * 1e-9 / (packets * max(frame.index - index, 1))
+            if PACKET_S / STAMP_FACTOR <= packet_s <= PACKET_S * STAMP_FACTOR:
                 self._packet_s += STAMP_GAIN * (packet_s - self._packet_s)
         self._last = frame.index, frame.stamp_ns, _packets(frame)
 

@@ -100,6 +100,21 @@ def test_requests_for_key_frames_are_merged(network):
         assert 1 <= car.status()["key_frames"] - before <= 3
 
 
+def test_a_target_is_kept_and_the_status_says_what_is_in_reach(network):
+    with publisher(network, rate=20.0, settings=StreamSettings(intensity="off", target_kbps=4000)) as car:
+        with live(network) as stream:
+            for _ in range(20):
+                assert stream.next(5)
+        rate = car.status()["rate"]
+        assert rate["target_kbps"] == 4000
+        low, high = rate["reachable_kbps"]
+        assert 0 < low < 4000 < high
+        assert rate["kbps_5s"] == pytest.approx(4000, rel=0.25)
+        assert 0 <= rate["max_error_m"] < 1
+        assert car.change(target_kbps=None).settings.target_kbps is None
+        assert car.status()["rate"] is None
+
+
 def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(network):
     with publisher(network, rate=60.0) as car, live(network) as stream:
         indices = []
