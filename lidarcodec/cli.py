@@ -214,6 +214,7 @@ def publish(
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
 
+    _keep_standard_output()
     command.run(
         source, vehicle, sensor, codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
         record, record_as, record_gb, calibration, poses,
@@ -239,6 +240,7 @@ def subscribe(
     """Receive and decode a stream until a signal comes, and say how it went."""
     from lidarcodec.commands import subscribe as command
 
+    _keep_standard_output()
     command.run(key, udp, record, frames, until_end, (connect or [], listen or [], zenoh_config), as_json)
 
 
@@ -256,6 +258,7 @@ def demo(
     del no_browser, port
     from lidarcodec.commands import demo as command
 
+    _keep_standard_output()
     command.run(seconds, source, codec, pairs or [], calibration)
 
 
@@ -315,6 +318,15 @@ def run(arguments: list[str]) -> int:
         traceback.print_exception(error)
         return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
     return DONE if code in (None, _STOPPED) else int(code)
+
+
+def _keep_standard_output() -> None:
+    """Keep standard output for what we print: the network library writes its log there, past Python."""
+    _flush()
+    ours = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
 
 
 def _open_standard_streams() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
-from lidarcodec.wire import Header
+from lidarcodec.message import Message
 
 logger = logging.getLogger(__name__)
 
@@ -51,8 +51,8 @@ class ReceiverStats:
         """Of the publisher's current start."""
         return self._stream_id
 
-    def arrived(self, header: Header, size: int) -> bool:
-        """Take a message's header. True: it begins another stream.
+    def arrived(self, message: Message, size: int) -> bool:
+        """Take a message that came. True: it begins another stream.
 
         A gap is no reason for a key frame: most are frames that the publisher replaced before it encoded them. A
         message whose reference was really lost says so when it is decoded.
@@ -60,21 +60,21 @@ class ReceiverStats:
         with self._lock:
             self.counts["messages"] += 1
             self.counts["bytes"] += size
-            begins = header.stream_id != self._stream_id
+            begins = message.stream_id != self._stream_id
             if begins:
                 self.counts["restarts"] += self._stream_id is not None
-                if header.stream_id in self._earlier:
+                if message.stream_id in self._earlier:
                     self.counts["second_publisher"] += 1
                     if self.counts["second_publisher"] == 1:
                         logger.warning("two publishers send on the same key: give one of them another name")
-                self._stream_id = header.stream_id
-                self._earlier.append(header.stream_id)
-            elif header.frame_index > self._next_index:
+                self._stream_id = message.stream_id
+                self._earlier.append(message.stream_id)
+            elif message.frame_index > self._next_index:
                 self.counts["gaps"] += 1
-                self.counts["missing"] += header.frame_index - self._next_index
-            elif header.frame_index < self._next_index:
+                self.counts["missing"] += message.frame_index - self._next_index
+            elif message.frame_index < self._next_index:
                 self.counts["out_of_order"] += 1
-            self._next_index = header.frame_index + header.frame_count
+            self._next_index = message.frame_index + message.frame_count
             return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:

@@ -30,11 +30,12 @@ from lidarcodec.errors import (
     UnsupportedVersionError,
 )
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Inbox, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.wire import peek, unpack
+from lidarcodec.wire import unpack
 
 logger = logging.getLogger(__name__)
 
@@ -78,7 +79,7 @@ class Receiver:
         self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
         self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
         self._declared: list[Closeable] = []
-        self._slot: Mailbox[bytes] = Mailbox()
+        self._slot: Mailbox[Message] = Mailbox()
         self._decoder = StreamDecoder()
         self._once = Once(logger)
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
@@ -163,18 +164,20 @@ class Receiver:
     def _take_messages(self, inbox: Inbox, arrivals: Sender) -> None:
         while (data := inbox.receive()) is not None and not self._stop.is_set():
             try:
-                header = peek(data)
+                message = unpack(data)  # nothing is believed, or counted, before its checksum
             except DecodeError as error:
                 self._once.add("decode_errors", error)
+                if not isinstance(error, UnsupportedVersionError):  # no key frame would help
+                    self.request_key()
                 continue
-            begins = self.stats.arrived(header, len(data))
-            if begins and not header.key:
+            begins = self.stats.arrived(message, len(data))
+            if begins and not message.key:
                 self.request_key()
-            while not self._slot.put_wait(data, TICK_S):
+            while not self._slot.put_wait(message, TICK_S):
                 if self._slot.closed:
                     return
             try:
-                arrivals.put(pack_arrival(header.frame_index, time.time_ns()))
+                arrivals.put(pack_arrival(message.frame_index, time.time_ns()))
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)
@@ -184,17 +187,16 @@ class Receiver:
     def _decode(self) -> None:
         try:
             while not self._slot.finished:
-                data = self._slot.take(TICK_S)
-                if data is not None:
-                    for frame in self._frames_of(data):
+                message = self._slot.take(TICK_S)
+                if message is not None:
+                    for frame in self._frames_of(message):
                         self._on_frame(frame)
         finally:
             self._on_end()
 
-    def _frames_of(self, data: bytes) -> list[Frame]:
+    def _frames_of(self, message: Message) -> list[Frame]:
         start = time.perf_counter()
         try:
-            message = unpack(data)
             if not message.key and message.stream_id != self._joined:
                 self.stats.count("before_key")
                 self.request_key()
@@ -212,7 +214,7 @@ class Receiver:
             self.request_key()
             return []
         except Exception as error:  # a fault of ours: this message is lost, the stream is not
-            logger.exception("frame %d could not be decoded", peek(data).frame_index)
+            logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
             self._decoder = StreamDecoder()
             self.request_key()

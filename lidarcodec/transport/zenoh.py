@@ -8,10 +8,12 @@ is given back, within a time limit.
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import re
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -42,6 +44,7 @@ is raised here, once per attempt, and tell of queries that nobody answered in ti
 still. RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5
+LATE_THREADS_S = 0.1
 
 _QOS: dict[Priority, dict[str, Any]] = {
     Priority.REAL_TIME: {"priority": zenoh.Priority.REAL_TIME, "express": True},
@@ -64,6 +67,11 @@ def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zen
     except zenoh.ZError as error:
         raise TransportError(f"Zenoh does not take {path} = {value!r}: {_reason(error)}") from None
     return config
+
+
+def _let_late_threads_end() -> None:
+    """At exit: a thread of the library that asks for the interpreter while that is going down aborts the process."""
+    time.sleep(LATE_THREADS_S)
 
 
 def _within_limit(close: Callable[[], object], what: str) -> None:
@@ -156,6 +164,8 @@ class ZenohTransport:
         Raises TransportError for a configuration or an endpoint that cannot be used, and when stopped.
         """
         zenoh.init_log_from_env_or(LOG_FILTER)
+        atexit.unregister(_let_late_threads_end)
+        atexit.register(_let_late_threads_end)
         waits = endpoints.config is None and endpoints.effective_mode == "client"
         point = MeetingPoint(endpoints.loopback_port, lambda: _open(endpoints.rendezvous_options()).close)
         if endpoints.local:
