@@ -1,4 +1,4 @@
-"""Entropy coding: adaptive binary range coder, and the coders of mask, azimuth and side information built on it."""
+"""Entropy coding: adaptive binary range coder, and the coders of mask, azimuth, intensity and side information."""
 
 from lidarcodec.entropy.azimuth_coder import (
     RotationRuns,
@@ -8,6 +8,7 @@ from lidarcodec.entropy.azimuth_coder import (
     rotation_from_runs,
     rotation_runs,
 )
+from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
@@ -15,9 +16,11 @@ __all__ = [
     "RotationRuns",
     "columns_in_turn",
     "decode_azimuth",
+    "decode_intensity",
     "decode_mask",
     "decode_side",
     "encode_azimuth",
+    "encode_intensity",
     "encode_mask",
     "encode_side",
     "rotation_from_runs",

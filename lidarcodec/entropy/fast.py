@@ -1,6 +1,7 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
-Each has a pure-Python twin in `reference`, `reference_mask` or `reference_azimuth` that gives the same bytes.
+Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_azimuth`,
+`reference_intensity`.
 """
 
 from __future__ import annotations
@@ -56,6 +57,33 @@ def decode_mask(
         data, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
     )
     return mask.view(np.bool_)
+
+
+def encode_intensity(
+    values: npt.NDArray[np.uint8],
+    returns: npt.NDArray[np.bool_],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    turn: int,
+) -> bytes:
+    """Bytes of (64, W) intensities; see `intensity_coder`. half, rotation: (64,); turn 0: find it."""
+    arrays = (values, returns.view(np.uint8), fired.view(np.uint8), half, rotation)
+    return cast(bytes, _native.encode_intensity(*arrays, turn))
+
+
+def decode_intensity(
+    data: bytes,
+    returns: npt.NDArray[np.bool_],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+) -> npt.NDArray[np.uint8]:
+    """(64, W) uint8. Raises SectionError or TruncatedError."""
+    values: npt.NDArray[np.uint8] = _native.decode_intensity(
+        data, returns.view(np.uint8), fired.view(np.uint8), half, rotation
+    )
+    return values
 
 
 def encode_azimuth(azimuth: npt.NDArray[np.uint16], fired: npt.NDArray[np.bool_]) -> bytes:

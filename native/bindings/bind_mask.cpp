@@ -1,7 +1,6 @@
-#include <algorithm>
-
 #include "bindings.hpp"
 #include "error.hpp"
+#include "geometry.hpp"
 #include "mask_coder.hpp"
 
 namespace {
@@ -9,21 +8,6 @@ namespace {
 using lidarcodec::EarlierMask;
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
-
-MaskGeometry geometry_of(const In<std::uint8_t, 2>& fired, const In<std::uint8_t, 1>& half,
-                         const In<std::int32_t, 1>& rotation) {
-  if (fired.shape(0) != 2 || half.shape(0) != kMaskRows || rotation.shape(0) != kMaskRows) {
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask needs fired (2, W), half (64,) and rotation (64,)");
-  }
-  MaskGeometry geometry;
-  geometry.width = fired.shape(1);
-  geometry.fired = fired.data();
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    geometry.half[row] = half.data()[row] != 0;
-    geometry.rotation[row] = rotation.data()[row];
-  }
-  return geometry;
-}
 
 EarlierMask earlier_of(const In<std::uint8_t, 2>& earlier) {
   if (earlier.shape(0) != kMaskRows)

@@ -143,23 +143,10 @@ std::vector<std::uint8_t> encode_mask(const std::uint8_t* mask, const MaskGeomet
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
-  std::vector<std::uint8_t> rows(kMaskRows * width);
-  std::size_t fired = 0, returned = 0, closed = 0;
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    const std::uint8_t* from = mask + row * width;
-    std::uint8_t* to = rows.data() + row * width;
-    std::size_t in_row = 0;
-    for (std::size_t column = 0; column < width; ++column) in_row += from[column] != 0;
-    returned += in_row;
-    for (const std::uint32_t column : layout.columns(row)) {
-      *to = from[column] != 0;
-      closed += *to++;
-    }
-    fired += layout.cells(row);
-  }
-  if (closed != returned) throw Error(ErrorCode::Section, "a mask is set in a block that did not fire");
-  if (returned == 0) return {kNone};
-  if (returned == fired) return {kAll};
+  ClosedRows closed(mask, layout, width);
+  std::vector<std::uint8_t>& rows = closed.cells;
+  if (closed.returns == 0) return {kNone};
+  if (closed.returns == closed.fired) return {kAll};
 
   MaskShifts shifts;
   shifts.turn = turn != 0 ? turn : find_turn(layout, rows.data(), width);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "error.hpp"
 #include "mask_coder.hpp"
 
 namespace lidarcodec {
@@ -121,6 +122,30 @@ class MaskLayout {
 
   const MaskGeometry& geometry_;
   std::array<std::vector<std::uint32_t>, 2> columns_, across_;
+};
+
+// A mask with its rows closed up, row after row at distance W, of 0 and 1.
+struct ClosedRows {
+  std::vector<std::uint8_t> cells;
+  std::size_t returns = 0, fired = 0;
+
+  // `mask`: (64, width). Raises Section if a cell is set in a block that did not fire.
+  ClosedRows(const std::uint8_t* mask, const MaskLayout& layout, std::size_t width) : cells(kMaskRows * width) {
+    std::size_t closed = 0;
+    for (std::size_t row = 0; row < kMaskRows; ++row) {
+      const std::uint8_t* from = mask + row * width;
+      std::uint8_t* to = cells.data() + row * width;
+      std::size_t in_row = 0;
+      for (std::size_t column = 0; column < width; ++column) in_row += from[column] != 0;
+      returns += in_row;
+      for (const std::uint32_t column : layout.columns(row)) {
+        *to = from[column] != 0;
+        closed += *to++;
+      }
+      fired += layout.cells(row);
+    }
+    if (closed != returns) throw Error(ErrorCode::Section, "a mask is set in a block that did not fire");
+  }
 };
 
 }  // namespace lidarcodec

@@ -1,0 +1,53 @@
+#include "bindings.hpp"
+#include "error.hpp"
+#include "geometry.hpp"
+#include "intensity_coder.hpp"
+
+namespace {
+
+using lidarcodec::kMaskRows;
+using lidarcodec::MaskGeometry;
+
+void expect_image(const In<std::uint8_t, 2>& image, const MaskGeometry& geometry) {
+  if (image.shape(0) != kMaskRows || image.shape(1) != geometry.width)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "intensities and returns are (64, W), as wide as what fired");
+}
+
+}  // namespace
+
+void bind_intensity(nb::module_& m) {
+  m.def(
+      "encode_intensity",
+      [](In<std::uint8_t, 2> values, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+         In<std::int32_t, 1> rotation, std::uint32_t turn) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        expect_image(values, geometry);
+        expect_image(returns, geometry);
+        std::vector<std::uint8_t> data;
+        {
+          nb::gil_scoped_release release;
+          data = lidarcodec::encode_intensity(values.data(), returns.data(), geometry, turn);
+        }
+        return give_bytes(data);
+      },
+      nb::arg("values").noconvert(), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(),
+      nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
+      "Bytes of the intensities of the returns; `turn`: columns in a full turn, 0 to find it from the returns.");
+  m.def(
+      "decode_intensity",
+      [](nb::bytes data, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+         In<std::int32_t, 1> rotation) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        expect_image(returns, geometry);
+        const std::uint8_t* bytes = data_of(data);
+        const std::size_t size = data.size();
+        std::vector<std::uint8_t> values;
+        {
+          nb::gil_scoped_release release;
+          values = lidarcodec::decode_intensity(bytes, size, returns.data(), geometry);
+        }
+        return give(std::move(values), {kMaskRows, geometry.width});
+      },
+      nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
+      nb::arg("rotation").noconvert(), "(64, W) uint8, 0 outside of the returns.");
+}

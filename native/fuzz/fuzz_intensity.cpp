@@ -1,0 +1,80 @@
+// Any bytes as intensities, and any intensities there and back. The input's first bytes say width, firings and sensor.
+#include <algorithm>
+#include <cstdlib>
+#include <vector>
+
+#include "error.hpp"
+#include "fuzz_input.hpp"
+#include "intensity_coder.hpp"
+#include "intensity_symbols.hpp"
+#include "rangecoder.hpp"
+
+using lidarcodec::kMaskRows;
+using lidarcodec::MaskGeometry;
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+void check_round_trip(Bytes image, const Bytes& returns, const MaskGeometry& geometry, std::uint32_t turn) {
+  const Bytes data = lidarcodec::encode_intensity(image.data(), returns.data(), geometry, turn);
+  for (std::size_t i = 0; i < image.size(); ++i) image[i] = returns[i] != 0 ? image[i] : std::uint8_t{0};
+  if (lidarcodec::decode_intensity(data.data(), data.size(), returns.data(), geometry) != image) std::abort();
+}
+
+// A section whose header and symbols are sound, so that the input is read as the streams of the returns.
+Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t turn, std::uint8_t split) {
+  lidarcodec::Symbols symbols;
+  const std::size_t count = std::max<std::size_t>(levels, 2);
+  for (std::size_t s = 0; s < count; ++s) {
+    symbols.value.push_back(static_cast<std::uint8_t>(s * 255 / (count - 1)));
+    symbols.mass_class.push_back(static_cast<std::uint8_t>(s * (lidarcodec::kMassClasses - 1) / (count - 1)));
+  }
+  Bytes head;
+  lidarcodec::BitWriter bits(head);
+  lidarcodec::code_symbols(bits, symbols);
+  bits.finish();
+  const auto first = static_cast<std::uint8_t>(streams.size() * split / 256 % 256);
+  Bytes data = {1, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), 0x60, 3,
+                static_cast<std::uint8_t>(head.size()), 0, first, 0, 0, 0};
+  data.insert(data.end(), head.begin(), head.end());
+  data.insert(data.end(), streams.begin(), streams.end());
+  return data;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  FuzzInput input(data, size);
+  const std::size_t width = input.below(48);
+  const std::uint8_t pattern = input.byte(), holes = input.byte(), turned = input.byte(), kind = input.byte();
+  const std::uint8_t levels = input.byte(), split = input.byte();
+  const std::uint32_t turn = input.below(65536);  // 0: found from the returns
+
+  Bytes fired(2 * width);
+  for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
+  MaskGeometry geometry;
+  geometry.width = width;
+  geometry.fired = fired.data();
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    geometry.half[row] = (kind & 4u) ? row % 3 == 0 : row >= 32;
+    geometry.rotation[row] = static_cast<std::int32_t>(static_cast<std::uint32_t>(turned * row) * 40503001u);
+  }
+  Bytes returns(kMaskRows * width);
+  for (std::size_t i = 0; i < returns.size(); ++i)
+    returns[i] = fired[geometry.half[i / width] * width + i % width] && (i * 2654435761u >> 7) % 256 >= holes;
+
+  const Bytes rest = input.rest();
+  try {
+    const Bytes coded = (kind & 1u) ? with_sound_head(rest, levels, turn, split) : rest;
+    check_round_trip(lidarcodec::decode_intensity(coded.data(), coded.size(), returns.data(), geometry), returns,
+                     geometry, turn);
+  } catch (const lidarcodec::Error&) {
+  }
+  if (kind & 2u && !returns.empty() && !rest.empty()) {
+    Bytes image(returns.size());
+    for (std::size_t i = 0; i < image.size(); ++i) image[i] = rest[i % rest.size()];
+    check_round_trip(image, returns, geometry, turn);
+  }
+  return 0;
+}
