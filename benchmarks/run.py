@@ -103,7 +103,7 @@ def _kept(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stages_text(scene: Scene, stages: dict[str, float]) -> str:
-    lines = [f"{scene.name}: milliseconds a frame of 348 packets, one core, lossless pcodec"]
+    lines = [f"{scene.name}: milliseconds of one core a frame of 348 packets, lossless pcodec"]
     for stage, ms in stages.items():
         budget = BUDGET_MS.get(stage)
         note = "" if budget is None else f"  (budget {budget:g}{', OVER' if ms > budget else ''})"
