@@ -29,6 +29,8 @@ class IntraEncoder(ABC):
     """Frames to messages, one each; holds the settings and when the last key message was."""
 
     plain_calibration = False
+    grouped_intensity = False
+    """Whether intensities are coded quickly instead of small (intensity.py)."""
 
     def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
         self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
@@ -84,7 +86,9 @@ class IntraEncoder(ABC):
         history = self._history if self._mask_history() and not key else None
         previous = None if history is None else history.before(frame.azimuth, frame.sensor)
         needs = None if history is None else self._last_index
-        planes = encode_planes(frame, self.settings.intensity_levels, previous)
+        planes = encode_planes(
+            frame, self.settings.intensity_levels, previous, grouped_intensity=self.grouped_intensity
+        )
         sections = [Section(SectionType.RANGE, self._range(frame, frame.valid)), *planes]
         self._history = None
         if self._mask_history():

@@ -57,23 +57,27 @@ def check_unfired(frame: Frame, cells: Mask) -> None:
         raise LidarCodecError(f"frame {frame.index} has returns in cells that were not fired")
 
 
-def encode_planes(frame: Frame, levels: int, previous: Mask | None = None) -> list[Section]:
+def encode_planes(
+    frame: Frame, levels: int, previous: Mask | None = None, *, grouped_intensity: bool = False
+) -> list[Section]:
     """Sections of a frame beside calibration and range.
 
-    levels: of intensity, 256 = lossless, 0 = off; previous: mask that the mask coder may look at.
+    levels: of intensity, 256 = lossless, 0 = off; previous: mask that the mask coder may look at
+    grouped_intensity: code intensities quickly instead of small
+
     Raises LidarCodecError for a frame that contradicts itself.
     """
     cells = fired_cells(frame.fired, frame.sensor)
     check_unfired(frame, cells)
-    valid, reduced = frame.valid, frame.keep is not None
+    turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
     sections = [
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
         Section(
-            SectionType.KEEP if reduced else SectionType.MASK,
-            entropy.encode_mask(valid, frame.fired, frame.sensor, previous),
+            SectionType.MASK if frame.keep is None else SectionType.KEEP,
+            entropy.encode_mask(frame.valid, frame.fired, frame.sensor, previous, turn=turn),
         ),
     ]
-    intensity = encode_intensity(frame.intensity, valid, cells, levels, reduced)
+    intensity = encode_intensity(frame, cells, levels, turn=turn, grouped=grouped_intensity)
     if intensity is not None:
         sections.append(Section(SectionType.INTENSITY, intensity))
     if frame.side is not None:
@@ -127,7 +131,7 @@ def decode_planes(message: Message, sensor: SensorModel, history: MaskHistory | 
     kind = SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK
     valid = entropy.decode_mask(message.section(kind), fired, sensor, previous)
     coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
-    intensity = decode_intensity(coded, valid, fired_cells(fired, sensor))
+    intensity = decode_intensity(coded, valid, fired_cells(fired, sensor), fired, sensor)
     side = None
     if message.has(SectionType.SIDE):
         side = check_side(entropy.decode_side(message.section(SectionType.SIDE), message.packets), message)

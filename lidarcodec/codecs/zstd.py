@@ -47,6 +47,8 @@ def summed_differences(planes: bytes) -> Ranges:
 class ZstdEncoder(IntraEncoder):
     """Encoder of `zstd`."""
 
+    grouped_intensity = True
+
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         step = self.settings.step
         level = own_settings(ZstdSettings, self.settings).level

@@ -7,9 +7,10 @@ import pytest
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.intensity import decode_intensity, encode_intensity, intensity_of, level_of
-from lidarcodec.codecs.planes import decode_pose, pose_sections
+from lidarcodec.codecs.planes import decode_pose, fired_cells, pose_sections
 from lidarcodec.codecs.zstd_frames import compress, decompress
-from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError
+from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError, TruncatedError
+from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import Calibration, SensorModel
 from tests.contracts import frames
@@ -85,20 +86,54 @@ def test_levels_are_the_nearest_of_evenly_spaced_ones() -> None:
     np.testing.assert_array_equal(intensity_of(level_of(every, 256), 256), every)
 
 
-def test_intensities_without_return_cost_nothing_where_they_are_zero() -> None:
+@pytest.mark.parametrize("grouped", [False, True])
+def test_intensities_without_return_cost_nothing_where_they_are_zero(grouped: bool) -> None:
     frame = frames.scene(4)
     cells = np.ones(frame.range.shape, np.bool_)
-    data = encode_intensity(frame.intensity, frame.valid, cells, 256, reduced=False)
+    data = encode_intensity(frame, cells, 256, grouped=grouped)
     assert data is not None
-    assert data[0] == 0
-    np.testing.assert_array_equal(decode_intensity(data, frame.valid, cells), frame.intensity)
+    assert data[0] == (0 if grouped else 3)
+    np.testing.assert_array_equal(
+        decode_intensity(data, frame.valid, cells, frame.fired, frames.SENSOR), frame.intensity
+    )
 
 
-@pytest.mark.parametrize("data", [b"", b"\0", b"\0\1abc", b"\1\0\0", b"\2", b"\2\7", b"\3abc", b"\1\xff\xff\xff\xff"])
+@pytest.mark.parametrize("grouped", [False, True])
+@pytest.mark.parametrize("levels", [2, 16, 256])
+@pytest.mark.parametrize(
+    "frame", [frames.scene(4), frames.noise(3), frames.one_return()], ids=["scene", "noise", "one"]
+)
+def test_intensities_come_back_in_every_form(frame: Frame, levels: int, grouped: bool) -> None:
+    cells = fired_cells(frame.fired, frame.sensor)
+    data = encode_intensity(frame, cells, levels, grouped=grouped)
+    came = decode_intensity(data, frame.valid, cells, frame.fired, frame.sensor)
+    expected = intensity_of(level_of(frame.intensity, levels), levels)
+    if levels < 256:
+        expected[~frame.valid] = 0
+    np.testing.assert_array_equal(came, expected)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"", b"\0", b"\0\1abc", b"\1\0\0", b"\2", b"\2\7", b"\1\xff\xff\xff\xff",
+        b"\3", b"\3abc", b"\3\0\7\7", b"\4", b"\4\2\0\0\0\0\7", b"\4\xff\xff\xff\xff\0", b"\5", b"\5\7", b"\5\7\0\x08",
+        b"\6\0\7", b"\xff",
+    ],
+)  # fmt: skip
 def test_damaged_intensities_are_refused(data: bytes) -> None:
     frame = frames.scene(2)
-    with pytest.raises(SectionError):
-        decode_intensity(data, frame.valid, np.ones(frame.range.shape, np.bool_))
+    with pytest.raises((SectionError, TruncatedError)):
+        decode_intensity(data, frame.valid, np.ones(frame.range.shape, np.bool_), frame.fired, frames.SENSOR)
+
+
+def test_modelled_intensities_are_a_good_deal_smaller() -> None:
+    frame = frames.scene(60)
+    sizes = [
+        len(encode_intensity(frame, fired_cells(frame.fired, frames.SENSOR), 256, grouped=grouped) or b"")
+        for grouped in (False, True)
+    ]
+    assert sizes[0] < 0.9 * sizes[1]
 
 
 def test_a_zstd_frame_must_say_the_size_that_is_expected() -> None:

@@ -12,7 +12,7 @@ import pytest
 import zstandard
 
 import lidarcodec.errors
-from lidarcodec import wire
+from lidarcodec import entropy, wire
 from lidarcodec.codecs import table
 from lidarcodec.message import SectionType
 from lidarcodec.settings import StreamSettings
@@ -204,7 +204,7 @@ def test_ranges_by_the_book(codec: str, indices_of, frame, max_error_m: float) -
 
 
 @pytest.mark.parametrize("frame", [frames.scene(60), frames.noise(40)], ids=["form 0", "form 1"])
-def test_intensities_by_the_book(frame) -> None:
+def test_grouped_intensities_by_the_book(frame) -> None:
     def plain(data: bytes) -> np.ndarray:
         return np.frombuffer(zstandard.ZstdDecompressor().decompress(data), np.uint8)
 
@@ -221,14 +221,36 @@ def test_intensities_by_the_book(frame) -> None:
             values.append(before)
         return values
 
-    _, found = sections_of(message_of("pcodec", frame))
+    _, found = sections_of(message_of("zstd", frame))
     coded, first = found[3], int.from_bytes(found[3][1:5], "little")
     if coded[0] == 0:
         np.testing.assert_array_equal(coded_bytes(coded[1:]), frame.intensity[frame.valid])
     else:
         np.testing.assert_array_equal(coded_bytes(coded[5 : 5 + first]), frame.intensity[frame.valid])
         np.testing.assert_array_equal(plain(coded[5 + first :]), frame.intensity[~frame.valid])
-    _, found = sections_of(message_of("pcodec", frame, intensity="levels=10"))
+    _, found = sections_of(message_of("zstd", frame, intensity="levels=10"))
     x = frame.intensity[frame.valid].astype(int)
     assert found[3][:2] == b"\x02\x09"
     np.testing.assert_array_equal(coded_bytes(found[3][2:]), (x * 9 + 127) // 255)
+
+
+@pytest.mark.parametrize("frame", [frames.scene(60), frames.noise(40)], ids=["form 3", "form 4"])
+def test_modelled_intensities_by_the_book(frame) -> None:
+    """What is inside of modelled intensities is checked against their own page in tests/entropy."""
+
+    def modelled(values: np.ndarray) -> bytes:
+        return entropy.encode_intensity(values, frame.valid, frame.fired, frame.sensor, turn=turn)
+
+    turn = entropy.columns_in_turn(frame.azimuth)
+    _, found = sections_of(message_of("pcodec", frame))
+    returns, others = modelled(frame.intensity), frame.intensity[~frame.valid]
+    if not others.any():
+        assert found[3] == b"\x03" + returns
+    else:
+        assert found[3][:5] == b"\x04" + struct.pack("<I", len(returns))
+        assert found[3][5 : 5 + len(returns)] == returns
+        plain = zstandard.ZstdDecompressor().decompress(found[3][5 + len(returns) :])
+        np.testing.assert_array_equal(np.frombuffer(plain, np.uint8), others)
+    _, found = sections_of(message_of("pcodec", frame, intensity="levels=10"))
+    levels = ((frame.intensity.astype(int) * 9 + 127) // 255).astype(np.uint8)
+    assert found[3] == b"\x05\x09" + modelled(levels)
