@@ -71,6 +71,7 @@ class Codec(NamedTuple):
 
     settings: model of its own settings; encoder: of (codec id, settings, stream id); decoder: of (codec id);
     bounded: whether it can keep `max_error_m`; knob: what a target bitrate turns, None where nothing can
+    isolated: whether live use gives it a process of its own, because it hands bytes to large libraries of others
     """
 
     settings: type[CodecSettings]
@@ -78,3 +79,4 @@ class Codec(NamedTuple):
     decoder: Callable[[int], Decoder]
     bounded: bool = True
     knob: RateKnob | None = None
+    isolated: bool = False

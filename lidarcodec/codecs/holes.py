@@ -36,6 +36,15 @@ def filled_blocks(samples: Samples, known: Mask, steps: npt.NDArray[np.uint16]) 
     return filled
 
 
+def filled_lines(samples: Samples, known: Mask) -> Samples:
+    """(H, W) float32, for video: straight lines along the row, and whole unknown blocks in one tone.
+
+    H and W are multiples of 8.
+    """
+    filled: Samples = _native.fill_blocks(samples, known.view(np.uint8), np.ones(64, np.uint16), 0)
+    return filled
+
+
 def filled_predicted(values: Ranges, known: Mask) -> Ranges:
     """(H, W) uint16, for codecs that predict from left, above and above left: holes are what they expect."""
     filled: Ranges = _native.fill_predicted(values, known.view(np.uint8))

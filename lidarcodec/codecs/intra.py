@@ -25,7 +25,7 @@ Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
 
-class IntraEncoder(ABC):
+class FrameEncoder(ABC):
     """Frames to messages, one each; holds the settings and when the last key message was."""
 
     plain_calibration = False
@@ -36,7 +36,6 @@ class IntraEncoder(ABC):
         self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
         self._since_key: int | None = None
         self._sensor: tuple[str, str] | None = None
-        self._history: MaskHistory | None = None
         self._last_index = -1
 
     def apply(self, settings: StreamSettings) -> bool:
@@ -81,8 +80,19 @@ class IntraEncoder(ABC):
     def _key_is_due(self) -> bool:
         return self._since_key is None or self._since_key >= self.settings.key_interval
 
+    @abstractmethod
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         """Sections beside the calibration, and the index of the frame that they refer to."""
+
+
+class IntraEncoder(FrameEncoder):
+    """The encoder of a codec whose ranges refer to no other frame's."""
+
+    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+        super().__init__(codec_id, settings, stream_id)
+        self._history: MaskHistory | None = None
+
+    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         history = self._history if self._mask_history() and not key else None
         previous = None if history is None else history.before(frame.azimuth, frame.sensor)
         needs = None if history is None else self._last_index

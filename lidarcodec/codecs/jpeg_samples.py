@@ -15,13 +15,15 @@ from pydantic import Field
 from lidarcodec.codecs.base import CodecSettings
 from lidarcodec.codecs.canvas import MAX_VALUE
 from lidarcodec.codecs.jpeg_file import Tables, write_jpeg
-from lidarcodec.codecs.range_mapping import NAMES, MappingName, check_top, mapping_of, top_of
+from lidarcodec.codecs.range_mapping import NAMES, check_top, mapping_of, top_of
 from lidarcodec.errors import SectionError
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
 SAMPLES: Final = struct.Struct("<BBI")
+_MAPPINGS: Final = 3
+"""Those of a JPEG are the first three."""
 
 
 class JpegSettings(CodecSettings):
@@ -31,7 +33,7 @@ class JpegSettings(CodecSettings):
     """libjpeg's quality: how coarse the steps of the coefficients are."""
     bits: Literal[8, 12] = 12
     """Bits a sample. 8 are steps of 0.3 m at 80 m, and what decoders without 12-bit support read."""
-    mapping: MappingName = "linear"
+    mapping: Literal["linear", "sqrt", "log"] = "linear"
     """How ranges become samples (range_mapping.py)."""
     tables: Tables = "even"
     """Steps of the coefficients: all equal, or libjpeg's."""
@@ -53,7 +55,7 @@ def split_samples(data: bytes) -> tuple[int, npt.NDArray[np.int32], bytes]:
     if len(data) < SAMPLES.size:
         raise SectionError(f"a range section of {len(data)} bytes ends before its samples are known")
     bits, mapping, top = SAMPLES.unpack_from(data)
-    if bits not in (8, 12) or mapping >= len(NAMES):
+    if bits not in (8, 12) or mapping >= _MAPPINGS:
         raise SectionError(f"samples of {bits} bits by mapping {mapping}")
     return bits, mapping_of(NAMES[mapping], bits, check_top(top)).value, data[SAMPLES.size :]
 

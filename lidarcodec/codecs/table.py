@@ -22,8 +22,10 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "jxl": (5, "lidarcodec.codecs.jxl"),
     "jpeg": (6, "lidarcodec.codecs.jpeg"),
     "jpeg-layered": (7, "lidarcodec.codecs.jpeg_layered"),
+    "h264": (8, "lidarcodec.codecs.h264"),
+    "h264-log": (9, "lidarcodec.codecs.h264_log"),
 }
-"""Name: number in messages, never given to another codec; module. 8 to 11 are promised in docs/wire-format.md."""
+"""Name: number in messages, never given to another codec; module. 10 and 11 are promised in docs/wire-format.md."""
 
 
 def names() -> tuple[str, ...]:

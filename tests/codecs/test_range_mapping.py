@@ -11,9 +11,12 @@ from lidarcodec.codecs.canvas import MAX_VALUE
 from lidarcodec.codecs.range_mapping import NAMES, check_top, mapping_of, top_of
 from lidarcodec.errors import SectionError
 
+FILLING = [name for name in NAMES if name != "paper"]
+"""Those that use the whole sample range."""
 
-@pytest.mark.parametrize("bits", [8, 12])
-@pytest.mark.parametrize("name", NAMES)
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("name", FILLING)
 @pytest.mark.parametrize("top", [1, 300, 40_001, MAX_VALUE])
 def test_both_ways_fit(name: str, bits: int, top: int) -> None:
     mapping = mapping_of(name, bits, top)  # type: ignore[arg-type]
@@ -28,7 +31,7 @@ def test_both_ways_fit(name: str, bits: int, top: int) -> None:
 
 
 def test_what_is_near_gets_more_precision_from_sqrt_and_log() -> None:
-    steps = {name: np.diff(mapping_of(name, 12, MAX_VALUE).value) for name in NAMES}
+    steps = {name: np.diff(mapping_of(name, 12, MAX_VALUE).value) for name in FILLING}
     assert set(steps["linear"].tolist()) == {16, 17}
     for name in ("log", "sqrt"):
         assert steps[name][0] < 5
@@ -36,9 +39,30 @@ def test_what_is_near_gets_more_precision_from_sqrt_and_log() -> None:
 
 
 def test_decoders_everywhere_use_the_same_integers() -> None:
-    tables = [mapping_of(name, bits, MAX_VALUE).value for name in NAMES for bits in (8, 12)]
+    tables = [mapping_of(name, bits, MAX_VALUE).value for name in FILLING for bits in (8, 12)]
     digest = hashlib.sha256(np.concatenate(tables).astype("<i4").tobytes()).hexdigest()[:16]
     assert digest == "00e99e9f64d0ed4c"
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+def test_the_equation_of_the_paper_is_taken_as_printed(bits: int) -> None:
+    """|log2(d + 1) - 5| of centimetres: what is nearer than 31 cm comes back as farther away, and half is not used."""
+    mapping = mapping_of("paper", bits, MAX_VALUE)
+    steps = np.array([0, 60, 155, 500, 10_000, MAX_VALUE])
+    expected = np.abs(np.log2(steps / 5 + 1) - 5) * (1 << (bits - 4))
+    np.testing.assert_allclose(mapping.sample[steps], expected, atol=0.05)
+    assert mapping.sample.max() < 0.6 * (1 << bits)
+    assert (np.diff(mapping.value) >= 0).all()
+    assert (mapping.value[0], mapping.value[-1]) == (155, MAX_VALUE)
+    back = mapping.value[np.rint(mapping.sample).astype(int)]
+    ahead = np.arange(155, MAX_VALUE + 1)
+    assert np.abs(back[ahead] / ahead - 1).max() < 0.75 / (1 << (bits - 4)) + 0.01
+
+
+def test_video_decoders_everywhere_use_the_same_integers() -> None:
+    tables = [mapping_of(name, bits, 40_960).value for name in NAMES for bits in (8, 10)]
+    digest = hashlib.sha256(np.concatenate(tables).astype("<i4").tobytes()).hexdigest()[:16]
+    assert digest == "86adbed9eff5bdf2"
 
 
 def test_the_farthest_return_sets_the_precision_but_for_log() -> None:

@@ -1,0 +1,24 @@
+"""`h264`: range images on the canvas of a turn as 10-bit H.264 video (Tu 2016's "normal MPEG", which had 8 bits)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from lidarcodec.codecs.base import Codec
+from lidarcodec.codecs.video import VideoDecoder, VideoEncoder, VideoSettings
+
+
+class H264Settings(VideoSettings):
+    """Settings of `h264`."""
+
+    mapping: Literal["linear", "sqrt"] = "linear"
+    """How ranges become samples (range_mapping.py)."""
+
+
+class H264Encoder(VideoEncoder):
+    """Encoder of `h264`."""
+
+    model = H264Settings
+
+
+CODEC = Codec(H264Settings, H264Encoder, VideoDecoder, bounded=False, isolated=True)

@@ -1,0 +1,24 @@
+"""`h264-log`: as `h264`, but the logarithm of ranges is sent (Tu 2016's "log MPEG"): near returns are more exact."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from lidarcodec.codecs.base import Codec
+from lidarcodec.codecs.video import VideoDecoder, VideoEncoder, VideoSettings
+
+
+class H264LogSettings(VideoSettings):
+    """Settings of `h264-log`."""
+
+    mapping: Literal["log", "paper"] = "log"
+    """`log` fills the sample range; `paper` is the equation of Tu 2016 as printed (range_mapping.py)."""
+
+
+class H264LogEncoder(VideoEncoder):
+    """Encoder of `h264-log`."""
+
+    model = H264LogSettings
+
+
+CODEC = Codec(H264LogSettings, H264LogEncoder, VideoDecoder, bounded=False, isolated=True)
