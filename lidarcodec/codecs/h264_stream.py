@@ -32,8 +32,8 @@ _PARAMETERS: Final = "scenecut=0:keyint=infinite:no-psy=1:aq-mode=0:qcomp=1"
 """No key pictures but those asked for; nothing for the eye, which sees no range image; one quantiser for all pictures:
 against x264's defaults 15 to 25 % fewer bits at equal RMSE (docs/codecs.md)."""
 
-_FINEST: Final = 0.1
-"""At 0 and 8 bits x264 changes to the lossless pictures of another profile."""
+_FINEST: Final = 1.0
+"""Below it x264 changes to the lossless pictures of another profile, with 8 bits.
 _ALIGNED: Final = 128
 """FFmpeg rounds sides up before it compares them with its limit."""
 
@@ -46,7 +46,7 @@ class PictureWriter:
     def __init__(self, rows: int, columns: int, bits: int, crf: float, preset: Preset) -> None:
         """rows, columns: multiples of 16; bits: a sample, 8 or 10."""
         self.shape, self._bits, self._count = (rows, columns), bits, 0
-        crf = max(crf, _FINEST)
+        crf = max(crf, _FINEST) if bits == 8 else crf
         context = av.CodecContext.create("libx264", "w")
         context.width, context.height, context.pix_fmt = columns, rows, _FORMATS[bits]
         context.time_base, context.framerate = Fraction(1, 10), Fraction(10, 1)
