@@ -1,0 +1,59 @@
+"""create_app: the server as an ASGI application. Its lifespan opens and closes everything.
+
+Routes are in `routes/`; each module named in ROUTERS has a `router`. What lives as long as the app, and is no route, is
+named in PARTS: functions that take the app and give an async context manager, entered when the service has started
+(so `app.state.service` works) and left before it is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from importlib import import_module
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+
+import lidarcodec
+from lidarcodec.transport import Transport
+from lidarcodec_server import problems
+from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.service import Service
+
+Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
+
+ROUTERS = ("health", "streams")
+PARTS: tuple[Part, ...] = ()
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    service: Service = app.state.service
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(run_in_threadpool, service.close)
+        await run_in_threadpool(service.start)
+        for part in PARTS:
+            await stack.enter_async_context(part(app))
+        yield
+
+
+def create_app(config: ServerConfig | None = None, *, transport: Transport | None = None) -> FastAPI:
+    """The application; nothing is opened before its lifespan begins.
+
+    transport: an open network session to use instead of one of its own; it stays the caller's
+    """
+    config = config or ServerConfig()
+    app = FastAPI(
+        title="lidarcodec server",
+        version=lidarcodec.__version__,
+        summary="Streams of a fleet of LiDARs: what they do, and how to change it.",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=_lifespan,
+    )
+    app.state.config = config
+    app.state.service = Service(config, transport)
+    problems.install(app)
+    for name in ROUTERS:
+        app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)
+    return app

@@ -1,0 +1,80 @@
+"""ServerConfig: everything that can be chosen about a server. The command line gives it, or `LIDARCODEC_` variables.
+
+>>> ServerConfig().host, ServerConfig(host="0.0.0.0").loopback
+('127.0.0.1', False)
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from lidarcodec.transport import Endpoints
+
+
+def state_folder() -> Path:
+    """Where the server keeps its database unless told otherwise: `lidarcodec` in the user's state folder."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "lidarcodec"
+
+
+def default_database_url() -> str:
+    """An SQLite file in the state folder."""
+    return f"sqlite:///{state_folder() / 'server.db'}"
+
+
+class ServerConfig(BaseModel):
+    """What a server is started with. Frozen; unknown names are refused.
+
+    host, port:          where to listen for HTTP; nothing but this machine by default
+    database_url:        any SQLAlchemy URL
+    endpoints:           where the Zenoh session listens and connects
+    insecure:            listen beyond this machine although nobody needs a token
+    metrics_open:        answer `/metrics` without a token
+    max_streams:         streams that are known at once; further ones are counted and left out
+    max_body_bytes:      longest body of a request
+    max_message_bytes:   longest WebSocket message of a client
+    max_connections:     connections at once
+    changes_per_second:  requests that change something, for each client, and `burst` of them at once
+    body_s:              how long a client may take to send a body
+    answer_s:            how long a vehicle may take to answer
+    audit_rows:          entries of the audit log that are kept; the oldest go
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8080, ge=0, le=65535)
+    database_url: str = Field(default_factory=default_database_url)
+    endpoints: Endpoints = Field(default_factory=Endpoints)
+    insecure: bool = False
+    metrics_open: bool = False
+    max_streams: int = Field(default=256, ge=1, le=10_000)
+    max_body_bytes: int = Field(default=64 * 1024, ge=1024)
+    max_message_bytes: int = Field(default=64 * 1024, ge=1024)
+    max_connections: int = Field(default=1000, ge=1)
+    changes_per_second: float = Field(default=10.0, gt=0.0)
+    burst: int = Field(default=20, ge=1)
+    body_s: float = Field(default=10.0, gt=0.0)
+    answer_s: float = Field(default=3.0, gt=0.0)
+    audit_rows: int = Field(default=1_000_000, ge=1)
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this machine can reach the server."""
+        return is_loopback(self.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host name or address is this machine and nothing else; a name other than `localhost` never is."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host.lower().rstrip(".") == "localhost"
+
+
+Role = Literal["viewer", "operator"]

@@ -1,0 +1,121 @@
+"""Errors as RFC 9457 problems: `application/problem+json`, for everything that is not answered otherwise.
+
+A problem's `type` is `urn:lidarcodec:problem:NAME` for what is ours and `about:blank` for what HTTP says. Nothing of an
+unexpected exception is told; its `instance` is in the log.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import uuid
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+from starlette.responses import Response
+from starlette.websockets import WebSocket, WebSocketState
+
+from lidarcodec.apps.control import field_of
+from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, TransportError, UnknownNameError
+
+logger = logging.getLogger(__name__)
+
+MEDIA_TYPE = "application/problem+json"
+TYPE_PREFIX = "urn:lidarcodec:problem:"
+MAX_ERRORS = 20
+NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
+    (SettingsError, 422, "settings"),
+    (UnknownNameError, 422, "settings"),
+    (TransportError, 503, "network"),
+    (MissingExtraError, 503, "extra"),
+)
+"""What becomes of our errors when nobody says otherwise; all others are unexpected."""
+
+
+class ProblemError(Exception):
+    """A problem to answer with.
+
+    name: what it is, as in `urn:lidarcodec:problem:NAME`; None says no more than the status does
+    extra: further members, such as `field`
+    """
+
+    def __init__(
+        self, status: int, detail: str, name: str | None = None, headers: dict[str, str] | None = None, **extra: Any
+    ) -> None:
+        super().__init__(detail)
+        self.status, self.detail, self.name = status, detail, name
+        self.headers, self.extra = headers or {}, extra
+
+    def response(self) -> Response:
+        """The answer. Escaped to ASCII, because a detail may repeat a lone surrogate of a request."""
+        body = {
+            "type": "about:blank" if self.name is None else TYPE_PREFIX + self.name,
+            "title": HTTPStatus(self.status).phrase,
+            "status": self.status,
+            "detail": self.detail,
+            **{name: value for name, value in self.extra.items() if value is not None},
+        }
+        return Response(json.dumps(body), self.status, self.headers, media_type=MEDIA_TYPE)
+
+
+def unexpected(error: BaseException, what: str) -> ProblemError:
+    """A problem that tells nothing but an id, under which the log has everything."""
+    instance = uuid.uuid4()
+    logger.error("%s failed (%s)", what, instance, exc_info=error)
+    return ProblemError(500, "unexpected; the log has it under this instance", instance=f"urn:uuid:{instance}")
+
+
+def of(error: LidarCodecError) -> ProblemError | None:
+    """The problem that an error of ours is; None for one that nobody expects here."""
+    for kind, status, name in NAMES:
+        if isinstance(error, kind):
+            return ProblemError(status, str(error), name, field=field_of(error))
+    return None
+
+
+def _validation(error: RequestValidationError) -> ProblemError:
+    errors = [
+        {"in": str(one["loc"][0]), "field": ".".join(str(part) for part in one["loc"][1:]), "reason": one["msg"]}
+        for one in error.errors()[:MAX_ERRORS]
+    ]
+    first = errors[0] if errors else {"in": "request", "field": "", "reason": "not valid"}
+    where = f"{first['field']} ({first['in']})" if first["field"] else first["in"]
+    return ProblemError(422, f"{where}: {first['reason']}", "request", field=first["field"] or None, errors=errors)
+
+
+def problem_of(error: Exception, what: str) -> ProblemError:
+    """The problem for any exception."""
+    if isinstance(error, ProblemError):
+        return error
+    if isinstance(error, RequestValidationError):
+        return _validation(error)
+    if isinstance(error, HTTPException):
+        return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+    known = of(error) if isinstance(error, LidarCodecError) else None
+    return known or unexpected(error, what)
+
+
+async def answer(connection: HTTPConnection, error: Exception) -> Response | None:
+    """Answer a request, or refuse a WebSocket, with the problem of an exception."""
+    problem = problem_of(error, f"{connection.scope.get('method', 'WS')} {connection.scope['path']}")
+    if not isinstance(connection, WebSocket):
+        return problem.response()
+    if connection.application_state is WebSocketState.CONNECTING:
+        await connection.send_denial_response(problem.response())
+    else:
+        await connection.close(1008 if problem.status < 500 else 1011, problem.detail[:120])
+    return None
+
+
+def install(app: FastAPI) -> None:
+    """Have an app answer every error with a problem."""
+
+    async def handle(request: Request, error: Exception) -> Response:
+        return await answer(request, error)  # type: ignore[return-value] # (a WebSocket takes None)
+
+    for kind in (ProblemError, RequestValidationError, HTTPException, LidarCodecError, Exception):
+        app.add_exception_handler(kind, handle)

@@ -1,0 +1,1 @@
+"""The routes: short translations between HTTP and `service`."""

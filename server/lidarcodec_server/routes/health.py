@@ -1,0 +1,24 @@
+"""`/healthz` and `/readyz`: for whoever starts, restarts and watches the server. Open to all, so they tell little."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from lidarcodec_server.routes.common import TheService
+
+router = APIRouter(tags=["health"])
+
+
+@router.get("/healthz")
+async def healthz() -> dict[str, bool]:
+    """The process answers."""
+    return {"ok": True}
+
+
+@router.get("/readyz", responses={503: {"description": "Not ready: which part is not."}})
+def readyz(service: TheService, response: Response) -> dict[str, bool]:
+    """The Zenoh session is open."""
+    parts = {"zenoh": service.open}
+    if not all(parts.values()):
+        response.status_code = 503
+    return parts

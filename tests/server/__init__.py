@@ -1,0 +1,1 @@
+"""The server, tested as an ASGI application and as a process."""

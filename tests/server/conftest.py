@@ -1,0 +1,62 @@
+"""The server over its ASGI interface, and vehicles for it, on a network inside the test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+
+import httpx
+import pytest
+
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.memory import MemoryNetwork
+from lidarcodec_server.app import create_app
+from lidarcodec_server.config import ServerConfig
+from tests.apps.streams import Loop
+
+STREAM = "/api/v1/streams/car-7/roof"
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def config(tmp_path) -> ServerConfig:
+    return ServerConfig(database_url=f"sqlite:///{tmp_path / 'server.db'}")
+
+
+@pytest.fixture
+def serving(network, config) -> Callable[..., AbstractAsyncContextManager[httpx.AsyncClient]]:
+    """Function that runs a server and gives a client of it; `client.app` is the application."""
+
+    @asynccontextmanager
+    async def serve(token: str | None = None, **changes):
+        app = create_app(config.model_copy(update=changes), transport=network.transport())
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        wire = httpx.ASGITransport(app, raise_app_exceptions=False, client=("127.0.0.1", 50_000))
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=wire, base_url="http://127.0.0.1", headers=headers) as client,
+        ):
+            client.app = app
+            yield client
+
+    return serve
+
+
+@pytest.fixture
+def vehicle(network):
+    """Function that starts a publisher, car-7/roof unless named otherwise; all are stopped after the test."""
+    started = []
+
+    def start(settings: StreamSettings | None = None, name: str = "car-7", sensor: str = "roof") -> Publisher:
+        publisher = Publisher(Loop(), settings, vehicle=name, sensor=sensor, transport=network.transport())
+        started.append(publisher.start())
+        return publisher
+
+    yield start
+    for one in started:
+        one.stop()

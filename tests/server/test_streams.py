@@ -1,0 +1,91 @@
+"""Which streams there are: a fleet that a server does not see is a fleet that nobody looks after."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from tests.server.conftest import STREAM
+
+
+async def until(condition, limit_s=20.0):
+    """The first true value that an async function gives; generous, because the machine may be busy."""
+    for _ in range(int(limit_s / 0.05)):
+        if value := await condition():
+            return value
+        await asyncio.sleep(0.05)
+    raise AssertionError("it never happened")
+
+
+async def test_a_vehicle_is_seen_with_its_settings_and_seen_to_go(serving, vehicle):
+    async with serving() as client:
+        assert (await client.get("/api/v1/streams")).json() == []
+        car = vehicle()
+
+        async def told():
+            found = (await client.get("/api/v1/streams")).json()
+            return found and found[0]["status"] and found
+
+        (found,) = await until(told)
+        assert (found["vehicle"], found["sensor"], found["alive"]) == ("car-7", "roof", True)
+        assert found["settings"] == car.settings.model_dump()
+        car.stop()
+
+        async def gone():
+            return not (await client.get(STREAM)).json()["alive"]
+
+        assert await until(gone)
+
+
+async def test_a_vehicle_that_was_there_before_the_server_is_seen(serving, vehicle):
+    vehicle()
+    async with serving() as client:
+
+        async def there():
+            return (await client.get(STREAM)).status_code == 200
+
+        assert await until(there)
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/api/v1/streams/nobody/roof", 404),
+        ("GET", "/api/v1/streams/a%20b/roof", 422),
+        ("GET", "/nothing", 404),
+        ("DELETE", "/healthz", 405),
+    ],
+)
+async def test_every_refusal_is_a_problem(serving, method, path, status):
+    async with serving() as client:
+        answer = await client.request(method, path)
+    assert answer.status_code == answer.json()["status"] == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert {"type", "title", "detail"} <= set(answer.json())
+
+
+async def test_more_streams_than_allowed_are_left_out_and_those_gone_make_room(serving, vehicle):
+    async with serving(max_streams=2) as client:
+        first = vehicle(name="a")
+        vehicle(name="b")
+
+        async def names():
+            return [one["vehicle"] for one in (await client.get("/api/v1/streams")).json()]
+
+        async def both():
+            return await names() == ["a", "b"]
+
+        assert await until(both)
+        first.stop()
+
+        async def gone():
+            return not (await client.get("/api/v1/streams/a/roof")).json()["alive"]
+
+        await until(gone)
+        vehicle(name="c")
+
+        async def replaced():
+            return await names() == ["b", "c"]
+
+        assert await until(replaced)
