@@ -33,7 +33,7 @@ _PARAMETERS: Final = "scenecut=0:keyint=infinite:no-psy=1:aq-mode=0:qcomp=1"
 against x264's defaults 15 to 25 % fewer bits at equal RMSE (docs/codecs.md)."""
 
 _FINEST: Final = 1.0
-"""Below it x264 changes to the lossless pictures of another profile, with 8 bits.
+"""Below it x264 changes to the lossless pictures of another profile, with 8 bits."""
 _ALIGNED: Final = 128
 """FFmpeg rounds sides up before it compares them with its limit."""
 
