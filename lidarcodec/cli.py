@@ -190,7 +190,9 @@ ZenohConfig = Annotated[
 @app.command()
 def publish(
     source: Source,
-    vehicle: Annotated[str, _option("--vehicle", metavar="NAME")] = "vehicle",
+    vehicle: Annotated[
+        str | None, _option("--vehicle", metavar="NAME", help="Default: whom --zenoh-config is for, else vehicle.")
+    ] = None,
     sensor: Annotated[str, _option("--sensor", metavar="NAME")] = "lidar",
     codec: CodecName = None,
     pairs: Pairs = None,
@@ -232,6 +234,10 @@ def subscribe(
     record: Annotated[Path | None, _option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
     frames: FrameCount = None,
     until_end: Annotated[bool, _option("--until-end", help="Stop when the publisher has gone.")] = False,
+    receiver: Annotated[
+        str | None,
+        _option("--receiver", metavar="NAME", help="Whose reports these are; default: whom --zenoh-config is for."),
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -241,7 +247,42 @@ def subscribe(
     from lidarcodec.commands import subscribe as command
 
     _keep_standard_output()
-    command.run(key, udp, record, frames, until_end, (connect or [], listen or [], zenoh_config), as_json)
+    command.run(key, udp, record, frames, until_end, receiver, (connect or [], listen or [], zenoh_config), as_json)
+
+
+@app.command()
+def certs(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
+    router: Annotated[
+        list[str] | None, _option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
+    ] = None,
+    vehicle: Annotated[
+        list[str] | None,
+        _option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
+    ] = None,
+    viewer: Annotated[list[str] | None, _option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
+    operator: Annotated[
+        list[str] | None, _option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
+    ] = None,
+    remove: Annotated[
+        list[str] | None, _option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
+    ] = None,
+    auth: Annotated[
+        str | None,
+        _option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
+    ] = None,
+    port: Annotated[int | None, _option("--port", min=1, max=65535, help="Default: 7447.")] = None,
+    days: Annotated[int, _option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
+    installed: Annotated[
+        Path | None, _option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
+    ] = None,
+) -> None:
+    """Make or extend a secured deployment: an authority, and one Zenoh configuration for each machine and person."""
+    from lidarcodec.commands import certs as command
+
+    command.run(
+        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed
+    )
 
 
 @app.command()

@@ -25,7 +25,7 @@ from lidarcodec.apps.udp_out import UdpOut
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
-from lidarcodec.transport import Endpoints, Transport
+from lidarcodec.transport import Endpoints, Transport, party_of
 from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
 
@@ -65,7 +65,8 @@ class LiveStream:
 
     key:        `lidarcodec/v1/VEHICLE/SENSOR`, or `VEHICLE/SENSOR`
     endpoints:  where to listen and connect; by default nothing leaves the machine. `transport`: an open one instead
-    receiver:   the name under which arrivals are reported; a unique one by default
+    receiver:   the name under which arrivals are reported; by default whom a configuration of `lidarcodec certs` is
+                for, because only under that one it may report, else a unique one
     newest:     True: whoever iterates too slowly gets the newest frame, and what was replaced is counted. False: every
                 frame is waited for, and the publisher feels it
     timeout_s:  iteration ends after so long without a frame; None: never
@@ -91,7 +92,9 @@ class LiveStream:
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
-        self.receiver = receiver_name() if receiver is None else valid_name(receiver, "receiver")
+        party = party_of(endpoints)
+        own = receiver_name() if party is None else party.name
+        self.receiver = valid_name(own if receiver is None else receiver, "receiver")
         self._newest, self._timeout_s, self._max_age_s = newest, timeout_s, max_age_s
         self._udp = None if udp is None else UdpOut(udp)
         self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)

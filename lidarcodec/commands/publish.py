@@ -13,6 +13,7 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
+from lidarcodec.transport import Endpoints, party_of
 
 MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
 
@@ -39,9 +40,23 @@ def record_limits(gigabytes: float) -> dict[str, int]:
     return {"max_total_bytes": total, "max_file_bytes": max(min(MAX_FILE_BYTES, total // 4), MIN_FILE_BYTES)}
 
 
+def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
+    """The vehicle that publishes: who was given, else whom the Zenoh configuration is for, else `vehicle`.
+
+    Raises SettingsError when those two are not the same: nobody would get what it sends, and nothing would say why.
+    """
+    party = party_of(endpoints)
+    if party is None:
+        return given or "vehicle"
+    if party.role != "vehicle" or given not in (None, party.name):
+        as_whom = "publish" if given is None else f"publish as {given}"
+        raise SettingsError(f"{endpoints.config} is for {party.role} {party.name}, who may not {as_whom}", "vehicle")
+    return party.name
+
+
 def run(
     spec: str,
-    vehicle: str,
+    vehicle: str | None,
     sensor: str,
     codec: str | None,
     pairs: list[str],
@@ -62,7 +77,7 @@ def run(
         publisher = Publisher(
             source,
             settings,
-            vehicle=vehicle,
+            vehicle=vehicle_of(vehicle, endpoints),
             sensor=sensor,
             rate=frames_a_second,
             endpoints=endpoints,

@@ -16,10 +16,18 @@ EVERY_S = 1.0
 
 
 def run(
-    key: str, udp: str | None, record: Path | None, frames: int | None, until_end: bool, given: Given, as_json: bool
+    key: str,
+    udp: str | None,
+    record: Path | None,
+    frames: int | None,
+    until_end: bool,
+    receiver: str | None,
+    given: Given,
+    as_json: bool,
 ) -> None:
     """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone."""
-    live = LiveStream(key, endpoints=endpoints_of(given), udp=udp, record=record, until_end=until_end)
+    endpoints = endpoints_of(given)
+    live = LiveStream(key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, until_end=until_end)
     show = sys.stderr.isatty()
     with live, stoppable(live.interrupt):
         shown_s = time.monotonic()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lidarcodec.transport.base import Transport
-from lidarcodec.transport.endpoints import Endpoints
+from lidarcodec.transport.endpoints import Endpoints, Party
 
 if TYPE_CHECKING:
     from threading import Event
 
-__all__ = ["Endpoints", "Transport", "open_transport"]
+__all__ = ["Endpoints", "Party", "Transport", "open_transport", "party_of"]
 
 
 def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = None) -> Transport:
@@ -22,3 +22,15 @@ def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = N
     from lidarcodec.transport.zenoh import ZenohTransport
 
     return ZenohTransport.open(endpoints or Endpoints(), stop=stop)
+
+
+def party_of(endpoints: Endpoints | None) -> Party | None:
+    """Whom the configuration file of these endpoints is for, when `lidarcodec certs` made it; else None.
+
+    Raises TransportError for a file that is no Zenoh configuration.
+    """
+    if endpoints is None or endpoints.config is None:
+        return None
+    from lidarcodec.transport.zenoh import party_in
+
+    return party_in(endpoints.config)

@@ -10,7 +10,7 @@ import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from lidarcodec.errors import TransportError
 
@@ -23,8 +23,13 @@ OPEN_TIMEOUT_MS = 500
 LOCAL_OPEN_TIMEOUT_MS = 1000
 """How long a program at the meeting point that is no Zenoh can delay the start."""
 _ENDPOINT = re.compile(
-    r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?|unixsock-stream/\S+"
+    r"(?P<kind>tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5})"
+    r"(?:\?[^\s#]*)?(?:#(?P<options>\S*))?|unixsock-stream/\S+"
 )
+_NUMBERS = ("so_sndbuf", "so_rcvbuf")
+_OPTIONS = {"tcp": {"iface", "bind", "dscp", *_NUMBERS}, "udp": {"iface", "bind", "dscp", "join"}, "ws": {"dscp"}}
+"""What may stand behind # by kind of endpoint. Zenoh ignores what it does not know and tries what it cannot use
+for ever, without a word. Options of tls and quic are many, and most belong into a configuration file: not checked."""
 
 Mode = Literal["peer", "client", "router"]
 
@@ -40,6 +45,26 @@ def default_loopback_port() -> int:
     if not text.isdigit() or not 1 <= int(text) <= 65535:
         raise TransportError(f"{PORT_VARIABLE} is 1 to 65535, not '{text}'")
     return int(text)
+
+
+def _check_options(endpoint: str, kind: str, options: str | None) -> None:
+    """Raise TransportError for what stands behind # and is no option of that kind of endpoint."""
+    known = _OPTIONS.get(kind)
+    if options is None or known is None:
+        return
+    for option in options.split(";"):
+        name, _, value = option.partition("=")
+        if name not in known:
+            raise TransportError(f"'{endpoint}': {kind} has no option '{name}', but {', '.join(sorted(known))}")
+        if not value or (name in _NUMBERS and not value.isdigit()):
+            raise TransportError(f"'{endpoint}': {name} needs a {'number' if name in _NUMBERS else 'value'}")
+
+
+class Party(NamedTuple):
+    """Whom a configuration of `lidarcodec certs` is for."""
+
+    role: str
+    name: str
 
 
 @dataclass(frozen=True)
@@ -64,6 +89,7 @@ class Endpoints:
             found = _ENDPOINT.fullmatch(endpoint)
             if found is None or int(found["port"] or 0) > 65535:
                 raise TransportError(f"'{endpoint}' is not an endpoint: write for example tcp/192.168.1.5:7447")
+            _check_options(endpoint, found["kind"] or "", found["options"])
         if self.mode not in (None, "peer", "client", "router"):
             raise TransportError(f"mode is peer, client or router, not '{self.mode}'")
         if self.mode == "client" and self.listen:
@@ -111,7 +137,8 @@ class Endpoints:
     def options(self) -> dict[str, Any]:
         """Zenoh configuration by path, to be put over the defaults, or over the file."""
         if self.config is not None:
-            given = {"mode": self.mode, "listen/endpoints": list(self.listen), "connect/endpoints": list(self.connect)}
+            mode = self.mode or ("peer" if self.listen else None)  # a client that is told to listen would not
+            given = {"mode": mode, "listen/endpoints": list(self.listen), "connect/endpoints": list(self.connect)}
             return {path: value for path, value in given.items() if value}
         if self.local:
             options = session_options(self.mode or "peer", [f"{LOOPBACK}:0"], [self.rendezvous])

@@ -15,11 +15,13 @@ import re
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Self
 
 import zenoh
 
 from lidarcodec.errors import TransportError
+from lidarcodec.settings import NAME_PATTERN
 from lidarcodec.transport.base import (
     AliveHandler,
     Closeable,
@@ -31,7 +33,7 @@ from lidarcodec.transport.base import (
     QueryHandler,
     Sender,
 )
-from lidarcodec.transport.endpoints import Endpoints
+from lidarcodec.transport.endpoints import Endpoints, Party
 from lidarcodec.transport.keys import check_key
 from lidarcodec.transport.meeting_point import MeetingPoint
 from lidarcodec.wire import MAX_MESSAGE
@@ -44,6 +46,8 @@ is raised here, once per attempt, and tell of queries that nobody answered in ti
 still. RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5
+UNREACHABLE = "Unable to connect"
+"""How Zenoh begins to say that nobody listens, or that whoever does will not have us: it says no more than that."""
 LATE_THREADS_S = 0.1
 
 _QOS: dict[Priority, dict[str, Any]] = {
@@ -166,17 +170,19 @@ class ZenohTransport:
         zenoh.init_log_from_env_or(LOG_FILTER)
         atexit.unregister(_let_late_threads_end)
         atexit.register(_let_late_threads_end)
-        waits = endpoints.config is None and endpoints.effective_mode == "client"
-        point = MeetingPoint(endpoints.loopback_port, lambda: _open(endpoints.rendezvous_options()).close)
+        base = None if endpoints.config is None else _read(endpoints.config)
+        config = _config_of(endpoints.options(), base)
+        waits = json.loads(config.get_json("mode")) == "client"
+        point = MeetingPoint(endpoints.loopback_port, lambda: _open(_config_of(endpoints.rendezvous_options())).close)
         if endpoints.local:
             point.start()
         told = False
         while True:
             try:
-                session = _open(endpoints.options(), endpoints)
+                session = _open(config)
                 break
             except TransportError as error:
-                if not waits:
+                if not waits or (base is not None and UNREACHABLE not in str(error)):
                     point.close()
                     raise
                 if not told:
@@ -326,19 +332,32 @@ class ZenohTransport:
                 self._declared.remove(one)
 
 
-def _open(options: dict[str, Any], endpoints: Endpoints | None = None) -> zenoh.Session:
-    """Raises TransportError when the configuration is refused or the session cannot be opened."""
-    base = None
-    if endpoints is not None and endpoints.config is not None:
-        try:
-            base = zenoh.Config.from_file(endpoints.config)
-        except zenoh.ZError as error:
-            raise TransportError(f"{endpoints.config} is no Zenoh configuration: {_reason(error)}") from None
-    config = _config_of(options, base)
+def _read(path: Path) -> zenoh.Config:
+    """Raises TransportError when the file is no Zenoh configuration."""
+    try:
+        return zenoh.Config.from_file(path)
+    except zenoh.ZError as error:
+        raise TransportError(f"{path} is no Zenoh configuration: {_reason(error)}") from None
+
+
+def party_in(path: Path) -> Party | None:
+    """Whom a configuration of `lidarcodec certs` is for; None in any other.
+
+    Raises TransportError when the file is no Zenoh configuration.
+    """
+    about = json.loads(_read(path).get_json("metadata") or "null")
+    ours = about.get("lidarcodec") if isinstance(about, dict) else None
+    if not isinstance(ours, dict) or not NAME_PATTERN.fullmatch(str(ours.get("name"))):
+        return None
+    return Party(str(ours.get("role")), str(ours["name"]))
+
+
+def _open(config: zenoh.Config) -> zenoh.Session:
+    """Raises TransportError when the session cannot be opened."""
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise TransportError(f"no Zenoh session: {_reason(error)}") from None
 
 
-__all__ = ["ZenohTransport"]
+__all__ = ["ZenohTransport", "party_in"]

@@ -75,6 +75,9 @@ def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
         {"connect": "tcp/192.168.1.5:70000"},
         {"connect": "tcp/:::"},
         {"connect": "tcp/fe80::1:7447"},
+        {"connect": "tcp/a:1#bad=1"},
+        {"listen": "tcp/a:1#so_sndbuf=many"},
+        {"connect": "tcp/a:1#so_sndbuf=65536;iface="},
         {"listen": "tcp/0.0.0.0:7447", "mode": "client"},
         {"mode": "client"},
         {"mode": "leaf", "connect": "tcp/a:1"},
@@ -96,6 +99,7 @@ def test_endpoints_that_cannot_work_are_refused_with_a_reason(options):
         "quic/a:1#so_sndbuf=65536;so_rcvbuf=65536",
         "tcp/0.0.0.0:0",
         "tcp/a:1?prio=1-7",
+        "tcp/a:1#iface=wwan0;so_sndbuf=65536",
         "unixsock-stream//run/lidar.sock",
     ],
 )

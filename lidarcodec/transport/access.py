@@ -1,0 +1,138 @@
+"""Who may do what on the keys of a stream, as Zenoh's access control wants it said.
+
+A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
+reports under its own name only. An operator is a viewer who may also change settings. What is not allowed is denied.
+
+Two things about that access control decide the form of these rules. It holds on links, so it belongs to whoever accepts
+connections: routers, and vehicles that listen themselves. And a rule covers what it contains: who is allowed
+`a/frame` and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the
+rules: `ingress` is what the other side sends.
+
+>>> people = People(vehicles=("car-7",), viewers=("anna",))
+>>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
+[['routers'], ['vehicle car-7'], ['viewers', 'operators'], ['operators'], ['receiver anna']]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from lidarcodec.transport.keys import PREFIX
+
+ROUTER = "router"
+"""Name that all routers of a deployment share, in their certificates or as a user."""
+Auth = Literal["certificate", "password", "none"]
+ANY = f"{PREFIX}/*/*"
+WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
+PUTTING = ["put", "delete"]
+EVERYTHING = [*PUTTING, "declare_subscriber", "query", "reply", "declare_queryable", "liveliness_token", *WATCHING]
+
+
+@dataclass(frozen=True)
+class People:
+    """Names by role; no name in two of them."""
+
+    vehicles: tuple[str, ...] = ()
+    viewers: tuple[str, ...] = ()
+    operators: tuple[str, ...] = ()
+
+
+class _Rules:
+    """Rules, subjects and policies as they come together."""
+
+    def __init__(self, subject_field: str) -> None:
+        self._field = subject_field
+        self.rules: list[dict[str, Any]] = []
+        self.subjects: list[dict[str, Any]] = []
+        self.policies: list[dict[str, Any]] = []
+
+    def subject(self, name: str, people: list[str]) -> None:
+        """A subject; one without anybody would be everybody, so a name that nobody can have stands for nobody."""
+        self.subjects.append({"id": name, self._field: people or ["/nobody/"]})
+
+    def allow(self, subjects: list[str], *rules: tuple[list[str], list[str], list[str]]) -> None:
+        """Let subjects do what (messages, flows, keys) say."""
+        names: list[str] = []
+        for messages, flows, keys in rules:
+            names.append(f"{', '.join(subjects)}: rule {len(names) + 1}")
+            rule = {"id": names[-1], "permission": "allow", "messages": messages, "flows": flows, "key_exprs": keys}
+            self.rules.append(rule)
+        self.policies.append({"rules": names, "subjects": subjects})
+
+
+def access_control(people: People, auth: Auth) -> dict[str, Any]:
+    """Zenoh's `access_control` for the side that accepts connections from these people.
+
+    auth: `certificate`: they are known by the common name of their certificate; `password`: by their user name;
+          `none`: they are not known, so nothing can be held against them and everything is allowed
+    """
+    if auth == "none":
+        return {"enabled": False}
+    made = _Rules("cert_common_names" if auth == "certificate" else "usernames")
+    made.subject("routers", [ROUTER])
+    made.allow(["routers"], (EVERYTHING, ["ingress", "egress"], [f"{PREFIX}/**"]))
+    for name in people.vehicles:
+        made.subject(f"vehicle {name}", [name])
+        made.allow([f"vehicle {name}"], *_vehicle(f"{PREFIX}/{name}/*"))
+    made.subject("viewers", list(people.viewers))
+    made.subject("operators", list(people.operators))
+    made.allow(["viewers", "operators"], *_looking())
+    made.allow(["operators"], *_asking(["control/set"]))
+    for name in people.viewers + people.operators:
+        made.subject(f"receiver {name}", [name])
+        made.allow([f"receiver {name}"], *_reporting(name))
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": made.rules,
+        "subjects": made.subjects,
+        "policies": made.policies,
+    }
+
+
+def _under(prefix: str, *ends: str) -> list[str]:
+    return [f"{prefix}/{end}" for end in ends]
+
+
+def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
+    """What a vehicle may do under its own keys."""
+    controls = _under(own, "control/get", "control/set", "control/keyframe")
+    reports = _under(own, "arrived/*", "report/*", "odometry")
+    return (
+        (PUTTING, ["ingress"], _under(own, "frame", "status", "odometry")),
+        (["declare_queryable", "reply"], ["ingress"], controls),
+        (["liveliness_token"], ["ingress"], _under(own, "alive")),
+        (["declare_subscriber"], ["ingress"], reports),
+        (WATCHING, ["ingress"], _under(own, "arrived/*")),
+        (PUTTING, ["egress"], reports),
+        (["query"], ["egress"], controls),
+        (["liveliness_token"], ["egress"], _under(own, "arrived/*")),
+        # Of all streams: it has to hear of whoever subscribes to those of every vehicle, or it would send nothing.
+        (["declare_subscriber"], ["egress"], _under(ANY, "frame", "status")),
+    )
+
+
+def _looking() -> tuple[tuple[list[str], list[str], list[str]], ...]:
+    """What everybody who receives may do on all streams."""
+    return (
+        (["declare_subscriber"], ["ingress"], _under(ANY, "frame", "status")),
+        (PUTTING, ["egress"], _under(ANY, "frame", "status")),
+        (WATCHING, ["ingress"], _under(ANY, "alive")),
+        (["liveliness_token"], ["egress"], _under(ANY, "alive")),
+        (["declare_subscriber"], ["egress"], _under(ANY, "arrived/*", "report/*")),
+        *_asking(["control/get", "control/keyframe"]),
+    )
+
+
+def _asking(controls: list[str]) -> tuple[tuple[list[str], list[str], list[str]], ...]:
+    keys = _under(ANY, *controls)
+    return (["query"], ["ingress"], keys), (["declare_queryable", "reply"], ["egress"], keys)
+
+
+def _reporting(name: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
+    """What one receiver may say, and only under its own name."""
+    return (
+        (PUTTING, ["ingress"], _under(ANY, f"arrived/{name}", f"report/{name}")),
+        (["liveliness_token"], ["ingress"], _under(ANY, f"arrived/{name}")),
+    )

@@ -1,0 +1,150 @@
+"""`lidarcodec certs`: files that nobody else reads, names that cannot be mixed up, and a deployment that can grow."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.commands import certs
+from lidarcodec.errors import MissingExtraError, SettingsError
+from tests.command_line import run, start
+from tests.transport.conftest import free_port
+from tests.transport.router import Router
+
+x509 = pytest.importorskip("cryptography.x509")
+
+
+def make(folder, routers=(), vehicles=(), viewers=(), operators=(), remove=(), auth=None, port=None, installed=None):
+    people = [list(names) for names in (routers, vehicles, viewers, operators, remove)]
+    certs.run(folder, *people, auth, port, 90, installed)
+
+
+def read(path):
+    return json.loads(path.read_text().partition("\n")[2])
+
+
+def tls(path):
+    return read(path)["transport"]["link"]["tls"]
+
+
+def test_secrets_are_readable_by_their_owner_only(tmp_path):
+    make(tmp_path, ["a.example"], ["car-7"], ["anna"], ["olga"], auth="password")
+    open_to_all = {path.name for path in tmp_path.iterdir() if path.stat().st_mode & 0o077}
+    assert open_to_all <= {"ca.pem", "deployment.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("ca.pem", "ca.key", "deployment.json", "users.txt", "router-a.example.json5"),
+        *("vehicle-car-7.json5", "viewer-anna.json5", "operator-olga.json5"),
+    }
+    assert "secret" not in (tmp_path / "deployment.json").read_text()
+
+
+def test_a_later_call_adds_renews_who_is_named_and_keeps_the_rest(tmp_path):
+    make(tmp_path, ["a.example"], ["car-7"], ["anna"])
+    car, anna, authority = (tmp_path / name for name in ("vehicle-car-7.json5", "viewer-anna.json5", "ca.pem"))
+    before = car.read_bytes(), anna.read_bytes(), authority.read_bytes()
+    make(tmp_path, [], ["car-8"], ["anna"])
+    assert (car.read_bytes(), authority.read_bytes()) == (before[0], before[2])
+    assert anna.read_bytes() != before[1]
+    rules = json.dumps(read(tmp_path / "router-a.example.json5")["access_control"])
+    assert all(name in rules for name in ("car-7", "car-8", "anna"))
+    make(tmp_path, remove=["car-7"])
+    assert not car.exists()
+    assert "car-7" not in json.dumps(read(tmp_path / "router-a.example.json5")["access_control"])
+
+
+def test_a_password_stays_until_its_user_is_named_again(tmp_path):
+    make(tmp_path, ["a.example"], ["car-7"], ["anna"], auth="password", installed=Path("/etc/lidarcodec"))
+    first = (tmp_path / "users.txt").read_text()
+    make(tmp_path, [], [], ["ben"])
+    assert set(first.splitlines()) < set((tmp_path / "users.txt").read_text().splitlines())
+    make(tmp_path, [], [], ["anna"], remove=["ben"])
+    users = dict(line.split(":") for line in (tmp_path / "users.txt").read_text().splitlines())
+    before = dict(line.split(":") for line in first.splitlines())
+    assert set(users) == {"router", "car-7", "anna"}
+    assert users["anna"] != before["anna"]
+    assert users["router"] == before["router"]
+    assert users["anna"] == read(tmp_path / "viewer-anna.json5")["transport"]["auth"]["usrpwd"]["password"]
+    router = read(tmp_path / "router-a.example.json5")["transport"]["auth"]["usrpwd"]
+    assert router["dictionary_file"] == "/etc/lidarcodec/users.txt"
+
+
+def test_a_certificate_names_whom_and_where_and_for_how_long(tmp_path):
+    import base64
+
+    make(tmp_path, ["a.example", "10.0.0.5"], ["car-7"])
+    for host in ("a.example", "10.0.0.5"):
+        pem = base64.b64decode(tls(tmp_path / f"router-{host}.json5")["listen_certificate_base64"])
+        certificate = x509.load_pem_x509_certificate(pem)
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        assert host in [str(name.value) for name in names]
+        assert certificate.subject.rfc4514_string() == "CN=router"
+        assert 89 <= (certificate.not_valid_after_utc - certificate.not_valid_before_utc).days <= 91
+    authority = x509.load_pem_x509_certificate((tmp_path / "ca.pem").read_bytes())
+    certificate.verify_directly_issued_by(authority)
+    assert read(tmp_path / "vehicle-car-7.json5")["connect"]["endpoints"] == [
+        "tls/a.example:7447",
+        "tls/10.0.0.5:7447",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"vehicles": ["car-7"]}, "nobody would listen"),
+        ({}, "nobody would listen"),
+        ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is taken"),
+        ({"routers": ["a"], "viewers": ["router"]}, "name is taken"),
+        ({"routers": ["a"], "vehicles": ["car 7"]}, "is not a name"),
+        ({"routers": ["a b"]}, "is not a host"),
+        ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out the host"),
+        ({"viewers": ["anna@b"], "routers": ["a"]}, "only vehicles listen"),
+        ({"routers": ["a"], "remove": ["nobody"]}, "nobody of that name"),
+        ({"routers": ["a"], "auth": "trust"}, "certificate, password or none"),
+    ],
+)
+def test_a_deployment_that_cannot_work_is_refused_and_nothing_is_written(tmp_path, options, said):
+    with pytest.raises(SettingsError, match=said):
+        make(tmp_path / "d", **options)
+    assert not any((tmp_path / "d").iterdir())
+
+
+def test_what_lies_there_and_is_no_deployment_is_not_written_over(tmp_path):
+    make(tmp_path, ["a"], ["car-7"])
+    with pytest.raises(SettingsError, match="another folder"):
+        make(tmp_path, auth="password")
+    (tmp_path / "ca.pem").write_text("no certificate")
+    with pytest.raises(SettingsError, match="no certificate authority"):
+        make(tmp_path, [], ["car-8"])
+    (tmp_path / "deployment.json").write_text('{"auth": "certificate"}')
+    with pytest.raises(SettingsError, match="port"):
+        make(tmp_path, [], ["car-8"])
+
+
+def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    with pytest.raises(MissingExtraError, match=r"lidarcodec\[server\]"):
+        make(tmp_path, ["a"], ["car-7"])
+
+
+def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(tmp_path):
+    port = free_port()
+    done = run("certs", tmp_path, "--router", "localhost", "--vehicle", "car-7", "--viewer", "anna", "--port", port)
+    assert done.returncode == 0, done.stderr
+    assert str(tmp_path / "viewer-anna.json5") in done.stdout
+    wrong = run("publish", "sim:road", "--vehicle", "car-8", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
+    assert wrong.returncode == 2
+    assert "is for vehicle car-7, who may not publish as car-8" in wrong.stderr
+    router = Router(config=str(tmp_path / "router-localhost.json5"), listen=f"tls/localhost:{port}")
+    car = start("publish", "sim:road", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
+    try:
+        words = ("car-7/lidar", "--frames", "5", "--zenoh-config", tmp_path / "viewer-anna.json5", "--json")
+        seen = run("subscribe", *words)
+        assert seen.returncode == 0, seen.stderr
+        assert json.loads(seen.stdout)["frames"] >= 5
+        assert json.loads(seen.stdout)["rtt_ms"] is None or json.loads(seen.stdout)["errors"] == {}
+    finally:
+        car.terminate()
+        out, _ = car.communicate(timeout=30)
+        router.kill()
+    assert out.startswith("car-7/lidar: ")

@@ -1,0 +1,312 @@
+"""Who may do what, on real links with real certificates and passwords: what is forbidden does not get through."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.commands import certs
+from lidarcodec.errors import TransportError
+from lidarcodec.transport import Endpoints, open_transport, party_of
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
+from tests.conftest import ROOT
+from tests.transport.conftest import free_port
+from tests.transport.router import Router
+from tests.transport.test_contract import eventually
+
+pytest.importorskip("cryptography")
+pytestmark = pytest.mark.timeout(120)
+CAR, OTHER = StreamKeys("car-7", "roof"), StreamKeys("car-8", "roof")
+QUIET_S = 0.5
+"""How long something forbidden has to stay away, after what is allowed came through on the same links."""
+
+
+def deployment(folder, auth="certificate", routers=("localhost",), vehicles=("car-7", "car-8"), port=None):
+    """A folder of configurations, and the port in them."""
+    port = port or free_port()
+    people = (list(vehicles), ["anna", "ben"], ["olga"])
+    certs.run(folder, list(routers), *people, [], auth, port, 30, None)
+    return port
+
+
+class Secured:
+    """A deployment with its router running; sessions are opened by the name of their file."""
+
+    def __init__(self, folder: Path, auth: str) -> None:
+        self.folder, self.auth = folder, auth
+        self.port = deployment(folder, auth)
+        self.endpoint = f"tls/localhost:{self.port}"
+        self.router = Router(config=str(folder / "router-localhost.json5"), listen=self.endpoint)
+        self.opened = []
+
+    def open(self, name: str):
+        self.opened.append(open_transport(Endpoints.of(config=self.folder / f"{name}.json5")))
+        return self.opened[-1]
+
+    def close(self) -> None:
+        for one in self.opened:
+            one.close()
+        self.router.kill()
+
+
+@pytest.fixture(scope="module", params=["certificate", "password"])
+def secured(request, tmp_path_factory):
+    """A deployment whose people are known by certificate, then one in which they are known by password."""
+    made = Secured(tmp_path_factory.mktemp(request.param), request.param)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def people(secured):
+    """Function that opens a session by name; closed after the test."""
+    before = len(secured.opened)
+    yield secured.open
+    for one in secured.opened[before:]:
+        one.close()
+
+
+def answering(car, keys, asked):
+    """Have a vehicle answer its controls; `asked` gets the last part of each key that was."""
+    for key in (keys.control_get, keys.control_set, keys.control_keyframe):
+        car.answer(key, lambda data, key=key: asked.append(key.rpartition("/")[2]) or b"yes")
+
+
+def test_a_vehicle_and_a_viewer_do_all_they_have_to(people):
+    car, anna, olga = people("vehicle-car-7"), people("viewer-anna"), people("operator-olga")
+    seen, asked, receivers, heard = [], [], [], []
+    anna.watch("lidarcodec/v1/*/*/alive", lambda key, alive: seen.append((key, alive)))
+    anna.listen(CAR.status, lambda key, data: heard.append(data))
+    inbox = anna.inbox(CAR.frame)
+    answering(car, CAR, asked)
+    car.watch(CAR.arrived(), lambda key, alive: receivers.append(key))
+    car.listen(CAR.arrived(), lambda key, data: heard.append(data))
+    car.listen(CAR.report(), lambda key, data: heard.append(data))
+    token = car.token(CAR.alive)
+    frames, status = car.sender(CAR.frame, Priority.FRAMES), car.sender(CAR.status, Priority.STATUS)
+    arrived = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
+    report = anna.sender(CAR.report("anna"), Priority.STATUS)
+    anna.token(CAR.arrived("anna"))
+    for sender, data in ((frames, b"frame"), (status, b"status"), (arrived, b"arrived"), (report, b"report")):
+        assert eventually(lambda sender=sender: sender.matching), data
+        sender.put(data)
+    assert inbox.receive() == b"frame"
+    assert eventually(lambda: set(heard) == {b"status", b"arrived", b"report"}), heard
+    assert eventually(lambda: receivers == [CAR.arrived("anna")])
+    assert eventually(lambda: seen == [(CAR.alive, True)])
+    for who, key in ((anna, CAR.control_get), (anna, CAR.control_keyframe), (olga, CAR.control_set)):
+        assert eventually(lambda who=who, key=key: who.ask(key, b"{}", 2.0) == b"yes"), key
+    token.close()
+    assert eventually(lambda: seen[-1] == (CAR.alive, False))
+
+
+def test_a_vehicle_publishes_under_its_own_name_only(secured, people):
+    car, other, anna = people("vehicle-car-7"), people("vehicle-car-8"), people("viewer-anna")
+    heard, alive = [], []
+    for keys in (CAR, OTHER):
+        anna.listen(keys.frame, lambda key, data: heard.append((key, data)))
+        anna.listen(keys.status, lambda key, data: heard.append((key, data)))
+    anna.watch("lidarcodec/v1/*/*/alive", lambda key, here: alive.append(key))
+    spied = []
+    car.listen(OTHER.frame, lambda key, data: spied.append(data))
+    true = other.sender(OTHER.frame, Priority.FRAMES)
+    forged = [car.sender(key, Priority.STATUS) for key in (OTHER.frame, OTHER.status)]
+    car.token(OTHER.alive)
+    own = car.sender(CAR.frame, Priority.FRAMES)
+    assert eventually(lambda: own.matching and true.matching)
+    for sender in forged:
+        sender.put(b"forged")
+    true.put(b"true")
+    own.put(b"true")
+    assert eventually(lambda: (CAR.frame, b"true") in heard and (OTHER.frame, b"true") in heard), heard
+    time.sleep(QUIET_S)
+    assert {data for _, data in heard} == {b"true"}
+    assert not alive
+    assert not spied
+    denied = [line for line in secured.router.log.splitlines() if "unauthorized to Put" in line and OTHER.frame in line]
+    assert any("car-7" in line for line in denied)
+
+
+def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
+    car, anna, ben = people("vehicle-car-7"), people("viewer-anna"), people("viewer-ben")
+    asked, heard, receivers = [], [], []
+    answering(car, CAR, asked)
+    for key in (CAR.arrived(), CAR.report()):
+        car.listen(key, lambda key, data: heard.append((key, data)))
+    car.watch(CAR.arrived(), lambda key, alive: receivers.append(key))
+    ben.listen(CAR.frame, lambda key, data: heard.append((key, data)))
+    assert eventually(lambda: anna.ask(CAR.control_get, b"{}", 2.0) == b"yes")
+    assert anna.ask(CAR.control_set, b'{"codec": "raw"}', 1.0) is None
+    own = anna.sender(CAR.arrived("anna"), Priority.REAL_TIME)
+    assert eventually(lambda: own.matching)
+    for key in (CAR.frame, CAR.status, CAR.arrived("ben"), CAR.report("ben"), CAR.arrived("server")):
+        anna.sender(key, Priority.STATUS).put(b"forged")
+    anna.token(CAR.arrived("ben"))
+    anna.token(CAR.alive)
+    own.put(b"true")
+    assert eventually(lambda: heard)
+    time.sleep(QUIET_S)
+    assert heard == [(CAR.arrived("anna"), b"true")]
+    assert not receivers
+    assert "set" not in asked
+
+
+def test_a_wildcard_beyond_what_is_allowed_gets_nothing(people):
+    """The trap of containment: somebody who subscribes to everything is told nothing and gets nothing."""
+    car, anna = people("vehicle-car-7"), people("viewer-anna")
+    everything, frames = [], []
+    anna.listen("lidarcodec/v1/**", lambda key, data: everything.append(key))
+    ben = people("viewer-ben")
+    ben.listen("lidarcodec/v1/*/*/frame", lambda key, data: frames.append(key))
+    sender = car.sender(CAR.frame, Priority.FRAMES)
+    assert eventually(lambda: sender.matching)
+    sender.put(b"frame")
+    assert eventually(lambda: frames == [CAR.frame])
+    time.sleep(QUIET_S)
+    assert not everything
+
+
+def refused(path: Path, change=lambda tls, auth: None) -> None:
+    """Nobody gets in with this configuration, changed in its TLS and user settings; it is tried until it is stopped."""
+    config = json.loads(path.read_text().partition("\n")[2])
+    change(config["transport"]["link"]["tls"], config["transport"].get("auth", {}).get("usrpwd", {}))
+    changed = path.with_name("changed.json5")
+    changed.write_text(json.dumps(config))
+    stop = threading.Event()
+    threading.Timer(0.8, stop.set).start()
+    with pytest.raises(TransportError, match="stopped"):
+        open_transport(Endpoints.of(config=changed), stop=stop).close()
+    changed.unlink()
+
+
+def test_strangers_do_not_get_in_and_the_router_says_why(secured, tmp_path, caplog):
+    anna = secured.folder / "viewer-anna.json5"
+    deployment(tmp_path, secured.auth, port=secured.port)
+    own = json.loads(anna.read_text().partition("\n")[2])["transport"]["link"]["tls"]
+
+    def without_certificate(tls, auth):
+        del tls["connect_certificate_base64"], tls["connect_private_key_base64"]
+        tls["enable_mtls"] = False
+
+    def says(reason, act):
+        before = len(secured.router.log)
+        act()
+        assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
+
+    says("UnknownCA", lambda: refused(tmp_path / "viewer-anna.json5"))
+    assert "again until it can be reached" in caplog.text
+    if secured.auth == "certificate":
+        other = tmp_path / "viewer-anna.json5"
+        key = "root_ca_certificate_base64"
+        says("UnknownIssuer", lambda: refused(other, lambda tls, auth: tls.update({key: own[key]})))
+        says("peer sent no certificates", lambda: refused(anna, without_certificate))
+    else:
+        says("Invalid password", lambda: refused(anna, lambda tls, auth: auth.update(password="guessed")))
+        says("Invalid user", lambda: refused(anna, lambda tls, auth: auth.update(user="nobody")))
+        says("UsrPwd", lambda: refused(anna, lambda tls, auth: auth.clear()))
+
+
+def test_who_was_removed_may_do_nothing_any_more(tmp_path):
+    made = Secured(tmp_path, "certificate")
+    try:
+        kept = tmp_path / "kept.json5"
+        shutil.copy(tmp_path / "viewer-anna.json5", kept)
+        certs.run(tmp_path, [], [], [], [], ["anna"], None, None, 30, None)
+        assert not (tmp_path / "viewer-anna.json5").exists()
+        made.router.kill()
+        made.router = Router(config=str(tmp_path / "router-localhost.json5"), listen=made.endpoint)
+        made.opened.append(anna := open_transport(Endpoints.of(config=kept)))
+        car, ben = made.open("vehicle-car-7"), made.open("viewer-ben")
+        removed, heard = [], []
+        anna.listen(CAR.frame, lambda key, data: removed.append(data))
+        ben.listen(CAR.frame, lambda key, data: heard.append(data))
+        sender = car.sender(CAR.frame, Priority.FRAMES)
+        assert eventually(lambda: sender.matching)
+        sender.put(b"frame")
+        assert eventually(lambda: heard)
+        time.sleep(QUIET_S)
+        assert not removed
+    finally:
+        made.close()
+
+
+def test_rules_hold_on_a_vehicle_that_is_connected_to_directly(tmp_path):
+    port = deployment(tmp_path, routers=(), vehicles=("car-7@localhost",))
+    where = f"tls/localhost:{port}"
+    car = open_transport(Endpoints.of(config=tmp_path / "vehicle-car-7.json5", listen=where))
+    anna, olga = (
+        open_transport(Endpoints.of(config=tmp_path / f"{who}.json5")) for who in ("viewer-anna", "operator-olga")
+    )
+    try:
+        asked, heard = [], []
+        answering(car, CAR, asked)
+        inbox = anna.inbox(CAR.frame)
+        car.listen(CAR.arrived(), lambda key, data: heard.append(key))
+        sender = car.sender(CAR.frame, Priority.FRAMES)
+        assert eventually(lambda: sender.matching)
+        sender.put(b"frame")
+        assert inbox.receive() == b"frame"
+        assert eventually(lambda: olga.ask(CAR.control_set, b"{}", 2.0) == b"yes")
+        assert anna.ask(CAR.control_set, b"{}", 1.0) is None
+        own, forged = (anna.sender(CAR.arrived(name), Priority.REAL_TIME) for name in ("anna", "olga"))
+        assert eventually(lambda: own.matching)
+        forged.put(b"x")
+        own.put(b"x")
+        assert eventually(lambda: heard == [CAR.arrived("anna")])
+        assert asked == ["set"]
+    finally:
+        for one in (anna, olga, car):
+            one.close()
+
+
+def test_two_routers_carry_what_one_does(tmp_path):
+    """A vehicle at one router, a viewer at the other; both routers hold the rules."""
+    ports = free_port(), free_port()
+    deployment(tmp_path, routers=("localhost", "127.0.0.1"), port=ports[0])
+    at = [f"tls/localhost:{port}" for port in ports]
+    hub = Router(config=str(tmp_path / "router-localhost.json5"), listen=at[0])
+    far = Router(config=str(tmp_path / "router-127.0.0.1.json5"), listen=at[1], connect=at[0])
+    car = open_transport(Endpoints.of(config=tmp_path / "vehicle-car-7.json5", connect=at[0]))
+    anna = open_transport(Endpoints.of(config=tmp_path / "viewer-anna.json5", connect=at[1]))
+    try:
+        inbox, asked = anna.inbox(CAR.frame), []
+        answering(car, CAR, asked)
+        sender = car.sender(CAR.frame, Priority.FRAMES)
+        assert eventually(lambda: sender.matching, 10)
+        sender.put(b"frame")
+        assert inbox.receive() == b"frame"
+        assert eventually(lambda: anna.ask(CAR.control_keyframe, b"{}", 2.0) == b"yes")
+        assert anna.ask(CAR.control_set, b"{}", 1.0) is None
+        assert asked == ["keyframe"]
+    finally:
+        for one in (car, anna):
+            one.close()
+        far.kill()
+        hub.kill()
+
+
+def test_a_configuration_knows_whom_it_is_for(secured):
+    assert party_of(Endpoints.of(config=secured.folder / "vehicle-car-7.json5")) == ("vehicle", "car-7")
+    assert party_of(Endpoints()) is None
+
+
+def test_the_router_that_is_shipped_for_a_trusted_network_carries_a_stream():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = Router(config=str(ROOT / "packaging" / "zenoh-router.json5"), listen=endpoint)
+    car, anna = (open_transport(Endpoints.of(connect=endpoint)) for _ in range(2))
+    try:
+        inbox = anna.inbox(CAR.frame)
+        sender = car.sender(CAR.frame, Priority.FRAMES)
+        assert eventually(lambda: sender.matching)
+        sender.put(bytes(150_000))
+        assert inbox.receive() == bytes(150_000)
+    finally:
+        for one in (car, anna):
+            one.close()
+        router.kill()
