@@ -15,6 +15,7 @@ LidarCodecError
   MissingExtraError(extra)            an optional dependency that is not installed
   SourceError                         a source that cannot be opened or read
   TransportError                      a network session that cannot be opened or used
+  WorkerError(cause, resting)         the process in which a codec runs crashed, hung or cannot be started
 """
 
 from __future__ import annotations
@@ -100,3 +101,14 @@ class SourceError(LidarCodecError):
 
 class TransportError(LidarCodecError):
     """A network session that cannot be opened or used."""
+
+
+class WorkerError(LidarCodecError):
+    """The process in which a codec runs crashed, hung, or could not be started; another one begins with a key frame.
+
+    cause: the kind of it, such as `killed by SIGSEGV`; resting: it failed too often, and is started again later.
+    """
+
+    def __init__(self, message: str, cause: str, *, resting: bool = False) -> None:
+        super().__init__(message)
+        self.cause, self.resting = cause, resting

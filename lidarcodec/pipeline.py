@@ -8,12 +8,12 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Decoder
+from lidarcodec.codecs.base import Decoder, Encoder
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
@@ -37,13 +37,20 @@ def frames_of(packets: Iterable[Packet], sensor: SensorModel, framing: str = "pa
 class StreamEncoder:
     """Encodes the frames of one stream; settings, the codec among them, may change between two frames.
 
+    make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
     Raises SettingsError or UnknownNameError when settings are not allowed; nothing has changed then.
     """
 
-    def __init__(self, settings: StreamSettings | None = None, stream_id: int | None = None) -> None:
+    def __init__(
+        self,
+        settings: StreamSettings | None = None,
+        stream_id: int | None = None,
+        make_encoder: Callable[[StreamSettings, int], Encoder] = table.make_encoder,
+    ) -> None:
+        self._make_encoder = make_encoder
         self.settings = table.check(settings or StreamSettings())
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
-        self._encoder = table.make_encoder(self.settings, self.stream_id)
+        self._encoder = make_encoder(self.settings, self.stream_id)
         self._rate = self._rate_control(self.settings)
         self._held: list[Message] = []
 
@@ -67,7 +74,7 @@ class StreamEncoder:
             else:
                 self._rate = self._rate_control(checked)
         else:
-            fresh = table.make_encoder(checked, self.stream_id)
+            fresh = self._make_encoder(checked, self.stream_id)
             self._held += self._flushed()
             self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
@@ -100,10 +107,13 @@ class StreamEncoder:
 class StreamDecoder:
     """Decodes the messages of a stream; follows changes of codec and restarts of the publisher by the headers alone.
 
-    Raises only errors of the DecodeError tree, and goes on with the next message.
+    make_decoder: gives the decoder of a codec's number, as `codecs.table` does
+    Raises only errors of the DecodeError tree, and WorkerError where a decoder runs in a process of its own; goes on
+    with the next message.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, make_decoder: Callable[[int], Decoder] = table.make_decoder) -> None:
+        self._make_decoder = make_decoder
         self._decoder: Decoder | None = None
         self._of: tuple[int, int] | None = None
 
@@ -112,7 +122,7 @@ class StreamDecoder:
         frames: list[Frame] = []
         of = (message.codec, message.stream_id)
         if self._decoder is None or of != self._of:
-            fresh = table.make_decoder(message.codec)
+            fresh = self._make_decoder(message.codec)
             frames = self.flush()
             self._decoder, self._of = fresh, of
         return frames + self._decoder.decode(message)

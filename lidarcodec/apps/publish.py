@@ -18,13 +18,15 @@ from typing import Any, Literal, Self
 
 from lidarcodec.apps.control import Applied, answered, settings_with
 from lidarcodec.apps.flight import LIMIT_S, Flight
+from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
 from lidarcodec.apps.reports import read_arrival
-from lidarcodec.errors import TransportError
+from lidarcodec.apps.worker_process import START_S as WORKER_START_S
+from lidarcodec.errors import SettingsError, TransportError, WorkerError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import NAME_PATTERN, StreamSettings
@@ -45,6 +47,9 @@ PATIENT_S = 30.0
 TICK_S = 0.2
 """How soon a thread that waits sees that it should stop."""
 LAST_ARRIVAL_S = 2.0
+LAST_FRAME_S = 1.0
+"""What is being encoded at the end may take so long before its process is killed."""
+STATUS_S = 1.0
 START_S = 1.0
 """How long `start` waits for the network: endpoints that cannot be used are known by then."""
 JOIN_S = 10.0
@@ -59,6 +64,8 @@ class Publisher:
     endpoints: where to listen and connect; by default nothing leaves the machine. `transport` instead: one that is open
     poses:     where the sensor was, sent with each frame
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
+    isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
+               crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
     """
 
     def __init__(
@@ -75,11 +82,15 @@ class Publisher:
         record_as: RecordAs = "packets",
         record_limits: dict[str, int] | None = None,
         poses: Poses | None = None,
+        isolate: Isolate | None = None,
     ) -> None:
         """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
         self.keys = StreamKeys(vehicle, sensor)
-        self._encoder = StreamEncoder(settings)
-        self._encoding = threading.Lock()
+        self._once = Once(logger)
+        self._isolation = Isolation(isolate, self._worker_failed)
+        self._encoder = StreamEncoder(settings, make_encoder=self._isolation.make_encoder)
+        self._encoding, self._changing = threading.Lock(), threading.Lock()
+        self._preparing: str | None = None
         self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
         self._every = rate == "max" and not source.live
         self._recorder = None
@@ -91,7 +102,6 @@ class Publisher:
         self._interrupted = self._begun = False
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
-        self._once = Once(logger)
         self._mailbox: Mailbox[Frame] = Mailbox()
         self._feed = FrameFeed(
             source,
@@ -108,6 +118,8 @@ class Publisher:
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
         self._next_index = 0
+        self._waited_since: float | None = None
+        self._tell_now = threading.Event()
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
             threading.Thread(target=self._encode_frames, name="lidarcodec encoder", daemon=True),
@@ -134,6 +146,7 @@ class Publisher:
         self._begun = True
         if self._recorder is not None:
             self._recorder.start()
+        self._isolation.start(self.settings.codec)
         for thread in self._threads:
             thread.start()
         self._opened.wait(START_S)
@@ -169,14 +182,17 @@ class Publisher:
     def stop(self) -> None:
         """End everything: threads, network, recording, source. Harmless when called twice."""
         self._stop.set()
-        self._done.set()
+        self._end()
         self._feed.close()
         self._mailbox.close()
         self._flight.wake()
         current = threading.current_thread()
-        for thread in self._threads:
-            if thread.is_alive() and thread is not current:
-                thread.join(JOIN_S)
+        waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
+        for thread in waiting:
+            thread.join(LAST_FRAME_S)
+        self._isolation.close()
+        for thread in waiting:
+            thread.join(JOIN_S)
         if self._recorder is not None:
             self._recorder.close()
         if self._own_transport and self._transport is not None:
@@ -196,28 +212,55 @@ class Publisher:
             feed=self._feed,
             flight=self._flight.state(),
             errors=self._once.counts,
+            preparing=self._preparing,
+            worker=self._isolation.state(),
+            worker_restarts=self._isolation.restarts,
             recording=None if self._recorder is None else self._recorder.state(),
             matching=self._matching,
             ended=self._done.is_set(),
         )
 
     def change(self, /, **changes: Any) -> Applied:
-        """Change settings between two frames, as a whole or not at all.
+        """Change settings between two frames, as a whole or not at all. The old codec goes on until the process of the
+        new one is ready, if it needs one.
 
         Raises SettingsError or UnknownNameError.
         """
-        with self._encoding:
+        with self._changing:
             wanted = settings_with(self.settings, changes)
-            framing = wanted.framing != self.settings.framing
-            key = self._encoder.apply(wanted)
-            first = self._feed.reframe(wanted.framing) if framing else self._next_index
-            self._flight.follow(wanted.follow)
+            self._prepare(wanted)
+            with self._encoding:
+                framing = wanted.framing != self.settings.framing
+                key = self._encoder.apply(wanted)
+                first = self._feed.reframe(wanted.framing) if framing else self._next_index
+                self._flight.follow(wanted.follow)
+            self._isolation.changed(wanted.codec)
         logger.info("settings changed from frame %d on: %s", first, changes)
         return Applied(wanted, first, key)
+
+    def _prepare(self, wanted: StreamSettings) -> None:
+        """Wait until the codec can be used at once; receivers are told meanwhile, so that theirs will be ready too."""
+        if self._isolation.isolated(self.settings.codec) or not self._isolation.isolated(wanted.codec):
+            return
+        if not self._begun or self._done.is_set():
+            return
+        self._preparing = wanted.codec
+        self._tell_now.set()
+        self._isolation.start(wanted.codec)
+        end = time.monotonic() + WORKER_START_S
+        while not self._isolation.ready(wanted.codec):
+            if self._isolation.rests or self._done.is_set() or time.monotonic() > end:
+                self._preparing = None
+                raise SettingsError(f"codec {wanted.codec}: {self._isolation.last_failure}", "codec")
+        self._preparing = None
 
     def request_key(self) -> None:
         """Have the next message be a key frame; requests within half a second are one."""
         self._key_wanted.set()
+
+    def _end(self) -> None:
+        self._done.set()
+        self._tell_now.set()
 
     # --- the source thread ------------------------------------------------------------------------------------------
 
@@ -247,7 +290,7 @@ class Publisher:
             for one in reversed(self._declared):  # the token first: receivers see the end after the last message
                 one.close()
             self._opened.set()
-            self._done.set()
+            self._end()
 
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
@@ -272,7 +315,7 @@ class Publisher:
                 elif self._mailbox.take(TICK_S) is not None:
                     self._board.no_receiver += 1
                 continue
-            if not self._flight.wait(TICK_S):
+            if not self._flight.wait(TICK_S) or not self._coder_ready():
                 continue
             frame = self._mailbox.take(TICK_S)
             if frame is not None:
@@ -280,6 +323,16 @@ class Publisher:
         if not self._stop.is_set():
             self._flush(sender)
             self._flight.wait_landed(LAST_ARRIVAL_S)
+
+    def _coder_ready(self) -> bool:
+        """Whether a frame may be taken out of the mailbox. After the source's end, whatever became of the process."""
+        if self._isolation.ready(self.settings.codec, TICK_S):
+            self._waited_since = None
+            return True
+        if not self._mailbox.closed:
+            return False
+        self._waited_since = self._waited_since or time.monotonic()
+        return time.monotonic() - self._waited_since > WORKER_START_S
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
@@ -293,6 +346,8 @@ class Publisher:
                 messages = self._encoder.encode(frame, key=key)
             data = [(message, pack(message)) for message in messages]
         except Exception as error:  # whatever a codec does, the stream goes on with a key frame
+            if self._stop.is_set():
+                return
             self._once.add("encode errors", error)
             self.request_key()
             return
@@ -332,7 +387,9 @@ class Publisher:
         try:
             sender = self._transport.sender(self.keys.status, Priority.STATUS)
             while True:
-                ended = self._done.wait(1.0)
+                self._tell_now.wait(STATUS_S)
+                self._tell_now.clear()
+                ended = self._done.is_set()
                 sender.put(self._board.packed(self.status()))
                 if ended:
                     return
@@ -347,6 +404,10 @@ class Publisher:
         if matching:
             self.request_key()
         self._matching = matching
+
+    def _worker_failed(self, error: WorkerError) -> None:
+        self._once.add(f"worker {error.cause}", error)
+        self.request_key()
 
     def _receiver_changed(self, key: str, alive: bool) -> None:
         name = key.rpartition("/")[2]

@@ -18,16 +18,19 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
+from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.reports import pack_arrival
+from lidarcodec.codecs import table
 from lidarcodec.errors import (
     DecodeError,
     LidarCodecError,
     MissingReferenceError,
     TransportError,
     UnsupportedVersionError,
+    WorkerError,
 )
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -56,6 +59,7 @@ class Receiver:
     on_message: takes the bytes of every message, in the receive thread; must be quick
     on_end:     called when nothing more will come
     until_end:  end when the publisher has gone
+    isolate:    which decoders run in a process of their own, as for `LiveStream`
     stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
     """
 
@@ -70,7 +74,9 @@ class Receiver:
         endpoints: Endpoints | None = None,
         transport: Transport | None = None,
         until_end: bool = False,
+        isolate: Isolate | None = None,
     ) -> None:
+        """Raises SettingsError for an unknown choice of `isolate`."""
         self.keys, self.name = keys, name
         self.stats = ReceiverStats()
         self.status: dict[str, Any] | None = None
@@ -80,8 +86,9 @@ class Receiver:
         self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
         self._declared: list[Closeable] = []
         self._slot: Mailbox[Message] = Mailbox()
-        self._decoder = StreamDecoder()
         self._once = Once(logger)
+        self._isolation = Isolation(isolate, lambda error: self._once.add(f"worker {error.cause}", error))
+        self._decoder = StreamDecoder(self._isolation.make_decoder)
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
         self._joined: int | None = None
         self._key_wanted = True
@@ -113,6 +120,16 @@ class Receiver:
             self.close()
             raise self.failure
 
+    @property
+    def worker(self) -> dict[str, Any] | None:
+        """The process in which the decoder runs: `pid`, `state`, `restarts`, `last_failure`; None if there was none."""
+        return self._isolation.state()
+
+    @property
+    def worker_restarts(self) -> int:
+        """Processes of the decoder that were started because another one had failed."""
+        return self._isolation.restarts
+
     def request_key(self) -> None:
         """Ask the publisher for a key frame, soon."""
         self._key_wanted = True
@@ -127,6 +144,7 @@ class Receiver:
             one.close()
         if self._own_transport and self._transport is not None:
             self._transport.close()
+        self._isolation.close()
         for thread in self._threads:
             if thread.is_alive() and thread is not threading.current_thread():
                 thread.join(JOIN_S)
@@ -209,6 +227,13 @@ class Receiver:
         except UnsupportedVersionError as error:  # no key frame would help
             self._once.add("decode_errors", error)
             return []
+        except WorkerError as error:
+            if self._stop.is_set():
+                return []
+            self._once.add("decode_errors", error)
+            if not error.resting:
+                self.request_key()
+            return []
         except LidarCodecError as error:
             self._once.add("decode_errors", error)
             self.request_key()
@@ -216,7 +241,7 @@ class Receiver:
         except Exception as error:  # a fault of ours: this message is lost, the stream is not
             logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
-            self._decoder = StreamDecoder()
+            self._decoder = StreamDecoder(self._isolation.make_decoder)
             self.request_key()
             return []
         self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))
@@ -246,6 +271,7 @@ class Receiver:
                     self._ping(transport)
                 if now >= due_report:
                     due_report = now + REPORT_S
+                    self._isolation.tidy()
                     reports.put(json.dumps(self.stats.report(self.errors, self.rtt_ms)).encode())
                 soonest = min(due_key if self._key_wanted else due_report, due_ping, due_report)
                 self._poke.wait(max(0.01, soonest - time.monotonic()))
@@ -269,6 +295,8 @@ class Receiver:
             return
         if isinstance(status, dict):
             self.status = status
+            if status.get("preparing") in table.names():  # have a process ready when its first message comes
+                self._isolation.start(status["preparing"])
 
     def _publisher_changed(self, key: str, alive: bool) -> None:
         logger.info("%s: %s", self.keys.prefix, "the publisher is there" if alive else "the publisher is gone")

@@ -17,6 +17,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
 
+from lidarcodec.apps.isolation import Isolate
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.receiver import Receiver
@@ -73,6 +74,8 @@ class LiveStream:
     max_age_s:  frames older than this when decoded are counted as stale and not given out
     until_end:  iteration ends when the publisher has gone
     udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages
+    isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
+                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
     stats:      counts and times of this receiver;  status: the publisher's last status
     """
 
@@ -89,6 +92,7 @@ class LiveStream:
         until_end: bool = False,
         udp: str | None = None,
         record: str | Path | None = None,
+        isolate: Isolate | None = None,
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
@@ -110,6 +114,7 @@ class LiveStream:
             endpoints=endpoints,
             transport=transport,
             until_end=until_end,
+            isolate=isolate,
         )
 
     # --- for whoever iterates ---------------------------------------------------------------------------------------
@@ -216,6 +221,8 @@ class LiveStream:
         return {
             **self.stats.summary(),
             "errors": dict(self._receiver.errors),
+            "worker": self._receiver.worker,
+            "worker_restarts": self._receiver.worker_restarts,
             "replaced": self.replaced,
             "rtt_ms": self._receiver.rtt_ms,
             "udp": None if self._udp is None else dict(self._udp.counts),

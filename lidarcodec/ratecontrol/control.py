@@ -51,7 +51,7 @@ class RateControl:
         self._last: tuple[int, int, int] | None = None if before is None else before._last
         self._told: bool = before is None or before._told
         self._untold_s: float = 0.0 if before is None else before._untold_s
-        self._waiting: deque[Load] = deque()
+        self._waiting: deque[tuple[int, Load]] = deque()
         self._level = 0
         self._take(settings)
         if before is not None and before._plan.target_bps != self._plan.target_bps:
@@ -76,9 +76,11 @@ class RateControl:
         """Learn from the messages that became complete with a frame, or with the end of the stream."""
         if frame is not None:
             self._follow_stamps(frame)
-            self._waiting.append(self._load(frame))
+            self._waiting.append((frame.index, self._load(frame)))
         for message in messages:
-            loads = [self._waiting.popleft() for _ in range(min(message.frame_count, len(self._waiting)))]
+            while self._waiting and self._waiting[0][0] < message.frame_index:
+                self._waiting.popleft()  # went with an encoder that held it back and failed
+            loads = [self._waiting.popleft()[1] for _ in range(min(message.frame_count, len(self._waiting)))]
             if not loads:
                 continue
             load = Load(*(sum(parts) for parts in zip(*loads, strict=True)))

@@ -1,0 +1,429 @@
+"""Codecs in a process of their own, killed, crashed, stopped and starved: a stream loses a frame and goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import lidarcodec
+from lidarcodec import wire
+from lidarcodec.apps.isolation import Isolation
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.codecs import pcodec, table
+from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, WorkerError
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.memory import MemoryNetwork
+from tests.apps.streams import Loop
+from tests.apps.test_processes import End
+from tests.conftest import ROOT
+from tests.contracts import frames
+from tests.contracts.codec import assert_equal, from_table
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
+
+pytestmark = pytest.mark.timeout(120)
+
+LONG = StreamSettings(codec="zstd", key_interval=10_000)
+SCENES = [frames.scene(8, index=index) for index in range(12)]
+
+
+def gone(pid: int) -> bool:
+    """Whether there is no such process, not even a dead one that nobody collected."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+class Ends:
+    """An encoder and a decoder, each in a process of its own."""
+
+    def __init__(self, settings: StreamSettings, limit_s: float) -> None:
+        self.failures: list[WorkerError] = []
+        self.sender, self.receiver = (Isolation("always", self.failures.append, limit_s) for _ in range(2))
+        self.encoder = StreamEncoder(settings, 7, self.sender.make_encoder)
+        self.decoder = StreamDecoder(self.receiver.make_decoder)
+
+    def close(self) -> None:
+        pids = [one.state()["pid"] for one in (self.sender, self.receiver) if one.state()]
+        self.sender.close()
+        self.receiver.close()
+        assert all(gone(pid) for pid in pids if pid)
+
+
+@pytest.fixture
+def ends():
+    """Function that makes ends; afterwards their processes are gone."""
+    made = []
+
+    def make(settings: StreamSettings = LONG, limit_s: float = 60.0) -> Ends:
+        made.append(Ends(settings, limit_s))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.mark.parametrize("codec", ["zstd", "pcodec", "jpeg-layered"])
+def test_frames_and_messages_are_those_of_this_process(ends, codec):
+    settings = StreamSettings(codec=codec, codec_settings={"group": 4} if codec == "jpeg-layered" else {})
+    there, here = ends(settings), StreamEncoder(settings, 7)
+    sent = SCENES[:6] if codec == "jpeg-layered" else [*frames.ordinary().values()]
+    messages = [message for frame in sent for message in there.encoder.encode(frame)] + there.encoder.flush()
+    expected = [message for frame in sent for message in here.encode(frame)] + here.flush()
+    assert [wire.pack(message) for message in messages] == [wire.pack(message) for message in expected]
+    came = [frame for message in messages for frame in there.decoder.decode(message)] + there.decoder.flush()
+    assert len(came) == len(sent)
+    for one, other in zip(came, sent, strict=True):
+        assert_equal(one, other, from_table(codec))
+    assert there.failures == []
+
+
+def starve(pid: int) -> None:
+    """Leave a process no more address space than it has."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
+    resource.prlimit(pid, resource.RLIMIT_AS, (pages * resource.getpagesize(), resource.RLIM_INFINITY))
+
+
+def strike(side: Isolation, fault: signal.Signals, ask: Callable[[], object]) -> None:
+    """Hit a process with a signal in the middle of its work."""
+    pid, process = side.state()["pid"], side._keeper._process
+    os.kill(pid, signal.SIGSTOP)
+
+    def hit() -> None:
+        eventually(process._asking.locked, 30)
+        os.kill(pid, fault)
+        if fault != signal.SIGSTOP:
+            os.kill(pid, signal.SIGCONT)
+
+    thread = threading.Thread(target=hit)
+    thread.start()
+    try:
+        ask()
+    finally:
+        thread.join()
+
+
+FAULTS = [
+    (signal.SIGKILL, "killed by SIGKILL"),
+    (signal.SIGSEGV, "killed by SIGSEGV"),
+    (signal.SIGSTOP, "gave no answer"),
+    ("memory", "raised"),
+]
+
+
+@pytest.mark.parametrize(("fault", "cause"), FAULTS, ids=[cause for _, cause in FAULTS])
+def test_a_fault_costs_a_frame_and_a_key_frame_follows(ends, fault, cause):
+    """Of an encoder, then of its decoder, which needs that key frame and says so."""
+    pair = ends(limit_s=1.0 if fault == signal.SIGSTOP else 60.0)
+    big = frames.scene(348, index=2)  # more than fits the memory, or the buffers, that a process has left
+    for frame in SCENES[:2]:
+        for message in pair.encoder.encode(frame):
+            assert pair.decoder.decode(message)
+
+    def failed(side: Isolation, ask: Callable[[], object]) -> None:
+        pid = side.state()["pid"]
+        if fault == "memory":
+            starve(pid)
+        with pytest.raises(WorkerError, match=f"process {pid}") as seen:
+            ask() if fault == "memory" else strike(side, fault, ask)
+        assert (seen.value.cause, seen.value.resting) == (cause, False)
+        assert gone(pid)
+        assert side.state()["last_failure"] == str(seen.value)
+
+    failed(pair.sender, lambda: pair.encoder.encode(big))
+    (message,) = pair.encoder.encode(big.with_(index=3))
+    assert message.key
+    failed(pair.receiver, lambda: pair.decoder.decode(message))
+    (after,) = pair.encoder.encode(big.with_(index=4))
+    with pytest.raises(MissingReferenceError):
+        pair.decoder.decode(after)
+    (key,) = pair.encoder.encode(big.with_(index=5), key=True)
+    assert_equal(*pair.decoder.decode(key), big.with_(index=5), from_table("zstd"))
+    assert (pair.sender.restarts, pair.receiver.restarts) == (1, 1)
+    assert [error.cause for error in pair.failures] == [cause, cause]
+
+
+def test_a_process_that_died_unasked_costs_no_frame(ends):
+    pair = ends()
+    pair.encoder.encode(SCENES[0])
+    pid = pair.sender.state()["pid"]
+    os.kill(pid, signal.SIGKILL)
+    assert eventually(lambda: os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None, 30)
+    assert [message.key for message in pair.encoder.encode(SCENES[1])] == [True]
+    assert pair.sender.restarts == 1
+
+
+def test_errors_of_a_codec_keep_type_and_attributes_and_the_process(ends):
+    pair = ends()
+    (key,), (inter,) = pair.encoder.encode(SCENES[0]), pair.encoder.encode(SCENES[1])
+    with pytest.raises(MissingReferenceError) as seen:
+        pair.decoder.decode(inter)
+    assert seen.value.needs == 1  # its calibration is missing: the refused frame itself
+    with pytest.raises(SectionError):
+        pair.decoder.decode(lidarcodec.Message(**(vars(key) | {"sections": key.sections[:2]})))
+    assert pair.decoder.decode(key)
+    with pytest.raises(SettingsError, match="no setting") as refused:
+        pair.encoder.apply(StreamSettings(codec="zstd", codec_settings={"nonsense": 1}))
+    assert refused.value.field == "codec_settings.nonsense"
+    assert pair.failures == []
+
+
+def test_settings_and_codecs_change_within_the_process(ends):
+    pair = ends()
+    assert pair.encoder.encode(SCENES[0])
+    pid = pair.sender.state()["pid"]
+    assert pair.encoder.apply(LONG.changed(max_error_m=0.1)) in (True, False)
+    (coarse,) = pair.encoder.encode(SCENES[1], key=True)
+    assert abs(pair.decoder.decode(coarse)[0].range.astype(int) - SCENES[1].range).max() > 0
+    assert pair.encoder.apply(StreamSettings(codec="jpeg-layered", codec_settings={"group": 4}))
+    assert pair.encoder.encode(SCENES[2]) == []
+    assert pair.encoder.apply(LONG) is True
+    held, key = pair.encoder.encode(SCENES[3])  # what the group held back, then the new codec
+    assert (held.codec, held.frame_index, key.codec, key.key) == (table.codec_id("jpeg-layered"), 2, 2, True)
+    came = pair.decoder.decode(held) + pair.decoder.decode(key)
+    assert [frame.index for frame in came] == [2, 3]
+    assert pair.sender.state()["pid"] == pid
+
+
+def test_rate_control_keeps_what_it_learned_through_a_crash(ends):
+    pair = ends(StreamSettings(codec="zstd", target_kbps=2000, intensity="off"))
+    for frame in SCENES[:6]:
+        pair.encoder.encode(frame)
+    before = pair.encoder.rate
+    with contextlib.suppress(WorkerError):  # no frame is lost when it was hit while it took the next setting
+        strike(pair.sender, signal.SIGSEGV, lambda: pair.encoder.encode(SCENES[6]))
+    pair.encoder.encode(SCENES[7])
+    assert [error.cause for error in pair.failures] == ["killed by SIGSEGV"]
+    assert pair.encoder.rate["reachable_kbps"] == pytest.approx(before["reachable_kbps"], rel=0.5)
+
+
+def test_a_storm_of_crashes_is_slowed_down_and_survived(ends):
+    pair = ends()
+    starts = []
+    for _ in range(3):
+        while not pair.sender.ready("zstd"):
+            assert pair.sender.state()["state"] in ("resting", "running", "none")
+        starts.append(time.monotonic())
+        os.kill(pair.sender.state()["pid"], signal.SIGSEGV)
+        assert eventually(lambda: len(pair.failures) == len(starts) or not pair.sender.ready("zstd", 0.0))
+    assert starts[2] - starts[1] >= 0.25  # after the second failure; the first one costs no time
+    assert pair.sender.rests
+    with pytest.raises(WorkerError) as seen:
+        pair.encoder.encode(SCENES[0])
+    assert seen.value.resting
+    while not pair.sender.ready("zstd"):
+        pass
+    assert pair.encoder.encode(SCENES[1])[0].key
+
+
+def test_the_process_is_small_and_knows_no_secrets(ends, monkeypatch):
+    """A codec that was taken over must find neither passwords nor a network library."""
+    monkeypatch.setenv("LIDARCODEC_DATABASE_URL", "postgresql://user:password@host/db")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    pair = ends()
+    pair.encoder.encode(SCENES[0])
+    pid = pair.sender.state()["pid"]
+    environment = Path(f"/proc/{pid}/environ").read_bytes()
+    assert b"password" not in environment
+    assert b"secret" not in environment
+    assert "zenoh" not in Path(f"/proc/{pid}/maps").read_text()
+    assert os.getpgid(pid) == pid
+    assert resource.prlimit(pid, resource.RLIMIT_CORE)[0] == 0
+    assert resource.prlimit(pid, resource.RLIMIT_AS)[0] == 2**31
+
+
+def test_the_process_leaves_signals_of_a_group_to_its_stream(ends):
+    pair = ends()
+    pair.encoder.encode(SCENES[0])
+    pid = pair.sender.state()["pid"]
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(pid, number)
+    assert pair.encoder.encode(SCENES[1])[0].key is False
+    assert pair.sender.state()["pid"] == pid
+
+
+@pytest.mark.parametrize("busy", [False, True], ids=["idle", "stopped"])
+def test_the_process_ends_with_a_stream_that_was_killed(busy):
+    code = (
+        "import os, time; from lidarcodec.apps.isolation import Isolation\n"
+        "one = Isolation('always', print); one.start('zstd')\n"
+        "while not one.ready('zstd'): pass\n"
+        "print(one.state()['pid'], flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        if busy:
+            os.kill(pid, signal.SIGSTOP)
+        parent.kill()
+    if busy:
+        os.kill(pid, signal.SIGCONT)
+    assert eventually(lambda: gone(pid), 30)
+
+
+def test_an_unknown_choice_is_refused(monkeypatch):
+    with pytest.raises(SettingsError, match="auto, always, never"):
+        Isolation("sometimes", print)
+    monkeypatch.setenv("LIDARCODEC_ISOLATE", "sometimes")
+    with pytest.raises(SettingsError):
+        Publisher(Loop(1))
+    monkeypatch.setenv("LIDARCODEC_ISOLATE", "always")
+    assert Isolation(None, print).isolated("raw")
+
+
+# --- on a stream ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stream():
+    """A publisher and a subscriber, both with isolated codecs, over memory; no thread is left afterwards."""
+    before, network = set(threading.enumerate()), MemoryNetwork()
+    here, there = network.transport(), network.transport()
+    car = Publisher(Loop(), LONG, transport=here, rate=30.0, isolate="always")
+    with car, subscribe(transport=there, newest=False, isolate="always") as live:
+        assert live.next(30)
+        yield car, live
+        pids = [car.status()["worker"]["pid"], live.summary()["worker"]["pid"]]
+    here.close()
+    there.close()
+    assert all(gone(pid) for pid in pids if pid)
+    assert eventually(lambda: set(threading.enumerate()) <= before), threading.enumerate()
+
+
+def advances(live, number: int = 5) -> None:
+    """The stream goes on."""
+    for _ in range(number):
+        assert live.next(30)
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_stream_outlives_its_encoders_process(stream, fault):
+    car, live = stream
+    keys = car.status()["key_frames"]
+    os.kill(car.status()["worker"]["pid"], fault)
+    assert eventually(lambda: car.status()["worker_restarts"] == 1, 30)
+    assert eventually(lambda: car.status()["key_frames"] > keys, 30)
+    advances(live)
+    cause = "gave no answer" if fault == signal.SIGSTOP else f"killed by {fault.name}"
+    assert car.status()["errors"][f"worker {cause}"] == 1
+    assert car.status()["worker"]["state"] == "running"
+    assert live.summary()["errors"] == {}
+    assert live.stats.counts["restarts"] == 0
+
+
+def test_a_stream_outlives_its_decoders_process(stream):
+    car, live = stream
+    keys = car.status()["key_frames"]
+    os.kill(live.summary()["worker"]["pid"], signal.SIGSEGV)
+    assert eventually(lambda: live.summary()["worker_restarts"] == 1, 30)
+    advances(live)
+    assert car.status()["key_frames"] > keys
+    assert live.summary()["errors"]["worker killed by SIGSEGV"] == 1
+
+
+def test_a_codec_that_needs_a_process_gets_it_before_the_change(monkeypatch):
+    """The stream does not stand still meanwhile, and the receiver, told by nobody, has one ready too."""
+    monkeypatch.setattr(pcodec, "CODEC", pcodec.CODEC._replace(isolated=True))
+    table.codec.cache_clear()
+    network = MemoryNetwork()
+    here, there = network.transport(), network.transport()
+    try:
+        with (
+            Publisher(Loop(), LONG, transport=here, rate=20.0) as car,
+            subscribe(transport=there, newest=False) as live,
+        ):
+            advances(live)
+            assert (car.status()["worker"], live.summary()["worker"]) == (None, None)
+            applied = car.change(codec="pcodec")
+            assert applied.key
+            assert car.status()["worker"]["state"] == "running"
+            while live.next(30).index < applied.first_frame + 3:
+                pass
+            assert live.summary()["worker"]["state"] == "running"
+            pid = car.status()["worker"]["pid"]
+            applied = car.change(codec="zstd")
+            assert gone(pid)
+            while live.next(30).index < applied.first_frame + 3:
+                pass
+            assert car.status()["errors"] == live.summary()["errors"] == {}
+            assert (car.status()["worker_restarts"], car.status()["preparing"]) == (0, None)
+    finally:
+        here.close()
+        there.close()
+        monkeypatch.undo()
+        table.codec.cache_clear()
+
+
+def test_a_source_that_ends_is_flushed_through_the_process():
+    network = MemoryNetwork()
+    here, there = network.transport(), network.transport()
+    settings = StreamSettings(codec="jpeg-layered", codec_settings={"group": 4})
+    with (
+        subscribe(transport=there, newest=False, until_end=True, isolate="always") as live,
+        Publisher(Loop(6), settings, transport=here, rate="max", isolate="always"),
+    ):
+        assert [frame.index for frame in live] == [0, 1, 2, 3, 4, 5]
+    here.close()
+    there.close()
+
+
+def test_over_the_network_both_sides_lose_their_processes_and_go_on(monkeypatch):
+    monkeypatch.setenv("LIDARCODEC_ISOLATE", "always")
+    port = free_port()
+    with lidarcodec.subscribe(loopback_port=port, newest=False) as live:
+        car = End("publish", loopback_port=port, rate=10)
+        try:
+            advances(live)
+            assert eventually(lambda: car.status.get("worker"), 30)
+            theirs = car.status["worker"]["pid"]
+            os.kill(theirs, signal.SIGSEGV)
+            assert eventually(lambda: car.status["worker_restarts"] == 1, 30)
+            os.kill(live.summary()["worker"]["pid"], signal.SIGKILL)
+            assert eventually(lambda: live.summary()["worker_restarts"] == 1, 30)
+            advances(live)
+            assert car.status["errors"]["worker killed by SIGSEGV"] == 1
+            last = car.status["worker"]["pid"]
+        finally:
+            car.end()
+    assert car.process.returncode == 0
+    assert eventually(lambda: gone(theirs) and gone(last), 30)
+
+
+def test_a_terminals_interrupt_ends_the_stream_and_its_process_quietly(monkeypatch):
+    """Ctrl-C goes to the whole group: the publisher ends its stream, its codec does not die before."""
+    port = free_port()
+    command = [sys.executable, "-m", "lidarcodec", "publish", "sim:road", "--listen", f"tcp/127.0.0.1:{port}"]
+    with (
+        lidarcodec.subscribe(connect=f"tcp/127.0.0.1:{port}", isolate="never") as live,
+        subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=os.environ | {"LIDARCODEC_ISOLATE": "always"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,
+        ) as car,
+    ):
+        advances(live)
+        assert eventually(lambda: (live.status or {}).get("worker"), 30)
+        pid = live.status["worker"]["pid"]
+        os.killpg(car.pid, signal.SIGINT)
+        said, complaints = car.communicate(timeout=60)
+    assert (car.returncode, complaints) == (0, "")
+    assert "frames in" in said
+    assert gone(pid)
