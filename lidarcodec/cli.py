@@ -154,12 +154,21 @@ def bench(
     plot: Annotated[
         Path | None, _option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")
     ] = None,
+    metrics: Annotated[
+        str, _option("--metrics", metavar="usual|all", help="`all`: also errors by range, Chamfer, D1, D2 (slower).")
+    ] = "usual",
+    curve: Annotated[
+        bool, _option("--curve", help="Every codec at the points of its own knob: bound, quality or crf.")
+    ] = False,
+    peers: Annotated[
+        bool, _option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
-    command.run(source, codec, pairs or [], frames, skip, calibration, poses, plot, as_json)
+    command.run(source, codec, pairs or [], frames, skip, calibration, poses, plot, as_json, metrics, curve, peers)
 
 
 @app.command()

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from lidarcodec.commands.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
-from lidarcodec.errors import SettingsError
-from lidarcodec.evaluation.bench import bench
-from lidarcodec.evaluation.report import check_plot, text_table
-from lidarcodec.evaluation.report import plot as draw
+from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.evaluation.bench import METRICS, bench
+from lidarcodec.evaluation.peers import table
+from lidarcodec.evaluation.peers.run import bench_peer
+from lidarcodec.evaluation.plots import check_plot, plot_bits, plot_curves
+from lidarcodec.evaluation.report import text_table
 
 PLOTS = (".png", ".svg", ".pdf")
+Job = tuple[str, Callable[..., dict[str, Any]]]
 
 
 def run(
@@ -27,22 +35,58 @@ def run(
     poses: Path | None,
     plot: Path | None,
     as_json: bool,
+    metrics: str = "usual",
+    as_curve: bool = False,
+    peers: bool = False,
 ) -> None:
     """Measure each setting and print the results; when stopped, those that were finished."""
-    settings = sweep(codecs, pairs)
+    if metrics not in METRICS:
+        raise SettingsError(f"--metrics is {' or '.join(METRICS)}, not '{metrics}'", "metrics")
     if plot is not None and plot.suffix.lower() not in PLOTS:
         raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
     if plot is not None:
         check_plot()
+    jobs = _codec_jobs(codecs, pairs, as_curve, poses) + _peer_jobs(codecs, peers)
     check_finite(source, frames)
+    given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
     results = []
     with suppress(KeyboardInterrupt):
-        for number, chosen in enumerate(settings, 1):
-            with progress(f"{chosen.codec} ({number} of {len(settings)})", frames) as tick:
-                results.append(
-                    bench(source, chosen, frames=frames, skip=skip, calibration=calibration, poses=poses, tick=tick)
-                )
+        for number, (name, job) in enumerate(jobs, 1):
+            with progress(f"{name} ({number} of {len(jobs)})", frames) as tick:
+                results.append(job(source, **given, tick=tick))
     if as_json or results:
         print(json.dumps(results, indent=2) if as_json else text_table(results))
     if plot is not None and results:
-        draw(results, plot)
+        (plot_curves if as_curve else plot_bits)(results, plot)
+
+
+def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None) -> list[Job]:
+    """What to measure of our own codecs: all that `--codec` names beside peers."""
+    own = codecs
+    if codecs:
+        own = ",".join(name for name in codecs.split(",") if not table.is_peer(name.strip()))
+        if not own:
+            if pairs:
+                raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names nothing else")
+            return []
+    settings = (curve if as_curve else sweep)(own, pairs)
+    return [(chosen.codec, partial(bench, settings=chosen, poses=poses)) for chosen in settings]
+
+
+def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:
+    """Peers that are named, and with `all_of_them` every one that can run here; those that cannot are told.
+
+    Raises UnknownNameError or MissingExtraError for a peer that is named and cannot.
+    """
+    named = [name.strip() for name in (codecs or "").split(",") if table.is_peer(name.strip())]
+    jobs: list[Job] = []
+    for name in named + [name for name in table.names() if all_of_them and name not in named]:
+        try:
+            found = table.peer(name)
+        except MissingExtraError as missing:
+            if name in named:
+                raise
+            print(f"left out: {missing}", file=sys.stderr)
+            continue
+        jobs += [(name, partial(bench_peer, name=name, value=value)) for value in found.values]
+    return jobs

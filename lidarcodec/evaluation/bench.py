@@ -15,14 +15,16 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Final, Literal
 
 import lidarcodec
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import own_settings
 from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
 from lidarcodec.evaluation.metrics import RangeErrors, Sizes, times_ms
+from lidarcodec.evaluation.range_bands import RangeBands
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
@@ -34,7 +36,9 @@ from lidarcodec.sources.posed import posed
 from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 from lidarcodec.wire import pack, unpack
 
-FRAMES_AT_10HZ = 10
+Metrics = Literal["usual", "all"]
+METRICS: Final[tuple[Metrics, ...]] = ("usual", "all")
+FRAMES_AT_10HZ: Final = 10
 
 
 def bench(
@@ -45,17 +49,19 @@ def bench(
     skip: int = 0,
     calibration: Path | None = None,
     poses: Path | None = None,
+    metrics: Metrics = "usual",
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for one setting; its fields are in DESIGN 3.6.
 
-    frames: how many, None for all; skip: frames left out before them; tick: called after each frame.
+    frames: how many, None for all; skip: frames left out before them; metrics: `all` adds error quantiles by range and
+    the distances of the clouds (0.4 s a frame); tick: called after each frame.
     Raises SettingsError, UnknownNameError, SourceError, and DecodeError when the codec fails on what it wrote itself.
     """
     encoder = StreamEncoder(settings)
-    run = _Run(encoder, StreamDecoder())
+    run = _Run(encoder, StreamDecoder(), more=MoreErrors() if metrics == "all" else None)
     with open_source(spec, calibration=calibration, poses=poses) as source:
-        cut = _frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
+        cut = frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
             run.frame(posed(frame, source.poses if poses else None), payloads)
             tick()
@@ -73,7 +79,7 @@ def effective(settings: StreamSettings) -> dict[str, Any]:
     return settings.model_dump(mode="json") | {"codec_settings": own.model_dump(mode="json")}
 
 
-def _frames_and_payloads(
+def frames_and_payloads(
     packets: Iterable[Packet], sensor: SensorModel, framing: str
 ) -> Iterator[tuple[Frame, list[bytes]]]:
     """Frames, each with the payloads that the source gave for it."""
@@ -86,6 +92,28 @@ def _frames_and_payloads(
 
     for frame in frames_of(remembered(), sensor, framing):
         yield frame, [waiting.popleft() for _ in range(frame.side.packets if frame.side else 0)]
+
+
+def kbps_at_10hz(size: int, packets: int) -> float:
+    """Mean bits of 348 packets, ten times a second. size: bytes of the messages of so many packets."""
+    return round(size * 8 / packets * FRAME_PACKETS * FRAMES_AT_10HZ / 1000, 3)
+
+
+@dataclass
+class MoreErrors:
+    """What `metrics="all"` adds to a result."""
+
+    bands: RangeBands = field(default_factory=RangeBands)
+    clouds: CloudErrors = field(default_factory=CloudErrors)
+
+    def add(self, original: Frame, decoded: Frame) -> None:
+        """Compare a frame, all of its returns, with what came back."""
+        self.bands.add(original.range, decoded.range)
+        self.clouds.add(xyz_of(original.with_(keep=None).cloud()), xyz_of(decoded.cloud()))
+
+    def result(self) -> dict[str, Any]:
+        """`range_errors` and the fields of `CloudErrors`."""
+        return {"range_errors": self.bands.result(), **self.clouds.result()}
 
 
 @dataclass
@@ -109,6 +137,7 @@ class _Run:
 
     encoder: StreamEncoder
     decoder: StreamDecoder
+    more: MoreErrors | None = None
     frames: int = 0
     packets: int = 0
     points: int = 0
@@ -158,6 +187,8 @@ class _Run:
             original, payloads = self.waiting.pop(frame.index)
             sent = original.range if original.keep is None else original.range * original.keep
             self.errors.add(sent, frame.range)
+            if self.more is not None:
+                self.more.add(original, frame)
             if self.identical:
                 self.identical = b"".join(p.payload for p in packets_of(frame)) == b"".join(payloads)
 
@@ -171,7 +202,6 @@ class _Run:
     def result(self) -> dict[str, Any]:
         """Fields of the contract that do not need the source."""
         errors, kept = self.errors, self.errors.points
-        bits_per_packet = self.sizes.total * 8 / self.packets
         return {
             "codec": self.encoder.settings.codec,
             "settings": effective(self.encoder.settings),
@@ -180,7 +210,7 @@ class _Run:
             "points_per_frame": round(self.points / self.frames, 3),
             "bits_per_point": self.sizes.bits_per(self.points),
             "ratio": round(self.packets * PACKET_BYTES / self.sizes.total, 6),
-            "kbps_at_10hz": round(bits_per_packet * FRAME_PACKETS * FRAMES_AT_10HZ / 1000, 3),
+            "kbps_at_10hz": kbps_at_10hz(self.sizes.total, self.packets),
             "rmse_m": errors.rmse_m,
             "max_error_m": errors.max_error_m,
             "psnr_db": None if errors.psnr_db is None else round(errors.psnr_db, 4),
@@ -191,4 +221,5 @@ class _Run:
             "packets_identical": self.identical,
             "encode_ms": times_ms(self.encoding.seconds),
             "decode_ms": times_ms(self.decoding.seconds),
+            **({} if self.more is None else self.more.result()),
         }

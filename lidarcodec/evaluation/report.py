@@ -1,27 +1,15 @@
-"""Results of `bench` as a table to read and a picture to look at."""
+"""Results of `bench` as a table to read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
-from lidarcodec.errors import MissingExtraError
 from lidarcodec.evaluation.bench import effective
+from lidarcodec.evaluation.peers.table import is_peer
 from lidarcodec.settings import StreamSettings
 
 Result = dict[str, Any]
-
-PLANES = {
-    "range": "#2563eb",
-    "mask": "#0ea5e9",
-    "intensity": "#f59e0b",
-    "azimuth": "#a855f7",
-    "side": "#64748b",
-    "header": "#cbd5e1",
-}
-"""Parts of a message in the order in which they are stacked, and their colours."""
 
 
 def _number(value: float | None, digits: int) -> str:
@@ -29,7 +17,9 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def label(result: Result) -> str:
-    """The codec and what was set apart from the defaults, for one line of a table."""
+    """The codec and what was set apart from the defaults, for one line of a table; all that was set of a peer."""
+    if is_peer(result["codec"]):
+        return " ".join([result["codec"], *(f"{k}={v}" for k, v in result["settings"].items() if k != "holds")])
     defaults = effective(StreamSettings(codec=result["codec"]))
     own_defaults = defaults.pop("codec_settings")
     settings = dict(result["settings"])
@@ -37,6 +27,20 @@ def label(result: Result) -> str:
     apart = {key: value for key, value in settings.items() if value != defaults[key]}
     apart |= {key: value for key, value in own.items() if value != own_defaults[key]}
     return " ".join([result["codec"], *(f"{key}={value}" for key, value in apart.items())])
+
+
+def packets_word(identical: bool | None) -> str:
+    """Whether packets came back: a dash where there are none to come."""
+    return "-" if identical is None else "identical" if identical else "differ"
+
+
+def _more_columns() -> dict[str, Callable[[Result], str]]:
+    return {
+        "chamfer mm": lambda r: _number(None if r["chamfer_m"] is None else r["chamfer_m"] * 1e3, 2),
+        "plane dB": lambda r: _number(r["point_to_plane_psnr_db"], 2),
+        "D1 dB": lambda r: _number(r["d1_psnr_db"], 2),
+        "D2 dB": lambda r: _number(r["d2_psnr_db"], 2),
+    }
 
 
 COLUMNS: dict[str, Callable[[Result], str]] = {
@@ -53,7 +57,7 @@ COLUMNS: dict[str, Callable[[Result], str]] = {
     "kbit/s": lambda r: _number(r["kbps_at_10hz"], 0),
     "rmse mm": lambda r: _number(None if r["rmse_m"] is None else r["rmse_m"] * 1e3, 2),
     "max mm": lambda r: _number(None if r["max_error_m"] is None else r["max_error_m"] * 1e3, 0),
-    "packets": lambda r: "identical" if r["packets_identical"] else "differ",
+    "packets": lambda r: packets_word(r["packets_identical"]),
     "encode ms": lambda r: _number(r["encode_ms"]["p50"], 1),
     "decode ms": lambda r: _number(r["decode_ms"]["p50"], 1),
 }
@@ -67,47 +71,10 @@ def text_table(results: Sequence[Result]) -> str:
         f"{first['source']}: {first['frames']} frames, {first['points_per_frame']:,.0f} points a frame, "
         f"calibration {calibration['origin']} {calibration['hash']}; bits per point"
     )
-    rows = [list(COLUMNS), *([cell(result) for cell in COLUMNS.values()] for result in results)]
+    shown = COLUMNS | (_more_columns() if "chamfer_m" in first else {})
+    rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]
     columns = []
     for at, cells in enumerate(zip(*rows, strict=True)):
         width = max(map(len, cells))
         columns.append([cell.ljust(width) if at == 0 else cell.rjust(width) for cell in cells])
     return "\n".join([head, *("  ".join(row) for row in zip(*columns, strict=True))])
-
-
-def check_plot() -> None:
-    """Raise MissingExtraError if nothing can be drawn here; looked at before hours are spent on measuring."""
-    if find_spec("matplotlib") is None:
-        raise MissingExtraError("--plot", "plot")
-
-
-def plot(results: Sequence[Result], path: Path) -> None:
-    """Draw bits per point by plane, and geometry against error, into a file of any type that matplotlib writes.
-
-    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
-    """
-    check_plot()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    names = [label(result) for result in results]
-    bits = [result["bits_per_point"] for result in results]
-    figure = Figure(figsize=(12, 1.8 + 0.5 * len(results)), layout="constrained")
-    FigureCanvasAgg(figure)
-    bars, curve = figure.subplots(1, 2, width_ratios=(3, 2))
-    left = [0.0] * len(results)
-    for plane, colour in PLANES.items():
-        values = [part[plane] or 0.0 for part in bits]
-        bars.barh(names, values, left=left, color=colour, label=plane)
-        left = [a + b for a, b in zip(left, values, strict=True)]
-    bars.invert_yaxis()
-    bars.set_xlabel("bits per point, everything counted")
-    bars.legend(ncols=3, frameon=False)
-    for name, result, part in zip(names, results, bits, strict=True):
-        curve.plot((result["rmse_m"] or 0.0) * 1e3, part["geometry"] or 0.0, "o", label=name)
-    curve.set_xlabel("RMSE along the ray, mm")
-    curve.set_ylabel("bits per point, range and mask")
-    curve.set_ylim(bottom=0)
-    curve.grid(alpha=0.3)
-    figure.suptitle(f"{results[0]['source']}, {results[0]['frames']} frames")
-    figure.savefig(path, dpi=150)

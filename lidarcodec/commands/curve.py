@@ -1,0 +1,58 @@
+"""`bench --curve`: every codec at the points of its own knob, so that one command gives curves that can be compared.
+
+The knob is what trades bits for error: the bound where a codec keeps one, else its `quality` or `crf`. A codec without
+any (`raw`) has a single point.
+
+>>> [settings.max_error_m for settings in curve("zstd", ["intensity=off"])][:3]
+[0.0, 0.004, 0.01]
+>>> curve("jpeg", [])[0].codec_settings
+{'quality': 5}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from lidarcodec.codecs import table
+from lidarcodec.commands.settings import sweep
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import StreamSettings
+
+POINTS: Final[dict[str, tuple[float, ...]]] = {
+    "max_error_m": (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0),
+    "quality": (5, 10, 20, 35, 50, 65, 80, 90, 95, 98),
+    "crf": (4, 8, 12, 16, 20, 24, 28, 32, 38, 44),
+}
+"""Values of each knob: RMSE from a few millimetres to half a metre, about evenly on a logarithmic scale."""
+
+
+def knob_of(codec: str) -> str | None:
+    """The setting that trades a codec's bits for error; None where nothing does.
+
+    Raises UnknownNameError.
+    """
+    found = table.codec(codec)
+    own = [name for name in ("quality", "crf") if name in found.settings.model_fields]
+    return own[0] if own else "max_error_m" if found.bounded and found.knob is not None else None
+
+
+def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
+    """Settings for each codec at each point of its knob, for each combination of the other values.
+
+    Raises SettingsError, also for a value that would fix the knob or hand it to a target bitrate; UnknownNameError.
+    """
+    names = [name.strip() for name in codecs.split(",")] if codecs else [StreamSettings().codec]
+    if "" in names:
+        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
+    given = {pair.partition("=")[0].strip() for pair in pairs}
+    if "target_kbps" in given:
+        raise SettingsError("--curve turns the knob itself: leave out --set target_kbps", "target_kbps")
+    found = []
+    for name in names:
+        knob = knob_of(name)
+        if knob in given:
+            raise SettingsError(f"--curve turns {knob} of {name} itself: leave out --set {knob}, or --curve", knob)
+        own = [] if knob is None else [f"{knob}={','.join(f'{value:g}' for value in POINTS[knob])}"]
+        found += sweep(name, [*pairs, *own])
+    return found

@@ -1,0 +1,112 @@
+"""Results of `bench` as pictures: what the bits are spent on, and error against bitrate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidarcodec.errors import MissingExtraError
+from lidarcodec.evaluation.report import Result, label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLANES = {
+    "range": "#2563eb",
+    "mask": "#0ea5e9",
+    "intensity": "#f59e0b",
+    "azimuth": "#a855f7",
+    "side": "#64748b",
+    "header": "#cbd5e1",
+}
+"""Parts of a message in the order in which they are stacked, and their colours."""
+UNSPLIT = "#9ca3af"
+"""Colour of what a peer gives in one piece."""
+MARKS = "osD^vP*X<>ph"
+
+
+def check_plot() -> None:
+    """Raise MissingExtraError if nothing can be drawn here; looked at before hours are spent on measuring."""
+    if find_spec("matplotlib") is None:
+        raise MissingExtraError("--plot", "plot")
+
+
+def _figure(width: float, height: float) -> Figure:
+    check_plot()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _title(results: Sequence[Result]) -> str:
+    return f"{Path(results[0]['source']).name}, {results[0]['frames']} frames"
+
+
+def plot_bits(results: Sequence[Result], path: Path) -> None:
+    """Draw bits per point by plane, and geometry against error, into a file of any type that matplotlib writes.
+
+    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    """
+    figure = _figure(12, 1.8 + 0.5 * len(results))
+    names = [label(result) for result in results]
+    bits = [result["bits_per_point"] for result in results]
+    bars, curve = figure.subplots(1, 2, width_ratios=(3, 2))
+    left = [0.0] * len(results)
+    for plane, colour in PLANES.items():
+        values = [part[plane] or 0.0 for part in bits]
+        bars.barh(names, values, left=left, color=colour, label=plane)
+        left = [a + b for a, b in zip(left, values, strict=True)]
+    unsplit = [(part["total"] or 0.0) if part["range"] is None else 0.0 for part in bits]
+    if any(unsplit):
+        bars.barh(names, unsplit, color=UNSPLIT, label="not split")
+    bars.invert_yaxis()
+    bars.set_xlabel("bits per point, everything counted")
+    bars.legend(ncols=3, frameon=False)
+    for name, result, part in zip(names, results, bits, strict=True):
+        if part["geometry"] is not None:
+            curve.plot((result["rmse_m"] or 0.0) * 1e3, part["geometry"], "o", label=name)
+    curve.set_xlabel("RMSE along the ray, mm")
+    curve.set_ylabel("bits per point, range and mask")
+    curve.set_ylim(bottom=0)
+    curve.grid(alpha=0.3)
+    figure.suptitle(f"{results[0]['source']}, {results[0]['frames']} frames")
+    figure.savefig(path, dpi=150)
+
+
+def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = None, dpi: int = 110) -> None:
+    """Draw RMSE and PSNR against kbit/s, with bits per point as a second scale, a line for each codec.
+
+    All bits count. Results without an error are not on a scale of errors, and are drawn at its lower end.
+
+    Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
+    """
+    figure = _figure(11, 4.6)
+    rmse, psnr = figure.subplots(1, 2)
+    lossy = [1e3 * r["rmse_m"] for r in results if r["rmse_m"]]
+    floor_mm = 0.5 * min(lossy, default=1.0)
+    for number, name in enumerate(dict.fromkeys(result["codec"] for result in results)):
+        of_it = sorted((r for r in results if r["codec"] == name), key=lambda r: r["kbps_at_10hz"])
+        style = f"{MARKS[number % len(MARKS)]}{':' if ':' in name else '-'}"
+        points = [(r["kbps_at_10hz"], 1e3 * r["rmse_m"] or floor_mm) for r in of_it if r["rmse_m"] is not None]
+        rmse.plot(*zip(*points, strict=True), style, label=name, markersize=4, linewidth=1.2)
+        heights = [(r["kbps_at_10hz"], r["psnr_db"]) for r in of_it if r["psnr_db"] is not None]
+        if heights:
+            psnr.plot(*zip(*heights, strict=True), style, label=name, markersize=4, linewidth=1.2)
+    rmse.set_yscale("log")
+    rmse.set_ylabel(f"RMSE along the ray, mm (lossless: drawn at {floor_mm:.2g})")
+    psnr.set_ylabel("PSNR over 130 m, dB")
+    kbps_per_bit = max(results[0]["kbps_at_10hz"] / (results[0]["bits_per_point"]["total"] or 1.0), 1e-9)
+    for axes in (rmse, psnr):
+        axes.set_xscale("log")
+        axes.set_xlabel("kbit/s at 10 Hz, everything counted")
+        above = axes.secondary_xaxis("top", functions=(lambda x: x / kbps_per_bit, lambda x: x * kbps_per_bit))
+        above.set_xlabel("bits per point")
+        axes.grid(alpha=0.3, which="both", linewidth=0.5)
+    rmse.legend(frameon=False, fontsize=8)
+    figure.suptitle(title or _title(results))
+    figure.savefig(path, dpi=dpi)

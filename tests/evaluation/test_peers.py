@@ -1,0 +1,80 @@
+"""Other people's coders: a comparison that is unfair to them, or that dies of one that is missing, is worth nothing."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from lidarcodec.errors import MissingExtraError, UnknownNameError
+from lidarcodec.evaluation.bench import bench
+from lidarcodec.evaluation.peers import table
+from lidarcodec.evaluation.peers.base import from_levels, to_levels
+from lidarcodec.evaluation.peers.run import bench_peer
+from lidarcodec.settings import StreamSettings
+
+SOURCE = "sim:city?frames=2"
+FINEST = {"packets": 0.0, "ranges": 0.0, "x y z": 0.02}
+
+
+def peer(name):
+    try:
+        return table.peer(name)
+    except MissingExtraError as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.mark.parametrize("name", table.names())
+def test_every_peer_gives_the_frame_back_and_an_object_of_our_shape(name):
+    found = peer(name)
+    result = bench_peer(SOURCE, name, found.values[0], frames=1, metrics="all")
+    ours = bench(SOURCE, StreamSettings(codec="zstd"), frames=1, metrics="all")
+    assert result.keys() == ours.keys()
+    assert result["bits_per_point"].keys() == ours["bits_per_point"].keys()
+    assert (result["frames"], result["points"], result["source"]) == (1, ours["points"], ours["source"])
+    assert (result["lost"], result["invented"]) == (0, 0)
+    assert result["max_error_m"] <= FINEST[found.feed]
+    assert result["packets_identical"] == (True if found.feed == "packets" else None)
+    assert result["settings"]["holds"] == found.feed
+    points, kbps = result["points"], result["kbps_at_10hz"]
+    assert kbps == pytest.approx(result["bits_per_point"]["total"] * points * 10 / 1000, rel=1e-4)
+    assert result["encode_ms"]["p50"] > 0
+
+
+@pytest.mark.parametrize("name", ["peer:xz-rows", "peer:jpegls", "peer:lerc", "peer:ffv1"])
+def test_peers_of_ranges_keep_the_bound_that_they_are_compared_at(name):
+    peer(name)
+    result = bench_peer(SOURCE, name, 0.05)
+    ours = bench(SOURCE, StreamSettings(codec="zstd", max_error_m=0.05))
+    assert 0.02 < result["rmse_m"] < 0.035
+    assert result["max_error_m"] <= 0.05
+    assert result["rmse_m"] == pytest.approx(ours["rmse_m"], rel=0.02)
+
+
+def test_fewer_bits_of_draco_are_a_larger_error_and_a_smaller_cloud():
+    peer("peer:draco")
+    fine, coarse = (bench_peer(SOURCE, "peer:draco", bits, frames=1, metrics="all") for bits in (14, 11))
+    assert coarse["bits_per_point"]["geometry"] < fine["bits_per_point"]["geometry"]
+    assert coarse["rmse_m"] > 4 * fine["rmse_m"]
+    assert coarse["d1_psnr_db"] < fine["d1_psnr_db"] - 12
+    assert coarse["range_errors"] is None
+
+
+def test_levels_hold_every_range_and_keep_holes_apart():
+    ranges = np.arange(65_536, dtype=np.uint16).reshape(64, -1)
+    for bound in (0.0, 0.01, 0.2):
+        back = from_levels(to_levels(ranges, bound), bound)
+        assert np.array_equal(back > 0, ranges > 0)
+        far = np.abs(back.astype(int) - ranges)
+        assert far[ranges >= 200].max() * 0.002 <= bound + 1e-9
+
+
+def test_a_package_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    monkeypatch.delitem(sys.modules, "lidarcodec.evaluation.peers.draco", raising=False)
+    with pytest.raises(MissingExtraError, match=r"peer:draco \(DracoPy is not installed\).*lidarcodec\[peers\]"):
+        table.peer("peer:draco")
+
+
+def test_an_unknown_peer_is_told_the_known_ones():
+    with pytest.raises(UnknownNameError, match="peer:draco"):
+        table.peer("peer:gpcc")
