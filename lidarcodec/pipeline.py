@@ -81,6 +81,11 @@ class StreamEncoder:
         self.settings = checked
         return key
 
+    def aim(self, target_kbps: float) -> None:
+        """With `target_kbps=auto`: the bitrate to keep to from the next frame on. Nothing otherwise."""
+        if self._rate is not None:
+            self._rate.aim(target_kbps)
+
     def flush(self) -> list[Message]:
         """Messages of frames that were held back."""
         held, self._held = self._held, []
@@ -88,8 +93,8 @@ class StreamEncoder:
 
     @property
     def rate(self) -> dict[str, Any] | None:
-        """How a target bitrate is kept: `target_kbps`, `reachable_kbps`, `reached`, `kbps_5s`, and where the codec's
-        knob stands; None without a target."""
+        """How a target bitrate is kept: `auto`, `target_kbps`, `reachable_kbps`, `limited_by`, `reached`, `kbps_5s`,
+        and where the codec's knob stands; None without a target."""
         control = self._rate
         return None if control is None else control.report()
 

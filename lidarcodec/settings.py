@@ -20,6 +20,8 @@ from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 NAME_PATTERN = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 MAX_BOUND_M = 20.0
 MAX_KBPS = 1e6
+AUTO: Literal["auto"] = "auto"
+"""As target: the bitrate that the path carries, found while the stream runs."""
 
 
 def step_of(max_error_m: float) -> int:

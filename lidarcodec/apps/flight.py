@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from lidarcodec.apps.timings import Timings, percentile
+from lidarcodec.ratecontrol.adaptive import Landing
 from lidarcodec.transport.keys import SERVER_RECEIVER
 
 LIMIT_S = 1.0
@@ -27,11 +28,20 @@ REMEMBERED = 16
 MAX_RECEIVERS = 64
 
 
+class Sent(NamedTuple):
+    """A message that was put: when, how large, whether a key frame."""
+
+    at_s: float
+    size: int
+    key: bool
+
+
 class Flight:
     """Messages under way to the receiver that is followed: the one that is named, else the server, else the first that
     came; another one while that one is silent. Thread-safe.
 
     timeouts: messages that went without the report of the one before; arrive_ms: put to report
+    switches: how often another receiver was followed: what was measured before is of another path
     """
 
     def __init__(
@@ -41,13 +51,15 @@ class Flight:
         self._clock = clock
         self._follow, self._limit_s = follow, limit_s
         self._alive: OrderedDict[str, float | None] = OrderedDict()  # None: has a token; else time of the last report
-        self._sent: OrderedDict[int, float] = OrderedDict()
+        self._sent: OrderedDict[int, Sent] = OrderedDict()
+        self._late: set[int] = set()  # were given up: when they arrive after all they say nothing of the path
+        self._landings: deque[Landing] = deque(maxlen=REMEMBERED)
         self._open: set[int] = set()
         self._silent: set[str] = set()  # did not report in time; followed again when they report
-        self._last_report = float("-inf")
+        self._last_free = self._last_landing = float("-inf")
         self._send_s: list[float] = []
         self._rtt_s: dict[str, float] = {}
-        self.timeouts = 0
+        self.timeouts = self.switches = 0
         self.arrive_ms = Timings()
 
     @property
@@ -87,17 +99,22 @@ class Flight:
                 self._rtt_s[name] = rtt_s
                 self._condition.notify_all()
 
-    def sent(self, index: int) -> None:
-        """A message was put."""
+    def sent(self, index: int, size: int = 0, *, key: bool = False) -> None:
+        """A message of so many bytes is put now."""
         with self._condition:
-            self._sent[index] = self._clock()
+            self._sent[index] = Sent(self._clock(), size, key)
             while len(self._sent) > REMEMBERED:
-                self._open.discard(self._sent.popitem(last=False)[0])
+                oldest = self._sent.popitem(last=False)[0]
+                self._open.discard(oldest)
+                self._late.discard(oldest)
             if self._following() is not None:
                 self._open.add(index)
 
-    def reported(self, name: str, index: int) -> None:
-        """A receiver has the message, and with it none of those before is under way any more."""
+    def reported(self, name: str, index: int, held_s: float = 0.0) -> None:
+        """A receiver has the message, and with it none of those before is under way any more.
+
+        held_s: how long it kept the report back because its decoder was busy; the path is not to blame for that.
+        """
         now = self._clock()
         with self._condition:
             self._switch(lambda: self._silent.discard(name))
@@ -107,15 +124,28 @@ class Flight:
                 self._alive[name] = now
             if name != self._following() or index not in self._sent:
                 return
-            put = self._sent[index]
-            self.arrive_ms.add(1e3 * (now - put))
+            sent = self._sent[index]
+            self.arrive_ms.add(1e3 * (now - sent.at_s))
             rtt = self._rtt_s.get(name, 0.0)
-            self._send_s = [*self._send_s[-8:], max(0.0, now - rtt - max(put, self._last_report - rtt))]
-            self._last_report = now
+            held_s = min(max(held_s, 0.0), now - sent.at_s)
+            free = now - rtt - held_s  # when the path was free again, on the publisher's side
+            send_s = max(0.0, free - max(sent.at_s, self._last_free))
+            self._last_free = max(free, self._last_free)
+            if index not in self._late:
+                self._send_s = [*self._send_s[-8:], send_s]
+                self._landed(sent, send_s, rtt, now)
             for one in [one for one in self._sent if one <= index]:
                 del self._sent[one]
                 self._open.discard(one)
+                self._late.discard(one)
             self._condition.notify_all()
+
+    def landings(self) -> list[Landing]:
+        """What the messages took that arrived, or were given up, since this was asked last."""
+        with self._condition:
+            landings = list(self._landings)
+            self._landings.clear()
+            return landings
 
     @property
     def window(self) -> int:
@@ -176,13 +206,28 @@ class Flight:
         if self._following() != before:
             self._open.clear()
             self._send_s.clear()
-            self._last_report = float("-inf")
+            self._landings.clear()
+            self._last_free = float("-inf")
+            self._late.update(self._sent)
+            self.switches += 1
         self._condition.notify_all()
+
+    def _landed(self, sent: Sent, send_s: float, rtt_s: float, now: float, *, landed: bool = True) -> None:
+        since_s = min(now - self._last_landing, LIMIT_S)
+        self._last_landing = now
+        if sent.size:
+            self._landings.append(Landing(8.0 * sent.size, send_s, since_s, rtt_s, sent.key, landed=landed))
 
     def _time_out(self) -> None:
         """The receiver that is followed did not report: the next message goes, and others that do report come first."""
         self.timeouts += 1
         silent = self._following()
+        now = self._clock()
+        waiting = [self._sent[one] for one in sorted(self._open)]
+        if waiting:  # all of it was under way for as long as the oldest
+            all_of_it = waiting[0]._replace(size=sum(one.size for one in waiting))
+            self._landed(all_of_it, now - all_of_it.at_s, 0.0, now, landed=False)
+        self._late.update(self._open)
         if silent is not None:
             self._switch(lambda: self._silent.add(silent))
         self._open.clear()
@@ -200,4 +245,4 @@ class Flight:
     def _due(self) -> float:
         """When the oldest message under way has waited long enough; a path that needs long for one gets longer."""
         limit = max(self._limit_s, 3 * (percentile(sorted(self._send_s), 0.5) or 0.0))
-        return min((self._sent[one] for one in self._open), default=float("-inf")) + limit
+        return min((self._sent[one].at_s for one in self._open), default=float("-inf")) + limit

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from lidarcodec.apps.adapting import Adapting
 from lidarcodec.apps.control import Applied, answered, settings_with
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
@@ -113,6 +114,7 @@ class Publisher:
             poses,
         )
         self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
+        self._adapting = Adapting(self._flight)
         self._board = StatusBoard(self.keys, self._encoder.stream_id)
         self._matching = False
         self._key_wanted = threading.Event()
@@ -209,6 +211,7 @@ class Publisher:
         return self._board.status(
             settings=self.settings,
             rate=self._encoder.rate,
+            path=self._adapting.report(),
             feed=self._feed,
             flight=self._flight.state(),
             errors=self._once.counts,
@@ -343,6 +346,7 @@ class Publisher:
                 self._next_index = frame.index + 1
                 if key:
                     self._key_wanted.clear()
+                self._adapting.aim(self._encoder, self._feed.replaced)
                 messages = self._encoder.encode(frame, key=key)
             data = [(message, pack(message)) for message in messages]
         except Exception as error:  # whatever a codec does, the stream goes on with a key frame
@@ -358,7 +362,7 @@ class Publisher:
             self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
 
     def _put(self, sender: Sender, index: int, data: bytes, frames: int, *, key: bool) -> None:
-        self._flight.sent(index)
+        self._flight.sent(index, len(data), key=key)
         start = time.perf_counter()
         try:
             sender.put(data)
@@ -419,9 +423,9 @@ class Publisher:
 
     def _arrived(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]
-        index = read_arrival(data)
-        if index is not None and NAME_PATTERN.fullmatch(name):
-            self._flight.reported(name, index)
+        arrival = read_arrival(data)
+        if arrival is not None and NAME_PATTERN.fullmatch(name):
+            self._flight.reported(name, arrival.frame_index, arrival.held_ns / 1e9)
 
     def _reported(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]

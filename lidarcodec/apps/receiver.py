@@ -22,7 +22,7 @@ from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.reports import pack_arrival
+from lidarcodec.apps.reports import Arrival, pack_arrival
 from lidarcodec.codecs import table
 from lidarcodec.errors import (
     DecodeError,
@@ -191,11 +191,13 @@ class Receiver:
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self.request_key()
+            came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):
                 if self._slot.closed:
                     return
             try:
-                arrivals.put(pack_arrival(message.frame_index, time.time_ns()))
+                held_ns = time.monotonic_ns() - came_ns
+                arrivals.put(pack_arrival(Arrival(message.frame_index, time.time_ns(), held_ns)))
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)

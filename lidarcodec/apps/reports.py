@@ -1,8 +1,9 @@
 """What a receiver says: an arrival report for each message, and a report once a second.
 
-An arrival report is 16 bytes: index of the message's first frame (u64) and the receiver's host time in ns since the
-Unix epoch (i64), little endian; of longer ones the rest is skipped. A report is a JSON object of which a few fields are
-known and nothing else is passed on.
+An arrival report is 24 bytes: index of the message's first frame (u64), the receiver's host time in ns since the Unix
+epoch (i64), and for how many ns it kept the report back while its decoder was busy (u64), little endian; the last may
+be missing, and of longer ones the rest is skipped. A report is a JSON object of which a few fields are known; nothing
+else is passed on.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ from __future__ import annotations
 import json
 import math
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 _ARRIVAL = struct.Struct("<Qq")
+_HELD = struct.Struct("<Q")
 MAX_REPORT_BYTES = 4096
 COUNTED = (
     "frames",
@@ -30,14 +32,26 @@ MEASURED = ("fps", "latency_p50_ms", "latency_p99_ms", "decode_p50_ms", "decode_
 """Measured over the newest values; null when unknown."""
 
 
-def pack_arrival(index: int, now_ns: int) -> bytes:
+class Arrival(NamedTuple):
+    """frame_index: of the message's first frame; now_ns: the receiver's host time; held_ns: 0 when not said."""
+
+    frame_index: int
+    now_ns: int
+    held_ns: int = 0
+
+
+def pack_arrival(arrival: Arrival) -> bytes:
     """Bytes of an arrival report."""
-    return _ARRIVAL.pack(index, now_ns)
+    return _ARRIVAL.pack(arrival.frame_index, arrival.now_ns) + _HELD.pack(arrival.held_ns)
 
 
-def read_arrival(data: bytes) -> int | None:
-    """The frame index of an arrival report; None for what is none."""
-    return int(_ARRIVAL.unpack_from(data)[0]) if len(data) >= _ARRIVAL.size else None
+def read_arrival(data: bytes) -> Arrival | None:
+    """An arrival report; None for what is none."""
+    if len(data) < _ARRIVAL.size:
+        return None
+    held = _HELD.unpack_from(data, _ARRIVAL.size)[0] if len(data) >= _ARRIVAL.size + _HELD.size else 0
+    frame_index, now_ns = _ARRIVAL.unpack_from(data)
+    return Arrival(frame_index, now_ns, held)
 
 
 def finite(text: str) -> float:

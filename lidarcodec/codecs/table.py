@@ -12,7 +12,7 @@ from typing import Final, cast
 
 from lidarcodec.codecs.base import Codec, Decoder, Encoder, own_settings
 from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 
 _TABLE: Final[dict[str, tuple[int, str]]] = {
     "raw": (1, "lidarcodec.codecs.raw"),
@@ -83,12 +83,20 @@ def check(settings: StreamSettings) -> StreamSettings:
 
 
 def _check_target(settings: StreamSettings, chosen: Codec) -> None:
-    if settings.target_kbps == "auto":
-        raise SettingsError("a target bitrate is a number of kbit/s; 'auto' is not offered", "target_kbps")
     if settings.target_kbps is not None and chosen.knob is None:
         able = ", ".join(name for name in names() if codec(name).knob is not None)
         raise SettingsError(f"codec {settings.codec} cannot be steered to a target bitrate: leave target_kbps out, "
                             f"or take one of {able}", "target_kbps")  # fmt: skip
+
+
+def check_offline(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if they can be followed where no path is.
+
+    Raises SettingsError.
+    """
+    if settings.target_kbps == AUTO:
+        raise SettingsError("target_kbps=auto is found on a live path: give a number of kbit/s here", "target_kbps")
+    return settings
 
 
 def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:

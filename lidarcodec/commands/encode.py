@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import chain, islice
 from pathlib import Path
 
+from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
@@ -33,7 +34,7 @@ def run(
     """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
-    encoder = StreamEncoder(one_setting(codec, pairs))
+    encoder = StreamEncoder(table.check_offline(one_setting(codec, pairs)))
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
     count = packets = coded = 0

@@ -35,7 +35,7 @@ def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     if "" in names:
         raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
     choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
-    return [_settings(name, chosen) for name in names for chosen in product(*choices)]
+    return [table.check_offline(_settings(name, chosen)) for name in names for chosen in product(*choices)]
 
 
 def _key_and_text(pair: str) -> tuple[str, str]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import logging
 from collections import deque
+from dataclasses import replace
 from typing import Any, Final
 
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
+from lidarcodec.ratecontrol.adaptive import START_KBPS
 from lidarcodec.ratecontrol.budget import WINDOW_S, kbps
 from lidarcodec.ratecontrol.controller import (
     SETTLED_S,
@@ -19,12 +21,13 @@ from lidarcodec.ratecontrol.controller import (
     RateState,
     Sizes,
     chosen,
+    limited_by,
     measured,
     on_target,
     reachable_kbps,
     retargeted,
 )
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.units import FIRINGS_PER_PACKET, PACKET_INTERVAL_US
 from lidarcodec.wire import size_of
 
@@ -40,12 +43,15 @@ STAMP_GAIN: Final = 0.2
 class RateControl:
     """Says at which value of its knob an encoder is to code each frame, and learns from the messages.
 
-    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`. Raises SettingsError when the settings name
-    a codec without a knob, or no number as target.
+    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. Raises
+    SettingsError when the settings name a codec without a knob, or no target.
     """
 
     def __init__(self, settings: StreamSettings, before: RateControl | None = None) -> None:
         """before: the control of this stream under another codec, whose knowledge goes on."""
+        self._settings: StreamSettings
+        self._plan: Plan
+        self._auto_kbps = START_KBPS if before is None else before._plan.target_bps / 1e3
         self._state: RateState = RateState() if before is None else before._state
         self._packet_s: float = PACKET_S if before is None else before._packet_s
         self._last: tuple[int, int, int] | None = None if before is None else before._last
@@ -61,10 +67,17 @@ class RateControl:
         """Take other settings of the same codec from the next frame on."""
         target_bps = self._plan.target_bps
         at = self._plan.levels[self._level]
+        self._auto_kbps = target_bps / 1e3
         self._take(settings)
         self._level = min(range(len(self._plan.levels)), key=lambda i: abs(self._plan.levels[i] - at))
         if self._plan.target_bps != target_bps:
             self._state = retargeted(self._state)
+
+    def aim(self, target_kbps: float) -> None:
+        """With the target `auto`: what the path carries now. Debts go on; a number as target is not touched."""
+        if self._settings.target_kbps == AUTO:
+            self._auto_kbps = target_kbps
+            self._plan = replace(self._plan, target_bps=1e3 * target_kbps)
 
     def settings_for(self, frame: Frame) -> StreamSettings:
         """The settings with which to encode a frame. A group keeps those with which it began."""
@@ -88,24 +101,38 @@ class RateControl:
             self._tell(load.seconds)
 
     def report(self) -> dict[str, Any]:
-        """The status' `rate`: target, what can be reached, whether it is, the mean of five seconds, the knob."""
+        """The status' `rate`: target, what can be reached, what limits it, the mean of five seconds, the knob."""
         state, plan = self._state, self._plan
         ends, mean = reachable_kbps(state, plan), kbps(state.budget, WINDOW_S)
         return {
-            "target_kbps": plan.target_bps / 1e3,
+            "auto": self._settings.target_kbps == AUTO,
+            "target_kbps": round(plan.target_bps / 1e3, 1),
             "reachable_kbps": None if ends is None else [round(end, 1) for end in ends],
-            "reached": on_target(state, plan),
+            "limited_by": self._limited_by(),
+            "reached": self._reached(),
             "kbps_5s": None if mean is None else round(mean, 1),
             self._knob.setting: plan.levels[min(self._level, len(plan.levels) - 1)],
         }
 
     def _take(self, settings: StreamSettings) -> None:
         knob = table.codec(settings.codec).knob
-        if knob is None or not isinstance(settings.target_kbps, int | float):
+        if knob is None or settings.target_kbps is None:
             raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
-        self._settings, self._knob, self._plan = settings, knob, Plan.of(settings, knob, model)
+        target_kbps = self._auto_kbps if settings.target_kbps == AUTO else float(settings.target_kbps)
+        self._settings, self._knob = settings, knob
+        self._plan = replace(Plan.of(settings, knob, model), target_bps=1e3 * target_kbps)
+
+    def _reached(self) -> bool:
+        """Whether the target is kept; one that follows the path is compared with no mean of five seconds."""
+        if self._settings.target_kbps == AUTO:
+            return self._limited_by() != "floor"
+        return on_target(self._state, self._plan)
+
+    def _limited_by(self) -> str:
+        limit = limited_by(self._state, self._plan, min(self._level, len(self._plan.levels) - 1))
+        return "path" if limit == "target" and self._settings.target_kbps == AUTO else limit
 
     def _load(self, frame: Frame) -> Load:
         returns = frame.points if frame.keep is None else int(frame.valid.sum())
@@ -123,7 +150,7 @@ class RateControl:
     def _tell(self, seconds: float) -> None:
         """Log when a target is missed, and when it is reached again; at most once in five seconds."""
         self._untold_s += seconds
-        reached = on_target(self._state, self._plan)
+        reached = self._reached()
         if reached == self._told or self._untold_s < (SETTLED_S if self._told else WINDOW_S):
             return
         self._told, self._untold_s = reached, 0.0

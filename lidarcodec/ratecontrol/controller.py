@@ -73,7 +73,7 @@ class Plan:
     def of(cls, settings: StreamSettings, knob: RateKnob, model: str) -> Plan:
         """The plan of settings with a number as target. model: name of codec and settings beside the knob."""
         levels = knob.allowed(settings)
-        target_bps = 1e3 * float(settings.target_kbps or 0)
+        target_bps = 1e3 * float(settings.target_kbps) if isinstance(settings.target_kbps, int | float) else 0.0
         return cls(target_bps, model, levels, knob.guess(levels), settings.intensity_levels)
 
 
@@ -149,6 +149,17 @@ def reachable_kbps(state: RateState, plan: Plan) -> tuple[float, float] | None:
     ends = fixed.per_packet + returns * (fixed.per_return + bits_per_return(ranges, plan.curve[[0, -1]]))
     low, high = (ends / seconds / 1e3).tolist()
     return low, high
+
+
+def limited_by(state: RateState, plan: Plan, level: int) -> str:
+    """What sets the size at this level: the `target`, or the `codec` at its finest, or at its coarsest, the `floor`."""
+    ends = reachable_kbps(state, plan)
+    target_kbps = plan.target_bps / 1e3
+    if ends is not None and level == 0 and target_kbps < ends[0]:
+        return "floor"
+    if ends is not None and level == len(plan.levels) - 1 and target_kbps > ends[1]:
+        return "codec"
+    return "target"
 
 
 def on_target(state: RateState, plan: Plan) -> bool:

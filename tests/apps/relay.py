@@ -13,13 +13,17 @@ from collections import deque
 
 
 class Relay:
-    """Listens on a loopback port and relays to another: `kbit` a second back from the target, `delay_s` each way."""
+    """Listens on a loopback port and relays to another: `kbit` a second back from the target, `delay_s` each way.
+
+    kbit: may be changed while it runs; with 0 nothing goes through in that direction
+    """
 
     BUFFER = 32 * 1024
     PIECE = 4096
 
     def __init__(self, target_port: int, *, kbit: float, delay_s: float = 0.0) -> None:
-        self._target, self._rate, self._delay_s = ("127.0.0.1", target_port), kbit * 125.0, delay_s
+        self._target, self.kbit, self._delay_s = ("127.0.0.1", target_port), kbit, delay_s
+        self.closed = False
         self._listener = socket.socket()
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.BUFFER)
         self._listener.bind(("127.0.0.1", 0))
@@ -30,6 +34,7 @@ class Relay:
         self._threads[0].start()
 
     def close(self) -> None:
+        self.closed = True
         for one in self._sockets:
             with contextlib.suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)
@@ -54,16 +59,16 @@ class Relay:
             self._sockets += [near, far]
             for one in (near, far):
                 one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            for source, sink, rate in ((near, far, None), (far, near, self._rate)):
-                line = _Line(source, sink, rate, self._delay_s)
+            for source, sink, relay in ((near, far, None), (far, near, self)):
+                line = _Line(source, sink, relay, self._delay_s)
                 self._threads += line.threads
 
 
 class _Line:
     """One direction: a thread that takes at the rate, one that gives after the delay."""
 
-    def __init__(self, source: socket.socket, sink: socket.socket, rate: float | None, delay_s: float) -> None:
-        self._source, self._sink, self._rate, self._delay_s = source, sink, rate, delay_s
+    def __init__(self, source: socket.socket, sink: socket.socket, relay: Relay | None, delay_s: float) -> None:
+        self._source, self._sink, self._relay, self._delay_s = source, sink, relay, delay_s
         self._waiting: deque[tuple[float, bytes]] = deque()
         self._condition = threading.Condition()
         self._ended = False
@@ -78,9 +83,12 @@ class _Line:
                 data = self._source.recv(Relay.PIECE)
             except OSError:
                 data = b""
-            if data and self._rate is not None:
-                free = max(free, time.monotonic()) + len(data) / self._rate
-                time.sleep(max(0.0, free - time.monotonic()))
+            if data and self._relay is not None:
+                while not self._relay.kbit and not self._relay.closed:
+                    time.sleep(0.01)
+                free = max(free, time.monotonic()) + len(data) / (max(self._relay.kbit, 1.0) * 125.0)
+                while (left := free - time.monotonic()) > 0 and not self._relay.closed:
+                    time.sleep(min(left, 0.1))
             with self._condition:
                 self._ended = not data
                 if data:

@@ -195,3 +195,60 @@ def test_what_strangers_report_takes_no_memory_and_steers_nothing(clock):
     for index in range(100):
         flight.sent(index)
     assert flight.state()["in_flight"] <= REMEMBERED
+
+
+def test_what_each_message_took_is_told_once_without_the_round_trip_and_the_decoder(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.round_trip("office", 0.02)
+    flight.sent(0, 1000, key=True)
+    clock.now += 0.1
+    flight.reported("office", 0, held_s=0.05)
+    (landing,) = flight.landings()
+    assert (landing.bits, landing.key, landing.landed) == (8000.0, True, True)
+    assert landing.send_s == pytest.approx(0.1 - 0.02 - 0.05)
+    assert flight.landings() == []
+
+
+def test_several_in_flight_share_the_time_that_the_path_was_busy(clock):
+    """Put together, they leave one behind the other; the path is not to be taken for half as fast."""
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.round_trip("office", 0.1)
+    begin = clock.now
+    for index in range(3):
+        flight.sent(index, 1000)
+    for index in range(3):
+        clock.now = begin + 0.1 + 0.04 * (index + 1)
+        flight.reported("office", index)
+    assert [landing.send_s for landing in flight.landings()] == pytest.approx([0.04] * 3)
+
+
+def test_a_message_that_was_given_up_says_that_the_path_stands_and_nothing_when_it_arrives_late(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0, 1000)
+    clock.now += LIMIT_S + 0.5
+    assert flight.wait(0)
+    (landing,) = flight.landings()
+    assert not landing.landed
+    assert landing.send_s == pytest.approx(LIMIT_S + 0.5)
+    flight.sent(1, 1000)
+    clock.now += 0.2
+    flight.reported("office", 0)  # the stall is over: everything that waited comes at once
+    assert flight.landings() == []
+    clock.now += 0.01
+    flight.reported("office", 1)
+    (landing,) = flight.landings()
+    assert landing.send_s == pytest.approx(0.01)
+
+
+def test_another_receiver_is_another_path(clock):
+    flight = Flight(clock=clock)
+    flight.came("viewer")
+    flight.sent(0, 1000)
+    before = flight.switches
+    flight.came("server")
+    assert flight.switches == before + 1
+    flight.reported("server", 0)
+    assert flight.landings() == [], "it may have come in the middle of the message"

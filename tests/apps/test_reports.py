@@ -7,7 +7,7 @@ import json
 import pytest
 
 from lidarcodec.apps.control import answered, object_of, settings_with
-from lidarcodec.apps.reports import pack_arrival, read_arrival, read_report
+from lidarcodec.apps.reports import Arrival, pack_arrival, read_arrival, read_report
 from lidarcodec.apps.timings import RECENT, Timings
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
@@ -15,11 +15,12 @@ from lidarcodec.settings import StreamSettings
 HOSTILE = [b"", b"{", b"[]", b"null", b"7", b'"x"', b"\xff\xfe", b"[" * 100_000, b'{"frames": NaN}', b"x" * 5000]
 
 
-def test_an_arrival_report_is_sixteen_bytes_and_may_grow():
-    data = pack_arrival(2**63, -5)
-    assert len(data) == 16
-    assert read_arrival(data) == 2**63
-    assert read_arrival(data + b"later") == 2**63
+def test_an_arrival_report_may_grow_and_older_ones_are_read():
+    said = Arrival(2**63, -5, 7)
+    data = pack_arrival(said)
+    assert len(data) == 24
+    assert read_arrival(data) == read_arrival(data + b"later") == said
+    assert read_arrival(data[:16]) == read_arrival(data[:23]) == said._replace(held_ns=0)
     assert read_arrival(data[:15]) is None
 
 

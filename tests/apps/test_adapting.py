@@ -1,0 +1,94 @@
+"""Between flight and encoder: the encoder hears what the path carries, and the log when it carries nothing."""
+
+from __future__ import annotations
+
+import logging
+
+from lidarcodec.apps.adapting import Adapting
+from lidarcodec.apps.flight import LIMIT_S, Flight
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.ratecontrol.adaptive import SHARE, START_KBPS
+from lidarcodec.settings import StreamSettings
+
+
+class Clock:
+    """Time that goes when told to."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def path(kbps: float = 8000.0):
+    """A flight over a path of so many kbit/s, its adapting, and a function that sends a message of some bytes."""
+    clock = Clock()
+    flight = Flight(clock=clock)
+    flight.came("office")
+    count = iter(range(1000))
+
+    def send(size: int, *, arrives: bool = True) -> None:
+        index = next(count)
+        flight.wait(0)
+        flight.sent(index, size)
+        clock.now += size * 8 / (kbps * 1e3) if arrives else LIMIT_S + 0.1
+        if arrives:
+            flight.reported("office", index)
+        else:
+            assert flight.wait(0)
+
+    return flight, Adapting(flight), send
+
+
+def target_of(encoder: StreamEncoder) -> float:
+    return encoder.rate["target_kbps"]
+
+
+def test_the_encoder_is_aimed_at_what_the_path_carries():
+    _, adapting, send = path(8000.0)
+    encoder = StreamEncoder(StreamSettings(target_kbps="auto"))
+    adapting.aim(encoder, 0)
+    assert target_of(encoder) == START_KBPS
+    assert adapting.report()["capacity_kbps"] is None
+    for _ in range(10):
+        send(40_000)
+        adapting.aim(encoder, 0)
+    assert abs(target_of(encoder) / (SHARE * 8000) - 1) < 0.02
+    assert abs(adapting.report()["capacity_kbps"] / 8000 - 1) < 0.02
+    assert encoder.rate["auto"]
+
+
+def test_the_path_is_known_when_auto_is_switched_on_and_a_number_is_not_touched():
+    _, adapting, send = path(8000.0)
+    encoder = StreamEncoder(StreamSettings(target_kbps=1500))
+    send(40_000)
+    adapting.aim(encoder, 0)
+    assert target_of(encoder) == 1500
+    assert not encoder.rate["auto"]
+    encoder.apply(StreamSettings(target_kbps="auto"))
+    assert target_of(encoder) == 1500, "until the next frame"
+    adapting.aim(encoder, 0)
+    assert abs(target_of(encoder) / (SHARE * 8000) - 1) < 0.02
+    encoder.apply(StreamSettings(codec="zstd", target_kbps="auto"))
+    assert abs(target_of(encoder) / (SHARE * 8000) - 1) < 0.02, "another codec on the same path"
+
+
+def test_frames_left_out_make_it_take_a_smaller_share():
+    _, adapting, send = path(8000.0)
+    encoder = StreamEncoder(StreamSettings(target_kbps="auto"))
+    for replaced in range(10):
+        send(40_000)
+        adapting.aim(encoder, replaced)
+    assert adapting.report()["share"] < 0.6 * 1.01
+    assert target_of(encoder) < 0.5 * 8000
+
+
+def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog):
+    _, adapting, send = path(8000.0)
+    encoder = StreamEncoder(StreamSettings(target_kbps="auto"))
+    with caplog.at_level(logging.INFO, "lidarcodec.apps.adapting"):
+        for arrives in (True, False, False, False, True, True):
+            send(40_000, arrives=arrives)
+            adapting.aim(encoder, 0)
+    assert ["did not arrive" in record.message for record in caplog.records] == [True, False]
+    assert adapting.report()["cautious"]

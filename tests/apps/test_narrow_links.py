@@ -1,0 +1,46 @@
+"""A link that is cut and restored under two processes that stream: quality falls and comes back, frames never lag."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.adaptive import measured, play
+from benchmarks.links import Namespaces, Relayed
+from tests.transport.conftest import free_port
+
+pytestmark = pytest.mark.timeout(180)
+
+PARTS = ((12_000.0, 3.0), (2_500.0, 5.0), (12_000.0, 5.0))
+"""Kbit/s and seconds: as the 20, 4 and 20 Mbit/s of benchmarks/adaptive.py, for a machine that others use too."""
+
+
+@pytest.fixture(params=["relay", pytest.param("namespaces", marks=pytest.mark.namespaces)])
+def link(request):
+    if request.param == "relay":
+        with Relayed(PARTS[0][0], free_port=free_port) as one:
+            yield one
+        return
+    if (why := Namespaces.missing()) is not None:
+        pytest.skip(why)
+    with Namespaces(PARTS[0][0]) as one:
+        yield one
+
+
+def test_auto_follows_a_link_down_and_up(link):
+    times, publisher, receiver = play(link, "auto", "sim:city?frames=10", PARTS)
+    told = [one for one in publisher.said if one.get("rate")]
+    assert {"target_kbps", "limited_by", "auto"} <= set(told[-1]["rate"])
+
+    def targets(begin, end):
+        return [one["rate"]["target_kbps"] for one in told if begin <= one["at"] < end]
+
+    fast, slow = targets(times[1] - 1, times[1]), targets(times[2] - 2, times[2])
+    typical = sorted(slow)[len(slow) // 2]
+    assert typical < 0.6 * max(fast)
+    assert typical < 1.2 * PARTS[1][0]  # the token bucket of `tc` holds half a frame at that rate
+    assert max(targets(times[2], times[3])) > 1.5 * typical
+    frames = [one for one in receiver.said if "index" in one]
+    narrow = measured(frames, times[1] + 2, times[2])
+    assert narrow["fps"] > 5
+    assert narrow["latency_p50_ms"] < 400  # at the quality of the wide link a frame would take half a second
+    assert publisher.said[-1]["final"]["errors"] == {}
