@@ -18,11 +18,12 @@ import lidarcodec
 from lidarcodec.transport import Transport
 from lidarcodec_server import problems
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.middleware import BodyLimit, FromHere, Observe
 from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
 
-ROUTERS = ("health", "streams")
+ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics")
 PARTS: tuple[Part, ...] = ()
 
 
@@ -54,6 +55,9 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.state.config = config
     app.state.service = Service(config, transport)
     problems.install(app)
+    app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
+    app.add_middleware(FromHere, loopback=config.loopback)
+    app.add_middleware(Observe, metrics=app.state.service.metrics)
     for name in ROUTERS:
         app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)
     return app

@@ -2,36 +2,82 @@
 
 `Viewer` and `Operator` are what routes take, sockets too: they hold the `Client` that asks, or the request is refused.
 A browser cannot set a header for a WebSocket, so there the token may also come as subprotocol
-`lidarcodec.token.<token>`.
+`lidarcodec.token.<token>`; `subprotocol_of` is what to accept such a socket with.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+import logging
+from typing import Annotated, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from lidarcodec_server.config import Role
+from lidarcodec_server.problems import ProblemError
+from lidarcodec_server.service import Service
+from lidarcodec_server.tokens import Client
+
+logger = logging.getLogger(__name__)
 
 TOKEN_PROTOCOL = "lidarcodec.token."
-
-
-class Client(NamedTuple):
-    """Who asks: the name of the token, or of the host where no tokens are needed."""
-
-    name: str
-    role: Role
+CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
 
 
 def require_viewer(connection: HTTPConnection) -> Client:
-    """The client, who may read."""
-    return Client(_host(connection), "operator")
+    """The client, who may read.
+
+    Raises ProblemError 401 without a token that works, once there are tokens at all.
+    """
+    service = cast(Service, connection.app.state.service)
+    if not service.tokens.needed:
+        return Client(_host(connection), "operator")
+    token = _token(connection)
+    if token is None:
+        service.metrics.refused("missing")
+        raise ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+    client = service.tokens.client(token)
+    if client is None:
+        service.metrics.refused("wrong")
+        logger.warning("a wrong token from %s", _host(connection))
+        raise ProblemError(401, "this token does not work", "token", CHALLENGE)
+    return client
 
 
 def require_operator(connection: HTTPConnection) -> Client:
-    """The client, who may change."""
-    return require_viewer(connection)
+    """The client, who may change.
+
+    Raises ProblemError 401 as `require_viewer`, 403 for a viewer; TooManyError when it changes something too often.
+    """
+    service = cast(Service, connection.app.state.service)
+    client = require_viewer(connection)
+    if client.role != "operator":
+        service.metrics.refused("role")
+        logger.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
+        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
+    service.limits.change(client.name)
+    return client
+
+
+def subprotocol_of(connection: HTTPConnection) -> str | None:
+    """The subprotocol to accept a WebSocket with: one that is no token if there is one, for it stands in the answer."""
+    offered = _protocols(connection)
+    return next((name for name in offered if not name.startswith(TOKEN_PROTOCOL)), offered[0] if offered else None)
+
+
+def _token(connection: HTTPConnection) -> str | None:
+    scheme, _, token = connection.headers.get("authorization", "").partition(" ")
+    if scheme.lower() == "bearer" and token.strip():
+        return token.strip()
+    if connection.scope["type"] == "websocket":
+        for name in _protocols(connection):
+            if name.startswith(TOKEN_PROTOCOL):
+                return name.removeprefix(TOKEN_PROTOCOL)
+    return None
+
+
+def _protocols(connection: HTTPConnection) -> list[str]:
+    given = connection.headers.get("sec-websocket-protocol", "")
+    return [name.strip() for name in given.split(",") if name.strip()]
 
 
 def _host(connection: HTTPConnection) -> str:

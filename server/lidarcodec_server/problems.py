@@ -21,6 +21,9 @@ from starlette.websockets import WebSocket, WebSocketState
 
 from lidarcodec.apps.control import field_of
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, TransportError, UnknownNameError
+from lidarcodec_server.control import AwayError, BusyError, RefusedError
+from lidarcodec_server.limits import TooManyError
+from lidarcodec_server.migrations import StoreError
 
 logger = logging.getLogger(__name__)
 
@@ -28,10 +31,14 @@ MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:lidarcodec:problem:"
 MAX_ERRORS = 20
 NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
+    (RefusedError, 422, "refused"),
     (SettingsError, 422, "settings"),
     (UnknownNameError, 422, "settings"),
     (TransportError, 503, "network"),
     (MissingExtraError, 503, "extra"),
+    (AwayError, 503, "vehicle-away"),
+    (BusyError, 503, "busy"),
+    (StoreError, 503, "store"),
 )
 """What becomes of our errors when nobody says otherwise; all others are unexpected."""
 
@@ -73,7 +80,12 @@ def of(error: LidarCodecError) -> ProblemError | None:
     """The problem that an error of ours is; None for one that nobody expects here."""
     for kind, status, name in NAMES:
         if isinstance(error, kind):
-            return ProblemError(status, str(error), name, field=field_of(error))
+            detail = str(error)
+            if isinstance(error, StoreError):  # where the database is concerns nobody outside
+                logger.warning("%s", error)
+                detail = "the store does not answer; the log has the reason"
+            headers = {"Retry-After": "2"} if status == 503 else None
+            return ProblemError(status, detail, name, headers, field=field_of(error))
     return None
 
 
@@ -95,6 +107,8 @@ def problem_of(error: Exception, what: str) -> ProblemError:
         return _validation(error)
     if isinstance(error, HTTPException):
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
+    if isinstance(error, TooManyError):
+        return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
     known = of(error) if isinstance(error, LidarCodecError) else None
     return known or unexpected(error, what)
 

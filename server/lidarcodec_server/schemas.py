@@ -1,13 +1,16 @@
-"""What the REST interface answers with. The OpenAPI document is made of these."""
+"""What the REST interface takes and answers. The OpenAPI document is made of these."""
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Any
 
 from pydantic import BaseModel, Field
 
 from lidarcodec.settings import StreamSettings
+from lidarcodec_server.control import State
 from lidarcodec_server.fleet import Stream
+from lidarcodec_server.store import Entry
 
 
 class StreamAnswer(BaseModel):
@@ -16,7 +19,9 @@ class StreamAnswer(BaseModel):
     vehicle: str
     sensor: str
     alive: bool
-    settings: StreamSettings | None = Field(description="In force; null before the vehicle said.")
+    settings: StreamSettings | None = Field(
+        description="In force, or the last that were; null before the vehicle said."
+    )
     status: dict[str, Any] | None = Field(description="The last status; null before the first one.")
 
     @classmethod
@@ -31,8 +36,88 @@ class StreamAnswer(BaseModel):
         )
 
 
-class Health(BaseModel):
-    """Whether a part works; `reason` says why not."""
+class SettingsAnswer(BaseModel):
+    """The settings of a stream."""
 
-    ok: bool
-    reason: str | None = None
+    applied: StreamSettings | None = Field(description="In force now; null when the vehicle is away.")
+    desired: StreamSettings | None = Field(
+        description="All settings once the vehicle follows what operators set; null when they set nothing."
+    )
+    operator: dict[str, Any] = Field(description="What operators set, and the codec that they set it for.")
+    refused: str | None = Field(description="Why the vehicle does not follow, if it refused when it came back.")
+
+    @classmethod
+    def of(cls, state: State) -> SettingsAnswer:
+        """From where a stream's settings stand."""
+        desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
+        return cls(applied=state.applied, desired=desired, operator=state.operator, refused=state.refused)
+
+
+class ChangeAnswer(BaseModel):
+    """What became of a change."""
+
+    applied: StreamSettings | None = Field(
+        description="In force from `first_frame` on; null: the vehicle gets it later."
+    )
+    desired: StreamSettings | None = Field(description="All settings once the vehicle follows.")
+    first_frame: int | None = Field(description="The first frame that can have the new settings.")
+
+    @classmethod
+    def of(cls, state: State) -> ChangeAnswer:
+        """From where a stream's settings stand after a change."""
+        desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
+        return cls(applied=state.applied, desired=desired, first_frame=state.first_frame)
+
+
+class KeyFrameAnswer(BaseModel):
+    """A key frame is on its way."""
+
+    first_frame: int = Field(description="The first frame that can be the key frame.")
+    merged: bool = Field(description="Whether somebody had asked already.")
+
+
+class AuditEntry(BaseModel):
+    """Who changed what, and when."""
+
+    id: int
+    at: datetime
+    who: str = Field(
+        description="Name of the token; a host where none was needed; `server` for what came back by itself."
+    )
+    action: str = Field(description="`settings`, `forget`, ...")
+    changes: dict[str, Any] = Field(description="What was asked.")
+    old: dict[str, Any] | None = Field(description="The settings before, if they were known.")
+    new: dict[str, Any] | None = Field(description="The settings in force after it.")
+    result: str = Field(description="`applied`; `stored`: the vehicle was away; `refused`; `done`; `sent`: not known.")
+    reason: str | None
+    first_frame: int | None
+
+    @classmethod
+    def of(cls, entry: Entry) -> AuditEntry:
+        """From the store."""
+        values = entry._asdict()
+        at = datetime.fromtimestamp(values.pop("at_ns") / 1e9, UTC)
+        return cls(at=at, **values)
+
+
+class Reach(BaseModel):
+    """What a codec's knob reaches on the mean of two KITTI drives: an expectation. A stream's status has what its own
+    scene allows, in `rate.reachable_kbps`."""
+
+    setting: str = Field(description="What a target bitrate turns: `max_error_m`, or a setting of the codec.")
+    coarsest: float
+    finest: float
+    range_bits_per_return: tuple[float, float] = Field(description="Ranges alone, coarsest and finest.")
+    range_kbps: tuple[float, float] = Field(
+        description="The same in kbit/s, at 10 frames a second with 110,000 returns. Mask and intensity come on top."
+    )
+
+
+class CodecAnswer(BaseModel):
+    """A codec."""
+
+    name: str
+    bound: bool = Field(description="Whether it keeps `max_error_m`.")
+    target: bool = Field(description="Whether it can be steered to `target_kbps`.")
+    settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
+    reach: Reach | None = Field(description="Null where no target is offered.")

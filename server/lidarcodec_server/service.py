@@ -14,7 +14,13 @@ from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.transport import Transport, open_transport
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.control import Control
 from lidarcodec_server.fleet import Fleet, Stream
+from lidarcodec_server.limits import Limits
+from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.migrations import StoreError
+from lidarcodec_server.store import Store
+from lidarcodec_server.tokens import TokenBook
 
 logger = logging.getLogger(__name__)
 
@@ -25,6 +31,8 @@ START_S = 1.0
 class Service:
     """The streams of a fleet.
 
+    fleet:   which there are;  control: how to change them;  store: what survives a restart
+    tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may
     closing: things to close before the network session, in reverse order
     """
 
@@ -32,6 +40,11 @@ class Service:
         """transport: one that is open, and stays the caller's; by default the service opens one of its own."""
         self.config = config
         self.fleet = Fleet(config.max_streams)
+        self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
+        self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
+        self.tokens = TokenBook(self.store)
+        self.metrics = Metrics(self.fleet)
+        self.limits = Limits(config.changes_per_second, config.burst)
         self.closing = ExitStack()
         self._transport: Transport | None = None
         self._given = transport
@@ -57,8 +70,10 @@ class Service:
     def start(self) -> None:
         """Begin.
 
-        Raises TransportError when the endpoints cannot be used.
+        Raises TransportError when the endpoints cannot be used, StoreError when the database cannot.
         """
+        self.store.open()
+        self.control.start()
         self._thread.start()
         self._opened.wait(START_S)
         if self._failure is not None:
@@ -68,32 +83,43 @@ class Service:
     def close(self) -> None:
         """End everything; harmless when called twice."""
         self._stop.set()
+        self.control.close()
         self.closing.close()
         if self._thread.is_alive():
             self._thread.join(10.0)
         if self._transport is not None and self._given is None:
             self._transport.close()
+        self.store.close()
 
     def stream(self, keys: StreamKeys) -> Stream | None:
-        """What is known of a stream; None when it was never seen."""
-        return self.fleet.get(keys)
+        """What is known of a stream; None when it was never seen, and no settings are kept for it."""
+        found = self.fleet.get(keys)
+        return Stream(keys) if found is None and self.store.desired(keys) else found
 
     def streams(self) -> list[Stream]:
-        """All streams, by name."""
-        return self.fleet.streams()
+        """All streams that were seen, or that settings are kept for, by name."""
+        found = self.fleet.streams()
+        try:
+            kept = self.store.all_desired()
+        except StoreError as error:
+            logger.warning("streams that are away may be missing in the list: %s", error)
+            kept = []
+        seen = {stream.keys for stream in found}
+        found += [Stream(keys) for keys in kept if keys not in seen]
+        return sorted(found, key=lambda one: (one.keys.vehicle, one.keys.sensor))
 
     # --- the network ------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
         try:
             transport = self._given or open_transport(self.config.endpoints, stop=self._stop)
+            self._transport = transport
             declared = [
                 transport.watch(f"{PREFIX}/*/*/alive", self._publisher_changed),
                 transport.listen(f"{PREFIX}/*/*/status", self._status_came),
             ]
             for one in declared:
                 self.closing.callback(one.close)
-            self._transport = transport
         except LidarCodecError as error:
             if not self._stop.is_set():
                 self._failure = error
@@ -105,11 +131,16 @@ class Service:
         keys = _keys_of(key)
         if keys is not None and self.fleet.changed(keys, alive=alive):
             logger.info("%s: %s", keys.prefix, "the publisher is there" if alive else "the publisher is gone")
+            if alive:
+                self.control.look_after(keys)
 
     def _status_came(self, key: str, data: bytes) -> None:
         keys = _keys_of(key)
         if keys is not None:
-            self.fleet.told(keys, data)
+            again = self.fleet.told(keys, data)
+            self.metrics.told(keys)
+            if again:
+                self.control.look_after(keys)
 
 
 def _keys_of(key: str) -> StreamKeys | None:

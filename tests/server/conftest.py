@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
@@ -16,6 +17,15 @@ from lidarcodec_server.config import ServerConfig
 from tests.apps.streams import Loop
 
 STREAM = "/api/v1/streams/car-7/roof"
+
+
+async def until(condition, limit_s=20.0):
+    """The first true value that an async function gives; generous, because the machine may be busy."""
+    for _ in range(int(limit_s / 0.05)):
+        if value := await condition():
+            return value
+        await asyncio.sleep(0.05)
+    raise AssertionError("it never happened")
 
 
 @pytest.fixture

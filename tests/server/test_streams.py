@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 
-from tests.server.conftest import STREAM
-
-
-async def until(condition, limit_s=20.0):
-    """The first true value that an async function gives; generous, because the machine may be busy."""
-    for _ in range(int(limit_s / 0.05)):
-        if value := await condition():
-            return value
-        await asyncio.sleep(0.05)
-    raise AssertionError("it never happened")
+from tests.server.conftest import STREAM, until
 
 
 async def test_a_vehicle_is_seen_with_its_settings_and_seen_to_go(serving, vehicle):

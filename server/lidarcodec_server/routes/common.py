@@ -1,14 +1,17 @@
-"""What routes share: the service of the app, and the stream that a path names."""
+"""What routes share: the service of the app, the stream that a path names, and the JSON object of a body."""
 
 from __future__ import annotations
 
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path
-from starlette.requests import HTTPConnection
+from starlette.requests import HTTPConnection, Request
 
+from lidarcodec.apps.control import object_of
 from lidarcodec.settings import NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.fleet import Stream
+from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service
 
 Name = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", examples=["car-7"])]
@@ -24,5 +27,28 @@ def stream_of(vehicle: Name, sensor: Name) -> StreamKeys:
     return StreamKeys(vehicle, sensor)
 
 
+def known_stream(service: Service, keys: StreamKeys) -> Stream:
+    """What is known of a stream.
+
+    Raises ProblemError 404 when it was never seen.
+    """
+    found = service.stream(keys)
+    if found is None:
+        raise ProblemError(404, f"no stream {keys.vehicle}/{keys.sensor} was ever seen here", "unknown-stream")
+    return found
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """The JSON object of a body, read as strictly as a vehicle reads its queries: no NaN, nothing beyond a float.
+
+    Raises ProblemError 415 for another content type: a web page elsewhere can make a browser send text, but not JSON.
+    """
+    content = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if content != "application/json" and not content.endswith("+json"):
+        raise ProblemError(415, "the body has to be JSON: Content-Type: application/json", "content-type")
+    return object_of(await request.body())
+
+
 TheService = Annotated[Service, Depends(service_of)]
 TheStream = Annotated[StreamKeys, Depends(stream_of)]
+JsonObject = Annotated[dict[str, Any], Depends(json_object)]

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import Viewer
-from lidarcodec_server.fleet import Stream
-from lidarcodec_server.problems import ProblemError
-from lidarcodec_server.routes.common import TheService, TheStream
+from lidarcodec_server.routes.common import TheService, TheStream, known_stream
 from lidarcodec_server.schemas import StreamAnswer
-from lidarcodec_server.service import Service
 
 router = APIRouter(prefix="/api/v1/streams", tags=["streams"])
 
@@ -25,14 +21,3 @@ def streams(service: TheService, client: Viewer) -> list[StreamAnswer]:
 def stream(service: TheService, keys: TheStream, client: Viewer) -> StreamAnswer:
     """One stream."""
     return StreamAnswer.of(known_stream(service, keys))
-
-
-def known_stream(service: Service, keys: StreamKeys) -> Stream:
-    """What is known of a stream.
-
-    Raises ProblemError 404 when it was never seen.
-    """
-    found = service.stream(keys)
-    if found is None:
-        raise ProblemError(404, f"no stream {keys.vehicle}/{keys.sensor} was ever seen here", "unknown-stream")
-    return found

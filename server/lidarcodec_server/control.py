@@ -1,0 +1,294 @@
+"""Control: changes of streams, by operators, kept and sent to vehicles; and sent again to vehicles that come back.
+
+What is wanted is in the store before it is sent: whatever is killed in between, the vehicle gets it in the end. Changes
+of one stream go one after the other. A few threads look after vehicles that came, or did not answer.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.desired import in_step, overlaid, wanted_with
+from lidarcodec_server.fleet import Fleet, known_settings, read_status
+from lidarcodec_server.store import Store
+
+logger = logging.getLogger(__name__)
+
+SERVER = "server"
+"""Who the audit log says it was when a vehicle that came back was told what operators want."""
+TURN_S = 10.0
+"""How long a change waits for those before it."""
+GET_S = 1.0
+AGAIN_S = 2.0
+"""When a vehicle that is there and does not answer is asked again."""
+WORKERS = 4
+MAX_REASON = 500
+
+
+class RefusedError(SettingsError):
+    """The vehicle refused a change; nothing changed."""
+
+
+class AwayError(LidarCodecError):
+    """The vehicle is not there, or does not answer."""
+
+
+class BusyError(LidarCodecError):
+    """Other changes of the stream take too long."""
+
+
+class Applied(NamedTuple):
+    """A vehicle's answer to a change."""
+
+    settings: StreamSettings
+    first_frame: int | None
+
+
+class State(NamedTuple):
+    """Where a stream's settings stand.
+
+    applied:  in force, None when the vehicle is away
+    desired:  all of them once the vehicle follows what operators set, None when they set nothing
+    operator: what they set;  refused: why the vehicle does not follow
+    """
+
+    applied: StreamSettings | None
+    desired: dict[str, Any] | None
+    operator: dict[str, Any]
+    first_frame: int | None = None
+    refused: str | None = None
+
+
+class Control:
+    """Changes streams; see the module. Thread-safe; methods block for seconds at most."""
+
+    def __init__(self, fleet: Fleet, store: Store, transport: Callable[[], Transport], answer_s: float = 3.0) -> None:
+        """transport: gives the network session, or raises TransportError while there is none"""
+        self._fleet, self._store, self._transport, self._answer_s = fleet, store, transport, answer_s
+        self._turns: dict[StreamKeys, tuple[threading.Lock, int]] = {}
+        self._turns_lock = threading.Lock()
+        self._due: dict[StreamKeys, float] = {}
+        self._wake = threading.Condition()
+        self._stopped = False
+        self._refusals: dict[StreamKeys, str] = {}
+        self._threads = [
+            threading.Thread(target=self._look_after, name=f"lidarcodec server control {number}", daemon=True)
+            for number in range(WORKERS)
+        ]
+
+    def start(self) -> None:
+        """Begin to look after vehicles that come."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Stop looking after vehicles; harmless when called twice."""
+        with self._wake:
+            self._stopped = True
+            self._wake.notify_all()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(self._answer_s + TURN_S)
+
+    # --- what operators ask -----------------------------------------------------------------------------------------
+
+    def state(self, keys: StreamKeys) -> State:
+        """The settings in force, asked of the vehicle if it is there, and those that are wanted."""
+        stream = self._fleet.get(keys)
+        last = applied = None if stream is None else stream.settings
+        if stream is not None:
+            applied = (self._ask_settings(keys) or last) if stream.alive else None
+        wanted = self._store.desired(keys)
+        return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
+
+    def change(self, keys: StreamKeys, changes: dict[str, Any], who: str) -> State:
+        """Change settings as a whole or not at all; `applied` is None when the vehicle will get them later.
+
+        Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
+        StoreError, BusyError. Nothing changed then.
+        """
+        if not changes:
+            raise SettingsError("no setting is given")
+        with self._turn(keys):
+            stream = self._fleet.get(keys)
+            alive = stream is not None and stream.alive
+            current = None if stream is None else stream.settings
+            if alive:
+                current = self._ask_settings(keys) or current
+            before = self._store.desired(keys)
+            wanted = wanted_with(before, changes, current)
+            asked = {field: wanted[field] for field in changes}
+            old = None if current is None else current.model_dump()
+            entry = self._store.begin(keys, who, "settings", asked, old, wanted)
+            try:
+                applied = self._send(keys, wanted) if alive else None
+            except RefusedError as error:
+                self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
+                raise
+            self._refusals.pop(keys, None)
+            self._finish(keys, entry, applied)
+            if applied is None:
+                self.look_after(keys, AGAIN_S)
+                return State(None, overlaid(wanted, current), wanted)
+            return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
+
+    def forget(self, keys: StreamKeys, who: str) -> State:
+        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides."""
+        with self._turn(keys):
+            before = self._store.desired(keys)
+            if before:
+                entry = self._store.begin(keys, who, "forget", {}, before, {})
+                self._store.finish(entry, "done")
+                self._refusals.pop(keys, None)
+        return self.state(keys)
+
+    def key_frame(self, keys: StreamKeys) -> dict[str, Any]:
+        """Have the next message be a key frame; the vehicle's answer.
+
+        Raises AwayError.
+        """
+        stream = self._fleet.get(keys)
+        data = self._ask(keys.control_keyframe, {}, self._answer_s) if stream is not None and stream.alive else None
+        if data is None or not isinstance(data.get("first_frame"), int):
+            raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or does not answer")
+        return {"first_frame": data["first_frame"], "merged": data.get("merged") is True}
+
+    # --- vehicles that come back ------------------------------------------------------------------------------------
+
+    def look_after(self, keys: StreamKeys, in_s: float = 0.0) -> None:
+        """See soon whether a vehicle follows what is wanted, and send it if not."""
+        with self._wake:
+            due = time.monotonic() + in_s
+            self._due[keys] = min(due, self._due.get(keys, due))
+            self._wake.notify()
+
+    def _look_after(self) -> None:
+        while (keys := self._next()) is not None:
+            try:
+                if not self._settle(keys):
+                    self.look_after(keys, AGAIN_S)
+            except LidarCodecError as error:
+                logger.warning("%s: settings cannot be sent, tried again: %s", keys.prefix, error)
+                self.look_after(keys, AGAIN_S)
+            except Exception:
+                logger.exception("%s: settings cannot be sent", keys.prefix)
+
+    def _next(self) -> StreamKeys | None:
+        with self._wake:
+            while not self._stopped:
+                now = time.monotonic()
+                keys = min(self._due, key=lambda one: self._due[one], default=None)
+                if keys is not None and self._due[keys] <= now:
+                    del self._due[keys]
+                    return keys
+                self._wake.wait(None if keys is None else self._due[keys] - now)
+            return None
+
+    def _settle(self, keys: StreamKeys) -> bool:
+        """Whether nothing is left to do for a stream."""
+        with self._turn(keys):
+            stream = self._fleet.get(keys)
+            wanted = self._store.desired(keys)
+            if not wanted or stream is None or not stream.alive:
+                return True
+            current = self._ask_settings(keys)
+            if current is None:
+                return False
+            if in_step(wanted, current):
+                self._refusals.pop(keys, None)
+                return True
+            entry = self._store.begin(keys, SERVER, "settings", wanted, current.model_dump())
+            try:
+                applied = self._send(keys, wanted)
+            except RefusedError as error:
+                logger.warning("%s refuses what operators set: %s", keys.prefix, error)
+                self._refusals[keys] = str(error)
+                self._store.finish(entry, "refused", reason=str(error))
+                return True
+            self._refusals.pop(keys, None)
+            self._finish(keys, entry, applied)
+            return applied is not None
+
+    def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
+        """Enter what came of a change. What the vehicle did stays done, should the store fail now."""
+        try:
+            if applied is None:
+                self._store.finish(entry, "stored")
+            else:
+                self._store.finish(entry, "applied", applied.settings.model_dump(), first_frame=applied.first_frame)
+        except LidarCodecError as error:
+            logger.warning("%s: the audit log has no result for entry %d: %s", keys.prefix, entry, error)
+
+    # --- what vehicles are asked ------------------------------------------------------------------------------------
+
+    def _send(self, keys: StreamKeys, wanted: dict[str, Any]) -> Applied | None:
+        """The vehicle's answer to a change, None when there is none.
+
+        Raises RefusedError.
+        """
+        answer = self._ask(keys.control_set, wanted, self._answer_s)
+        if answer is None:
+            return None
+        if "error" in answer:
+            field = answer.get("field")
+            raise RefusedError(_told(answer["error"]), field if isinstance(field, str) else None)
+        settings, first = known_settings(answer.get("applied")), answer.get("first_frame")
+        if settings is None:
+            logger.warning("%s: an answer to a change without settings", keys.prefix)
+            return None
+        self._fleet.answered(keys, settings)
+        whole = isinstance(first, int) and not isinstance(first, bool) and 0 <= first < 2**63
+        return Applied(settings, first if whole else None)
+
+    def _ask_settings(self, keys: StreamKeys) -> StreamSettings | None:
+        answer = self._ask(keys.control_get, {}, GET_S)
+        settings = known_settings((answer or {}).get("settings"))
+        if settings is not None:
+            self._fleet.answered(keys, settings)
+        return settings
+
+    def _ask(self, key: str, query: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        try:
+            data = self._transport().ask(key, json.dumps(query).encode(), timeout_s)
+        except TransportError:
+            return None
+        return None if data is None else read_status(data)
+
+    @contextmanager
+    def _turn(self, keys: StreamKeys) -> Iterator[None]:
+        """Alone with a stream.
+
+        Raises BusyError when that takes too long.
+        """
+        with self._turns_lock:
+            lock, users = self._turns.get(keys, (threading.Lock(), 0))
+            self._turns[keys] = lock, users + 1
+        try:
+            if not lock.acquire(timeout=TURN_S):
+                raise BusyError(f"changes of {keys.vehicle}/{keys.sensor} take long: try again")
+            try:
+                yield
+            finally:
+                lock.release()
+        finally:
+            with self._turns_lock:
+                lock, users = self._turns[keys]
+                if users == 1:
+                    del self._turns[keys]
+                else:
+                    self._turns[keys] = lock, users - 1
+
+
+def _told(reason: object) -> str:
+    """A vehicle's words, in a length that fits a log."""
+    return reason[:MAX_REASON] if isinstance(reason, str) and reason else "the vehicle gave no reason"

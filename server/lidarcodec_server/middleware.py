@@ -1,0 +1,126 @@
+"""What every request goes through before it meets a route: is it from here, is it too long, how long did it take.
+
+Plain ASGI, because the framework's own kind holds bodies and breaks WebSockets.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from lidarcodec_server.config import is_loopback
+from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.problems import ProblemError
+
+SAFE = ("GET", "HEAD", "OPTIONS")
+HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"), (b"x-frame-options", b"DENY"))
+
+
+class Observe:
+    """Counts requests and their times, and sets the headers that every answer has."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app, self._metrics = app, metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        start, status = time.perf_counter(), 500
+
+        async def observed(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                message["headers"] = [*message.get("headers", []), *HEADERS]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, observed)
+        finally:
+            route = getattr(scope.get("route"), "path", "none")
+            self._metrics.request(scope["method"], route, status, time.perf_counter() - start)
+
+
+class FromHere:
+    """Refuses what a web page of another origin makes a browser do.
+
+    A browser on this machine is let in without a token as long as there are none; a page from elsewhere must not
+    use that. It can make the browser change things and open WebSockets, but not lie about `Origin`; and it can have its
+    own name lead to this machine, but not lie about `Host`.
+    """
+
+    def __init__(self, app: ASGIApp, loopback: bool) -> None:
+        self._app, self._loopback = app, loopback
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket"):
+            reason = self._reason(scope, Headers(scope=scope))
+            if reason is not None:
+                await refuse(scope, receive, send, ProblemError(403, reason, "origin"))
+                return
+        await self._app(scope, receive, send)
+
+    def _reason(self, scope: Scope, headers: Headers) -> str | None:
+        host = headers.get("host", "")
+        if self._loopback and not is_loopback(urlsplit(f"//{host}").hostname or "" if host else "localhost"):
+            return "this server listens on this machine only, and answers to localhost and its addresses"
+        origin = headers.get("origin")
+        if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):
+            return None
+        if urlsplit(origin).netloc.lower() != host.lower():
+            return "a page of another origin cannot change anything here"
+        return None
+
+
+class BodyLimit:
+    """Refuses bodies that are too long, or take too long to come."""
+
+    def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
+        self._app, self._max, self._limit_s = app, max_bytes, limit_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        told = Headers(scope=scope).get("content-length", "0")
+        if not told.isascii() or not told.isdigit() or len(told) > 18:
+            await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
+            return
+        if int(told) > self._max:
+            await refuse(scope, receive, send, self._too_long())
+            return
+        end, size, more = time.monotonic() + self._limit_s, 0, True
+
+        async def limited() -> Message:
+            nonlocal size, more
+            if not more:  # whoever waits now waits for the client to go
+                return await receive()
+            try:
+                message = await asyncio.wait_for(receive(), max(0.0, end - time.monotonic()))
+            except TimeoutError:
+                raise ProblemError(408, f"the body did not come within {self._limit_s:g} s") from None
+            size += len(message.get("body", b""))
+            if size > self._max:
+                raise self._too_long()
+            more = message.get("more_body", False)
+            return message
+
+        await self._app(scope, limited, send)
+
+    def _too_long(self) -> ProblemError:
+        return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
+
+
+async def refuse(scope: Scope, receive: Receive, send: Send, problem: ProblemError) -> None:
+    """Answer with a problem, before any route is looked for."""
+    if scope["type"] == "websocket":
+        await receive()  # the request to connect
+        if "websocket.http.response" not in scope.get("extensions", {}):
+            await send({"type": "websocket.close", "code": 1008, "reason": problem.detail[:120]})
+            return
+    await problem.response()(scope, receive, send)

@@ -1,0 +1,16 @@
+"""What Alembic runs: the migrations, on the connection that was given."""
+
+from __future__ import annotations
+
+from alembic import context
+
+from lidarcodec_server.tables import metadata
+
+context.configure(
+    connection=context.config.attributes["connection"],
+    target_metadata=metadata,
+    compare_type=True,
+    transactional_ddl=True,
+)
+with context.begin_transaction():
+    context.run_migrations()

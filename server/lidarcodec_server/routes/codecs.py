@@ -1,0 +1,49 @@
+"""`/api/v1/codecs`: what a stream can be changed to."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from fastapi import APIRouter
+
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import Codec
+from lidarcodec_server.auth import Viewer
+from lidarcodec_server.schemas import CodecAnswer, Reach
+
+router = APIRouter(prefix="/api/v1/codecs", tags=["codecs"])
+
+RETURNS_A_SECOND = 1_100_000
+"""Ten frames of KITTI's 82 to 87 % returns of 64 x 2088 directions, rounded."""
+
+
+@router.get("")
+def codecs(client: Viewer) -> list[CodecAnswer]:
+    """The codecs, with the JSON schemas of their settings, what they can promise and which rates they reach."""
+    return [_answer(name) for name in table.names()]
+
+
+@cache
+def _answer(name: str) -> CodecAnswer:
+    codec = table.codec(name)
+    return CodecAnswer(
+        name=name,
+        bound=codec.bounded,
+        target=codec.knob is not None,
+        settings_schema=codec.settings.model_json_schema(),
+        reach=_reach(codec),
+    )
+
+
+def _reach(codec: Codec) -> Reach | None:
+    if codec.knob is None:
+        return None
+    values = codec.knob.values
+    low, high = (float(bits) for bits in codec.knob.guess((values[0], values[-1])))
+    return Reach(
+        setting=codec.knob.setting,
+        coarsest=values[0],
+        finest=values[-1],
+        range_bits_per_return=(round(low, 3), round(high, 3)),
+        range_kbps=(round(low * RETURNS_A_SECOND / 1e3, 1), round(high * RETURNS_A_SECOND / 1e3, 1)),
+    )

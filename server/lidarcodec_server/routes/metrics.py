@@ -1,0 +1,20 @@
+"""`/metrics`: for Prometheus."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+from starlette.requests import Request
+
+from lidarcodec_server.auth import require_viewer
+from lidarcodec_server.metrics import MEDIA_TYPE
+from lidarcodec_server.routes.common import TheService
+
+router = APIRouter(tags=["health"])
+
+
+@router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
+def metrics(request: Request, service: TheService) -> Response:
+    """Counters and histograms of every stream and of the server, as Prometheus reads them."""
+    if not service.config.metrics_open:
+        require_viewer(request)
+    return Response(service.metrics.text(), media_type=MEDIA_TYPE)

@@ -1,0 +1,79 @@
+"""`/api/v1/streams/{vehicle}/{sensor}/settings` and `/keyframe`: what an operator changes while the vehicle drives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+from starlette.concurrency import run_in_threadpool
+
+from lidarcodec.settings import StreamSettings
+from lidarcodec_server.auth import Operator, Viewer
+from lidarcodec_server.control import State
+from lidarcodec_server.routes.common import JsonObject, TheService, TheStream, known_stream
+from lidarcodec_server.schemas import ChangeAnswer, KeyFrameAnswer, SettingsAnswer
+
+router = APIRouter(prefix="/api/v1/streams/{vehicle}/{sensor}", tags=["settings"])
+
+
+def change_schema() -> dict[str, Any]:
+    """JSON schema of a partial StreamSettings: each field may be left out, one has to be there."""
+    schema = StreamSettings.model_json_schema()
+    fields = {name: {k: v for k, v in about.items() if k != "default"} for name, about in schema["properties"].items()}
+    return {
+        "type": "object",
+        "title": "StreamSettingsChange",
+        "description": "Some of the settings (docs/settings.md). A new `codec` starts with its own default settings.",
+        "properties": fields,
+        "additionalProperties": False,
+        "minProperties": 1,
+    }
+
+
+CHANGE = {"requestBody": {"required": True, "content": {"application/json": {"schema": change_schema()}}}}
+
+
+@router.get("/settings")
+def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAnswer:
+    """The settings in force, and those that operators want."""
+    known_stream(service, keys)
+    with service.limits.slot(client.name):
+        return SettingsAnswer.of(service.control.state(keys))
+
+
+@router.patch(
+    "/settings",
+    openapi_extra=CHANGE,
+    responses={
+        202: {"model": ChangeAnswer, "description": "Kept: the vehicle is away, and gets it when it comes back."}
+    },
+)
+async def change(
+    service: TheService, keys: TheStream, client: Operator, changes: JsonObject, response: Response
+) -> ChangeAnswer:
+    """Change some settings, all or none, between two frames. What is set here wins over the vehicle's command line."""
+
+    def work() -> State:
+        with service.limits.slot(client.name):
+            return service.control.change(keys, changes, client.name)
+
+    state = await run_in_threadpool(work)
+    if state.applied is None:
+        response.status_code = 202
+    return ChangeAnswer.of(state)
+
+
+@router.delete("/settings")
+def forget(service: TheService, keys: TheStream, client: Operator) -> SettingsAnswer:
+    """Forget what operators set. The vehicle keeps what it has; when it starts again, its command line decides."""
+    known_stream(service, keys)
+    with service.limits.slot(client.name):
+        return SettingsAnswer.of(service.control.forget(keys, client.name))
+
+
+@router.post("/keyframe")
+def keyframe(service: TheService, keys: TheStream, client: Operator) -> KeyFrameAnswer:
+    """Have the next message be a key frame. Requests within half a second are one."""
+    known_stream(service, keys)
+    with service.limits.slot(client.name):
+        return KeyFrameAnswer(**service.control.key_frame(keys))

@@ -1,0 +1,272 @@
+"""Store: what has to survive a restart: tokens, the settings that operators want, and who changed what.
+
+Any SQLAlchemy URL works; SQLite and PostgreSQL are tested. Every method is one transaction, blocks, and raises
+StoreError, whose text names no password.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.migrations import StoreError, upgrade
+from lidarcodec_server.tables import audit, desired, tokens
+
+logger = logging.getLogger(__name__)
+
+BUSY_S = 5.0
+"""How long to wait for a lock, a connection or a statement."""
+PRUNE_EVERY = 256
+"""How many entries of the audit log are written between two looks at its length."""
+
+
+class Token(NamedTuple):
+    """A token as it is kept: its digest, never itself."""
+
+    name: str
+    role: str
+    digest: str
+    created_ns: int
+    revoked_ns: int | None
+
+
+class Entry(NamedTuple):
+    """An entry of the audit log."""
+
+    id: int
+    at_ns: int
+    who: str
+    action: str
+    changes: dict[str, Any]
+    old: dict[str, Any] | None
+    new: dict[str, Any] | None
+    result: str
+    reason: str | None
+    first_frame: int | None
+
+
+class Store:
+    """The database of a server. Thread-safe."""
+
+    def __init__(self, url: str, *, max_streams: int = 256, audit_rows: int = 1_000_000) -> None:
+        """Raises SettingsError for what is no URL of a database whose driver is there."""
+        self._max_streams, self._audit_rows, self._written = max_streams, audit_rows, 0
+        try:
+            parsed = sa.make_url(url)
+            if parsed.drivername in ("postgres", "postgresql"):
+                parsed = parsed.set(drivername="postgresql+psycopg")
+            self.name = parsed.render_as_string(hide_password=True)
+            self._engine = _engine(parsed)
+        except ArgumentError:  # its text may hold the password
+            raise SettingsError(
+                "the database URL is none: write for example sqlite:///server.db", "database_url"
+            ) from None
+        except ImportError as error:
+            raise SettingsError(f"the driver of {self.name} is not installed: {error}", "database_url") from None
+
+    def open(self) -> None:
+        """Connect, and bring the schema up to date.
+
+        Raises StoreError.
+        """
+        if self._engine.dialect.name == "sqlite" and self._engine.url.database not in (None, "", ":memory:"):
+            folder = Path(str(self._engine.url.database)).absolute().parent
+            try:
+                folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            except OSError as error:
+                raise StoreError(f"{folder} cannot be made: {error.strerror}") from None
+        with self._writing() as connection:
+            upgrade(connection)
+
+    def close(self) -> None:
+        """Give back all connections."""
+        self._engine.dispose()
+
+    def ready(self) -> bool:
+        """Whether the database answers."""
+        try:
+            with self._reading() as connection:
+                connection.execute(sa.select(sa.literal(1)))
+        except StoreError:
+            return False
+        return True
+
+    # --- tokens -----------------------------------------------------------------------------------------------------
+
+    def tokens(self) -> list[Token]:
+        """All that were ever made, revoked ones too, oldest first."""
+        columns = [tokens.c[name] for name in Token._fields]
+        with self._reading() as connection:
+            return [Token(*row) for row in connection.execute(sa.select(*columns).order_by(tokens.c.id))]
+
+    def add_token(self, name: str, role: str, digest: str) -> None:
+        """Keep a new token.
+
+        Raises SettingsError when the name was used before: the audit log has to stay unambiguous.
+        """
+        values = {"name": name, "role": role, "digest": digest, "created_ns": time.time_ns()}
+        try:
+            with self._writing() as connection:
+                connection.execute(sa.insert(tokens).values(values))
+        except _TakenError:
+            raise SettingsError(f"there was a token '{name}' before: choose another name", "name") from None
+
+    def revoke_token(self, name: str) -> bool:
+        """Make a token worthless. False if there is none of that name that still works."""
+        change = sa.update(tokens).where(tokens.c.name == name, tokens.c.revoked_ns.is_(None))
+        with self._writing() as connection:
+            return connection.execute(change.values(revoked_ns=time.time_ns())).rowcount == 1
+
+    # --- settings that operators want -------------------------------------------------------------------------------
+
+    def desired(self, keys: StreamKeys) -> dict[str, Any]:
+        """The settings that an operator set for a stream; empty when none did."""
+        with self._reading() as connection:
+            return self._desired(connection, keys)
+
+    def all_desired(self) -> list[StreamKeys]:
+        """The streams that an operator set something for, by name."""
+        query = sa.select(desired.c.vehicle, desired.c.sensor).order_by(desired.c.vehicle, desired.c.sensor)
+        with self._reading() as connection:
+            return [StreamKeys(*row) for row in connection.execute(query)]
+
+    def begin(
+        self,
+        keys: StreamKeys,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None,
+        wanted: dict[str, Any] | None = None,
+    ) -> int:
+        """Enter into the audit log what is about to happen, and keep what is wanted from now on, if it is given; the
+        entry's id. An empty `wanted` forgets what was kept.
+
+        Raises SettingsError when settings are kept for as many streams as are allowed.
+        """
+        now = time.time_ns()
+        values = {"vehicle": keys.vehicle, "sensor": keys.sensor, "at_ns": now, "who": who[:64], "action": action}
+        values |= {"changes": changes, "old": sa.null() if old is None else old, "result": "sent"}
+        with self._writing() as connection:
+            if wanted is not None:
+                self._keep(connection, keys, wanted, now)
+            result = connection.execute(sa.insert(audit).values(values))
+            self._prune(connection)
+            return int(cast(Any, result.inserted_primary_key)[0])
+
+    def finish(
+        self,
+        entry: int,
+        result: str,
+        new: dict[str, Any] | None = None,
+        reason: str | None = None,
+        first_frame: int | None = None,
+        restore: tuple[StreamKeys, dict[str, Any]] | None = None,
+    ) -> None:
+        """Enter what came of it; `restore` puts back the settings that were wanted before."""
+        values: dict[str, Any] = {"result": result, "reason": reason, "first_frame": first_frame}
+        values["new"] = sa.null() if new is None else new
+        with self._writing() as connection:
+            connection.execute(sa.update(audit).where(audit.c.id == entry).values(values))
+            if restore is not None:
+                self._keep(connection, *restore, time.time_ns())
+
+    def audit(self, keys: StreamKeys, limit: int = 100, before: int | None = None) -> list[Entry]:
+        """Entries of a stream, newest first; `before` goes on behind the last one of the page before."""
+        query = sa.select(*[audit.c[name] for name in Entry._fields])
+        query = query.where(audit.c.vehicle == keys.vehicle, audit.c.sensor == keys.sensor)
+        if before is not None:
+            query = query.where(audit.c.id < before)
+        with self._reading() as connection:
+            return [Entry(*row) for row in connection.execute(query.order_by(audit.c.id.desc()).limit(limit))]
+
+    # --- inside a transaction ---------------------------------------------------------------------------------------
+
+    def _desired(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
+        query = sa.select(desired.c.settings)
+        found = connection.execute(query.where(*_of(keys))).scalar_one_or_none()
+        return found if isinstance(found, dict) else {}
+
+    def _keep(self, connection: Connection, keys: StreamKeys, wanted: dict[str, Any], now_ns: int) -> None:
+        if not wanted:
+            connection.execute(sa.delete(desired).where(*_of(keys)))
+            return
+        values = {"settings": wanted, "updated_ns": now_ns}
+        if connection.execute(sa.update(desired).where(*_of(keys)).values(values)).rowcount:
+            return
+        count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
+        if count >= self._max_streams:
+            raise SettingsError(f"settings are kept for {count} streams, which is the limit: forget some first")
+        connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
+
+    def _prune(self, connection: Connection) -> None:
+        self._written += 1
+        if self._written % PRUNE_EVERY == 1:
+            newest = connection.execute(sa.select(sa.func.max(audit.c.id))).scalar_one()
+            connection.execute(sa.delete(audit).where(audit.c.id <= newest - self._audit_rows))
+
+    @contextmanager
+    def _reading(self) -> Iterator[Connection]:
+        with self._errors(), self._engine.begin() as connection:
+            yield connection
+
+    @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        with self._errors(), self._engine.connect() as connected:
+            connection = connected.execution_options(writes=True)
+            with connection.begin():
+                yield connection
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except IntegrityError:
+            raise _TakenError("the name is taken") from None
+        except SQLAlchemyError as error:
+            reason = error.orig if isinstance(error, DBAPIError) else error
+            raise StoreError(f"the database {self.name}: {' '.join(str(reason).split())}") from None
+
+
+class _TakenError(StoreError):
+    """A row of that name is there."""
+
+
+def _of(keys: StreamKeys) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
+    return desired.c.vehicle == keys.vehicle, desired.c.sensor == keys.sensor
+
+
+def _engine(url: sa.URL) -> Engine:
+    """An engine that never waits for ever."""
+    if url.get_backend_name() == "sqlite":
+        engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
+        sa.event.listen(engine, "connect", _sqlite_connects)
+        sa.event.listen(engine, "begin", _sqlite_begins)
+        return engine
+    limits: dict[str, Any] = {}
+    if url.get_backend_name() == "postgresql":
+        milliseconds = int(1e3 * BUSY_S)
+        limits = {"connect_timeout": int(BUSY_S)}
+        limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
+    return sa.create_engine(url, pool_pre_ping=True, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
+
+
+def _sqlite_connects(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions are ours: the driver's would leave out changes of the schema
+    for pragma in ("journal_mode=WAL", f"busy_timeout={int(1e3 * BUSY_S)}", "synchronous=FULL"):
+        connection.execute(f"PRAGMA {pragma}").close()
+
+
+def _sqlite_begins(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,55 @@
+"""The tables of the store. A change here needs a migration; a test compares the two."""
+
+from __future__ import annotations
+
+from sqlalchemy import JSON, BigInteger, Column, Index, Integer, MetaData, String, Table, Text
+
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_name)s",
+    }
+)
+
+_Id = BigInteger().with_variant(Integer, "sqlite")  # SQLite counts up only what is called INTEGER
+
+tokens = Table(
+    "tokens",
+    metadata,
+    Column("id", _Id, primary_key=True, autoincrement=True),
+    Column("name", String(64), nullable=False, unique=True),
+    Column("role", String(16), nullable=False),
+    Column("digest", String(64), nullable=False, unique=True),
+    Column("created_ns", BigInteger, nullable=False),
+    Column("revoked_ns", BigInteger, nullable=True),
+)
+"""digest: SHA-256 of the token, hexadecimal."""
+
+desired = Table(
+    "desired",
+    metadata,
+    Column("vehicle", String(64), primary_key=True),
+    Column("sensor", String(64), primary_key=True),
+    Column("settings", JSON, nullable=False),
+    Column("updated_ns", BigInteger, nullable=False),
+)
+"""settings: those that an operator set, and the codec that they were set for."""
+
+audit = Table(
+    "audit",
+    metadata,
+    Column("id", _Id, primary_key=True, autoincrement=True),
+    Column("vehicle", String(64), nullable=False),
+    Column("sensor", String(64), nullable=False),
+    Column("at_ns", BigInteger, nullable=False),
+    Column("who", String(64), nullable=False),
+    Column("action", String(16), nullable=False),
+    Column("changes", JSON, nullable=False),
+    Column("old", JSON, nullable=True),
+    Column("new", JSON, nullable=True),
+    Column("result", String(16), nullable=False),
+    Column("reason", Text, nullable=True),
+    Column("first_frame", BigInteger, nullable=True),
+    Index("ix_audit_stream", "vehicle", "sensor", "id"),
+)

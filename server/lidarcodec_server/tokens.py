@@ -1,0 +1,117 @@
+"""Tokens: made once, shown once, kept as SHA-256.
+
+A token is 256 random bits. Nobody guesses those, so a slow hash, which protects passwords that people choose, would
+protect nothing here and cost every request; what is kept is useless to whoever reads the database.
+
+>>> token = new_token()
+>>> token.startswith("lct_"), len(token), len(digest_of(token))
+(True, 47, 64)
+"""
+
+from __future__ import annotations
+
+import hmac
+import logging
+import secrets
+import threading
+import time
+from hashlib import sha256
+from typing import NamedTuple, cast
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import valid_name
+from lidarcodec_server.config import Role
+from lidarcodec_server.migrations import StoreError
+from lidarcodec_server.store import Store, Token
+
+logger = logging.getLogger(__name__)
+
+PREFIX = "lct_"
+REFRESH_S = 1.0
+"""So soon a token that was made or revoked elsewhere is known here."""
+
+FAILED_S = 5.0
+"""Until the store is asked again after it did not answer."""
+
+
+class Client(NamedTuple):
+    """Who asks: the name of the token, or of the host where no tokens are needed."""
+
+    name: str
+    role: Role
+
+
+def new_token() -> str:
+    """256 random bits, in letters that headers and WebSocket subprotocols allow."""
+    return PREFIX + secrets.token_urlsafe(32)
+
+
+def digest_of(token: str) -> str:
+    """What is kept of a token."""
+    return sha256(token.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def create_token(store: Store, name: str, role: str) -> str:
+    """Make and keep a token; the only time that it is seen.
+
+    Raises SettingsError for a name that is none or was used, or a role that there is not.
+    """
+    valid_name(name, "name")
+    if role not in ("viewer", "operator"):
+        raise SettingsError(f"a role is viewer or operator, not '{role}'", "role")
+    if name == "server":
+        raise SettingsError("the name 'server' is the server's own in the audit log", "name")
+    token = new_token()
+    store.add_token(name, role, digest_of(token))
+    return token
+
+
+class TokenBook:
+    """The tokens that work, as of at most a second ago. Thread-safe.
+
+    While the store does not answer, those that were known go on working.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = threading.Lock()
+        self._tokens: list[Token] = []
+        self._due = float("-inf")
+        self._loaded = self._failing = False
+
+    @property
+    def needed(self) -> bool:
+        """Whether a token was ever made. Revoking the last one opens nothing."""
+        return bool(self._known())
+
+    @property
+    def working(self) -> bool:
+        """Whether any token works."""
+        return any(token.revoked_ns is None for token in self._known())
+
+    def client(self, token: str) -> Client | None:
+        """Whose token it is; None for one that does not work."""
+        digest = digest_of(token)
+        found = None
+        for known in self._known():  # all of them, so that the time tells nothing
+            if hmac.compare_digest(known.digest, digest) and known.revoked_ns is None:
+                found = Client(known.name, cast(Role, known.role))
+        return found
+
+    def _known(self) -> list[Token]:
+        with self._lock:
+            if time.monotonic() >= self._due:
+                self._refresh()
+            return self._tokens
+
+    def _refresh(self) -> None:
+        try:
+            self._tokens = self._store.tokens()
+            self._loaded, self._failing, wait_s = True, False, REFRESH_S
+        except StoreError as error:
+            if not self._loaded:
+                raise
+            if not self._failing:
+                logger.warning("tokens cannot be read, those known go on working: %s", error)
+            self._failing, wait_s = True, FAILED_S
+        self._due = time.monotonic() + wait_s
