@@ -198,11 +198,13 @@ ZenohConfig = Annotated[
 
 @app.command()
 def publish(
-    source: Source,
+    source: Annotated[
+        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, sim:...")
+    ] = None,
     vehicle: Annotated[
         str | None, _option("--vehicle", metavar="NAME", help="Default: whom --zenoh-config is for, else vehicle.")
     ] = None,
-    sensor: Annotated[str, _option("--sensor", metavar="NAME")] = "lidar",
+    sensor: Annotated[str | None, _option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     rate: Annotated[
@@ -215,20 +217,39 @@ def publish(
     record: Annotated[
         Path | None, _option("--record", metavar="DIR", help="Keep everything, whatever is sent.")
     ] = None,
-    record_as: Annotated[str, _option("--record-as", metavar="packets|lossless", help="In which form.")] = "packets",
+    record_as: Annotated[
+        str | None, _option("--record-as", metavar="packets|lossless", help="In which form; default: packets.")
+    ] = None,
     record_gb: Annotated[
-        float, _option("--record-gb", metavar="N", help="Size of DIR; the oldest files go first.")
-    ] = 8.0,
+        float | None, _option("--record-gb", metavar="N", help="Size of DIR (8); the oldest files go first.")
+    ] = None,
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
+    config: Annotated[
+        Path | None, _option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
+    ] = None,
 ) -> None:
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
 
     _keep_standard_output()
+    if config is not None:
+        from lidarcodec.commands import publish_config
+
+        command.check_alone(
+            {
+                "SOURCE": source, "--sensor": sensor, "--codec": codec, "--set": pairs, "--rate": rate,
+                "--record": record, "--record-as": record_as, "--record-gb": record_gb,
+                "--calibration": calibration, "--poses": poses,
+            }
+        )  # fmt: skip
+        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config))
+        return
+    if source is None:
+        raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
     command.run(
-        source, vehicle, sensor, codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
-        record, record_as, record_gb, calibration, poses,
+        source, vehicle, sensor or "lidar", codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
+        record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
     )  # fmt: skip
 
 

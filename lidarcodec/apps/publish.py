@@ -13,6 +13,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -62,7 +63,9 @@ class Publisher:
     source:    anything of `lidarcodec.open_source`; stays the caller's, but is closed on `stop`
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
-    endpoints: where to listen and connect; by default nothing leaves the machine. `transport` instead: one that is open
+    endpoints: where to listen and connect; by default nothing leaves the machine
+    transport: instead of endpoints; one that is open, or a function that opens one, given the event that stops it. It
+               stays the caller's
     poses:     where the sensor was, sent with each frame
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
     isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
@@ -78,7 +81,7 @@ class Publisher:
         sensor: str = "lidar",
         rate: Rate | None = None,
         endpoints: Endpoints | None = None,
-        transport: Transport | None = None,
+        transport: Transport | Callable[[threading.Event], Transport] | None = None,
         record: str | Path | None = None,
         record_as: RecordAs = "packets",
         record_limits: dict[str, int] | None = None,
@@ -92,7 +95,13 @@ class Publisher:
         self._encoder = StreamEncoder(settings, make_encoder=self._isolation.make_encoder)
         self._encoding, self._changing = threading.Lock(), threading.Lock()
         self._preparing: str | None = None
-        self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
+        self._own_transport = transport is None
+        self._transport: Transport | None = None
+        self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
+        if callable(transport):
+            self._open = transport
+        else:
+            self._transport = transport
         self._every = rate == "max" and not source.live
         self._recorder = None
         if record is not None:
@@ -132,6 +141,11 @@ class Publisher:
     def settings(self) -> StreamSettings:
         """The settings in force."""
         return self._encoder.settings
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the source, or the network; None while all is well, and after a source that came to its end."""
+        return self._failure
 
     @property
     def stream_id(self) -> int:
@@ -282,7 +296,7 @@ class Publisher:
     def _encode_frames(self) -> None:
         try:
             if self._transport is None:
-                self._transport = open_transport(self._endpoints, stop=self._stop)
+                self._transport = self._open(self._stop)
             sender = self._declare(self._transport)
             self._opened.set()
             self._send_frames(sender)

@@ -54,6 +54,13 @@ def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
     return party.name
 
 
+def check_alone(given: dict[str, object]) -> None:
+    """Raise SettingsError if something was given that stands in the file of --config."""
+    for name, value in given.items():
+        if value:
+            raise SettingsError(f"{name} stands in the file that --config names: leave it out", "config")
+
+
 def run(
     spec: str,
     vehicle: str | None,

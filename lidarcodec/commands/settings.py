@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -55,11 +55,22 @@ def _value(text: str) -> Any:
 
 
 def _settings(codec: str | None, pairs: Sequence[tuple[str, str]]) -> StreamSettings:
+    values: dict[str, Any] = {}
+    for key, text in pairs:
+        if key in values or (key == "codec" and codec):
+            raise SettingsError(f"--set {key}={text}: {key} is given twice", key)
+        values[key] = _value(text)
+    return settings_of(codec, values)
+
+
+def settings_of(codec: str | None, values: Mapping[str, Any]) -> StreamSettings:
+    """Settings of a codec from plain values: fields of StreamSettings, else of the codec's own.
+
+    Raises SettingsError with the key, or UnknownNameError.
+    """
     common: dict[str, Any] = {"codec": codec} if codec else {}
     own: dict[str, Any] = {}
-    for key, text in pairs:
+    for key, value in values.items():
         is_common = key in StreamSettings.model_fields and key != "codec_settings"
-        if key in (common if is_common else own):
-            raise SettingsError(f"--set {key}={text}: {key} is given twice", key)
-        (common if is_common else own)[key] = _value(text)
+        (common if is_common else own)[key] = value
     return table.check(settings_from(common | {"codec_settings": own}))

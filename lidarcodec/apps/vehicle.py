@@ -1,0 +1,179 @@
+"""Vehicle: several sensors of one vehicle, in one process and one network session.
+
+Each sensor has a thread of its own that opens its source, publishes it, and, when a live source fails, says why and
+tries again: after one second, then two, up to half a minute. A sensor that fails never stops another one. What cannot
+be put right by waiting ends everything: endpoints that cannot be used.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.apps.publish import Publisher, Rate
+from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.errors import LidarCodecError, TransportError
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.keys import StreamKeys
+
+logger = logging.getLogger(__name__)
+
+FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 30.0
+WELL_S = 60.0
+"""A source that was well for so long begins again with the shortest wait."""
+TICK_S = 0.2
+
+
+@dataclass(frozen=True)
+class SensorPlan:
+    """One sensor: its name, how to open its source, and what to do with it.
+
+    live: try again when the source fails; a file that cannot be read stays so
+    """
+
+    name: str
+    open: Callable[[], PacketSource]
+    settings: StreamSettings
+    live: bool = True
+    rate: Rate | None = None
+    with_poses: bool = False
+    record: Path | None = None
+    record_as: RecordAs = "packets"
+    record_limits: dict[str, int] = field(default_factory=dict)
+
+
+class Vehicle:
+    """Publishes several sensors. A context manager: starts on entering, stops on leaving."""
+
+    def __init__(self, name: str, sensors: Sequence[SensorPlan], endpoints: Endpoints | None = None) -> None:
+        """Raises SettingsError for names that are none."""
+        self.name, self._endpoints = name, endpoints
+        self._transport: Transport | None = None
+        self._opening = threading.Lock()
+        self._stop = threading.Event()
+        self._interrupted = False
+        self._failure: TransportError | None = None
+        self._sensors = [_Sensor(StreamKeys(name, plan.name), plan, self._open, self._stop) for plan in sensors]
+
+    def start(self) -> None:
+        """Begin with all sensors."""
+        for sensor in self._sensors:
+            sensor.thread.start()
+
+    def wait(self) -> None:
+        """Stay until every source has ended, or `interrupt` is called.
+
+        Raises TransportError when the endpoints cannot be used.
+        """
+        while any(sensor.thread.is_alive() for sensor in self._sensors) and not self._interrupted:
+            self._stop.wait(TICK_S)
+            if self._failure is not None:
+                raise self._failure
+
+    def interrupt(self) -> None:
+        """Have `wait` return soon. The one method for signal handlers: it takes no lock."""
+        self._interrupted = True
+
+    def stop(self) -> None:
+        """End everything; harmless when called twice."""
+        self._stop.set()
+        for sensor in self._sensors:
+            if sensor.thread.ident is not None:
+                sensor.thread.join()
+        if self._transport is not None:
+            self._transport.close()
+
+    def __enter__(self) -> Vehicle:
+        self.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def statuses(self) -> list[dict[str, Any]]:
+        """The last status of every sensor that has published."""
+        return [sensor.status for sensor in self._sensors if sensor.status is not None]
+
+    def failures(self) -> dict[str, LidarCodecError | OSError]:
+        """Why sensors publish nothing now, by name."""
+        return {sensor.plan.name: sensor.failure for sensor in self._sensors if sensor.failure is not None}
+
+    def _open(self, stop: threading.Event) -> Transport:
+        """The session that all share; the first sensor opens it."""
+        with self._opening:
+            if self._transport is None:
+                try:
+                    self._transport = open_transport(self._endpoints, stop=self._stop)
+                except TransportError as error:
+                    if not self._stop.is_set():
+                        self._failure = error
+                    raise
+            return self._transport
+
+
+class _Sensor:
+    """One sensor and its thread."""
+
+    def __init__(
+        self,
+        keys: StreamKeys,
+        plan: SensorPlan,
+        network: Callable[[threading.Event], Transport],
+        stop: threading.Event,
+    ) -> None:
+        self.keys, self.plan = keys, plan
+        self.status: dict[str, Any] | None = None
+        self.failure: LidarCodecError | OSError | None = None
+        self._network, self._stop = network, stop
+        self.thread = threading.Thread(target=self._run, name=f"lidarcodec {plan.name}", daemon=True)
+
+    def _run(self) -> None:
+        wait_s = FIRST_WAIT_S
+        while not self._stop.is_set():
+            begun = time.monotonic()
+            try:
+                self._publish()
+            except TransportError as error:
+                self.failure = error
+                return
+            except (LidarCodecError, OSError) as error:
+                self.failure = error
+            else:
+                return
+            if not self.plan.live:
+                logger.warning("%s publishes nothing: %s", self.keys.prefix, self.failure)
+                return
+            wait_s = FIRST_WAIT_S if time.monotonic() - begun > WELL_S else wait_s
+            logger.warning("%s: %s; trying again in %g s", self.keys.prefix, self.failure, wait_s)
+            self._stop.wait(wait_s)
+            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+    def _publish(self) -> None:
+        plan = self.plan
+        with plan.open() as source:
+            publisher = Publisher(
+                source,
+                plan.settings,
+                vehicle=self.keys.vehicle,
+                sensor=self.keys.sensor,
+                rate=plan.rate,
+                transport=self._network,
+                record=plan.record,
+                record_as=plan.record_as,
+                record_limits=plan.record_limits,
+                poses=source.poses if plan.with_poses else None,
+            )
+            with publisher:
+                self.failure = None
+                while not publisher.wait(TICK_S) and not self._stop.is_set():
+                    pass
+            self.status = publisher.status()
+            if publisher.failure is not None and not self._stop.is_set():
+                raise publisher.failure

@@ -1,0 +1,171 @@
+"""`lidarcodec publish --config FILE`: several sensors of one vehicle, as a YAML file says.
+
+>>> text = "vehicle: car-7\\nsensors:\\n  - {name: roof, source: 'udp://:2368', settings: {max_error_m: -1}}"
+>>> parse(text, "fleet.yaml")
+Traceback (most recent call last):
+lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m: Input should be greater than or equal to 0
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from lidarcodec.apps.publish import Rate
+from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
+from lidarcodec.commands.settings import settings_of
+from lidarcodec.commands.stopping import stoppable
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.sources.spec import parse as parse_source
+
+MAX_FILE_BYTES = 1 << 20
+Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$")]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class RecordConfig(_Strict):
+    """What is kept on the vehicle, whatever is sent."""
+
+    folder: Path
+    form: RecordAs = Field(default="packets", alias="as")
+    gb: float = Field(default=8.0, gt=0.0, le=1e6)
+
+
+class SensorConfig(_Strict):
+    """One sensor. settings: fields of the stream's settings, else of the codec's own, as with `--set`."""
+
+    name: Name
+    source: str
+    calibration: Path | None = None
+    poses: Path | None = None
+    codec: str | None = None
+    settings: dict[str, Any] = {}
+    rate: float | Literal["max"] | None = None
+    record: RecordConfig | None = None
+
+    @field_validator("rate")
+    @classmethod
+    def _rate(cls, value: float | str | None) -> float | str | None:
+        if isinstance(value, float) and not 0.01 <= value <= 1000.0:
+            raise ValueError("frames a second, from 0.01 to 1000, or max")
+        return value
+
+    @model_validator(mode="after")
+    def _settings_fit(self) -> SensorConfig:
+        try:
+            self.stream_settings()
+        except LidarCodecError as error:
+            raise ValueError(f"settings: {error}") from None
+        return self
+
+    def stream_settings(self) -> StreamSettings:
+        """The settings, checked against the codec. Raises SettingsError or UnknownNameError."""
+        return settings_of(self.codec, self.settings)
+
+    def plan(self) -> SensorPlan:
+        """What a Vehicle does with it."""
+        rate: Rate | None = self.rate
+        keep = self.record
+        return SensorPlan(
+            self.name,
+            partial(open_source, self.source, calibration=self.calibration, poses=self.poses),
+            self.stream_settings(),
+            live=parse_source(self.source).scheme == "udp",
+            rate=rate,
+            with_poses=self.poses is not None,
+            record=None if keep is None else keep.folder,
+            record_as="packets" if keep is None else keep.form,
+            record_limits={} if keep is None else record_limits(keep.gb),
+        )
+
+
+class VehicleConfig(_Strict):
+    """A vehicle: its network, and its sensors."""
+
+    vehicle: Name | None = None
+    connect: list[str] = []
+    listen: list[str] = []
+    zenoh_config: Path | None = None
+    sensors: list[SensorConfig] = Field(min_length=1, max_length=64)
+
+    @model_validator(mode="after")
+    def _apart(self) -> VehicleConfig:
+        folders = [sensor.record.folder for sensor in self.sensors if sensor.record]
+        for what, found in (("name", [sensor.name for sensor in self.sensors]), ("record folder", folders)):
+            twice = next((one for number, one in enumerate(found) if one in found[:number]), None)
+            if twice is not None:
+                raise ValueError(f"two sensors have the {what} '{twice}'")
+        return self
+
+
+def parse(text: str, where: str) -> VehicleConfig:
+    """The configuration in a text.
+
+    Raises SettingsError naming the field.
+    """
+    try:
+        values = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise SettingsError(f"{where} is no YAML: {' '.join(str(error).split())}", "config") from None
+    if not isinstance(values, dict):
+        raise SettingsError(f"{where} holds no fields: it begins with `vehicle: NAME` and `sensors:`", "config")
+    try:
+        return VehicleConfig.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        reason = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            reason = "there is no such field"
+        joint = "." if reason.startswith("settings: ") else ": "
+        raise SettingsError(f"{where}: {place}{joint}{reason}" if place else f"{where}: {reason}", place) from None
+
+
+def read(path: Path) -> VehicleConfig:
+    """The configuration in a file.
+
+    Raises SettingsError when it is missing, too long, or wrong.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        text = data.decode()
+    except OSError as error:
+        raise SettingsError(f"{path}: {error.strerror}", "config") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path} is not text in UTF-8", "config") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise SettingsError(f"{path} is longer than {MAX_FILE_BYTES} bytes", "config")
+    return parse(text, str(path))
+
+
+def run(path: Path, vehicle: str | None, given: Given) -> None:
+    """Publish until every source has ended or a signal comes. What stands on the command line wins."""
+    config = read(path)
+    connect, listen, zenoh_config = given
+    if not (connect or listen or zenoh_config):
+        connect, listen, zenoh_config = config.connect, config.listen, config.zenoh_config
+    endpoints = endpoints_of((connect, listen, zenoh_config))
+    name = vehicle_of(vehicle or config.vehicle, endpoints)
+    running = Vehicle(name, [sensor.plan() for sensor in config.sensors], endpoints)
+    with running, stoppable(running.interrupt) as stopped:
+        running.wait()
+        failures = {} if stopped() else running.failures()
+    for status in running.statuses():
+        print(summary_line(status), file=sys.stdout)
+    if failures:
+        told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
+        raise SourceError(f"not everything was published: {told}")
