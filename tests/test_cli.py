@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import lidarcodec
 from lidarcodec.recording import read_recording
 from tests.command_line import COMMAND, environment, run, start, the_one_line
+from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(
@@ -135,6 +137,21 @@ def test_bench_prints_one_object_a_codec_and_setting_with_every_field(tmp_path):
         assert entry["max_error_m"] <= (0 if lossless else 0.02)
         assert entry["kbps_at_10hz"] == pytest.approx(348 * 1206 * 8 * 10 / 1000 / entry["ratio"], rel=1e-4)
     assert picture.stat().st_size > 10_000
+
+
+def test_an_interrupt_while_the_command_line_is_loaded_ends_it_without_a_word():
+    code = (
+        "import os, signal, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'typer': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from lidarcodec.__main__ import main\n"
+        "main()"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, OrderedDict, deque
 from typing import Any
 
 from lidarcodec.apps.reports import COUNTED
@@ -15,6 +15,9 @@ from lidarcodec.message import Message
 
 logger = logging.getLogger(__name__)
 
+REMEMBERED = 64
+"""Newest messages of a stream that are known again when they come once more."""
+STREAMS = 8
 LATENCY_LIMIT_MS = 60_000.0
 """A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
 
@@ -33,13 +36,14 @@ class ReceiverStats:
 
     gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
     second_publisher: times that a stream came back after another one: two publishers have the same name
+    duplicates: messages that came again, and were dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._stream_id: int | None = None
-        self._earlier: deque[int] = deque(maxlen=8)
+        self._earlier: OrderedDict[int, deque[int]] = OrderedDict()
         self._next_index = 0
         self._recent: deque[float] = deque(maxlen=64)
         self.counts: Counter[str] = Counter()
@@ -50,6 +54,13 @@ class ReceiverStats:
     def stream_id(self) -> int | None:
         """Of the publisher's current start."""
         return self._stream_id
+
+    def repeated(self, message: Message) -> bool:
+        """Whether this message came before, and is one of the newest of its stream; counts it then."""
+        with self._lock:
+            known = message.frame_index in self._earlier.get(message.stream_id, ())
+            self.counts["duplicates"] += known
+            return known
 
     def arrived(self, message: Message, size: int) -> bool:
         """Take a message that came. True: it begins another stream.
@@ -68,12 +79,16 @@ class ReceiverStats:
                     if self.counts["second_publisher"] == 1:
                         logger.warning("two publishers send on the same key: give one of them another name")
                 self._stream_id = message.stream_id
-                self._earlier.append(message.stream_id)
+                self._earlier.setdefault(message.stream_id, deque(maxlen=REMEMBERED))
+                self._earlier.move_to_end(message.stream_id)
+                while len(self._earlier) > STREAMS:
+                    self._earlier.popitem(last=False)
             elif message.frame_index > self._next_index:
                 self.counts["gaps"] += 1
                 self.counts["missing"] += message.frame_index - self._next_index
             elif message.frame_index < self._next_index:
                 self.counts["out_of_order"] += 1
+            self._earlier[message.stream_id].append(message.frame_index)
             self._next_index = message.frame_index + message.frame_count
             return begins
 

@@ -15,7 +15,8 @@ import logging
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from lidarcodec.apps.isolation import Isolate, Isolation
@@ -60,6 +61,7 @@ class Receiver:
     on_end:     called when nothing more will come
     until_end:  end when the publisher has gone
     isolate:    which decoders run in a process of their own, as for `LiveStream`
+    failure:    what ended it, if it did not end as it should
     stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
     """
 
@@ -81,7 +83,7 @@ class Receiver:
         self.stats = ReceiverStats()
         self.status: dict[str, Any] | None = None
         self.alive = False
-        self.failure: LidarCodecError | None = None
+        self.failure: Exception | None = None
         self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
         self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
         self._declared: list[Closeable] = []
@@ -151,18 +153,36 @@ class Receiver:
         if self._own_transport and self._transport is not None:  # it may have been opened after the first look
             self._transport.close()
 
+    @contextmanager
+    def _failing_aloud(self) -> Iterator[None]:
+        """What ends one of the threads ends the receiver, and is told: nothing freezes in silence."""
+        try:
+            yield
+        except Exception as error:
+            if self._stop.is_set():
+                return
+            if not isinstance(error, TransportError):
+                logger.exception("%s: the receiver ends", self.keys.prefix)
+            self.failure = self.failure or error
+            self._end()
+
+    def _end(self) -> None:
+        """Receive no more; what has come is still decoded."""
+        self._slot.close()
+        self._poke.set()
+        for one in self._declared[:1]:
+            one.close()
+
     # --- the receive thread -----------------------------------------------------------------------------------------
 
     def _receive(self) -> None:
         try:
-            if self._transport is None:
-                self._transport = open_transport(self._endpoints, stop=self._stop)
-            inbox, arrivals = self._declare(self._transport)
-            self._opened.set()
-            self._take_messages(inbox, arrivals)
-        except TransportError as error:
-            if not self._stop.is_set():
-                self.failure = error
+            with self._failing_aloud():
+                if self._transport is None:
+                    self._transport = open_transport(self._endpoints, stop=self._stop)
+                inbox, arrivals = self._declare(self._transport)
+                self._opened.set()
+                self._take_messages(inbox, arrivals)
         finally:
             self._opened.set()
             self._slot.close()
@@ -188,6 +208,8 @@ class Receiver:
                 if not isinstance(error, UnsupportedVersionError):  # no key frame would help
                     self.request_key()
                 continue
+            if self.stats.repeated(message):
+                continue
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self.request_key()
@@ -206,11 +228,12 @@ class Receiver:
 
     def _decode(self) -> None:
         try:
-            while not self._slot.finished:
-                message = self._slot.take(TICK_S)
-                if message is not None:
-                    for frame in self._frames_of(message):
-                        self._on_frame(frame)
+            with self._failing_aloud():
+                while not self._slot.finished:
+                    message = self._slot.take(TICK_S)
+                    if message is not None:
+                        for frame in self._frames_of(message):
+                            self._on_frame(frame)
         finally:
             self._on_end()
 
@@ -259,11 +282,15 @@ class Receiver:
         transport = self._transport
         if transport is None or self.failure is not None:
             return
-        try:
-            self._declared.append(reports := transport.sender(self.keys.report(self.name), Priority.STATUS))
-            due_key = due_ping = due_report = time.monotonic()
-            while not self._stop.is_set():
-                now = time.monotonic()
+        with self._failing_aloud():
+            self._keep_in_touch(transport)
+
+    def _keep_in_touch(self, transport: Transport) -> None:
+        self._declared.append(reports := transport.sender(self.keys.report(self.name), Priority.STATUS))
+        due_key = due_ping = due_report = time.monotonic()
+        while not self._stop.is_set():
+            now = time.monotonic()
+            try:
                 if self._key_wanted and now >= due_key:
                     due_key = now + KEY_INTERVAL_S
                     if transport.ask(self.keys.control_keyframe, timeout_s=ASK_S) is not None:
@@ -275,12 +302,13 @@ class Receiver:
                     due_report = now + REPORT_S
                     self._isolation.tidy()
                     reports.put(json.dumps(self.stats.report(self.errors, self.rtt_ms)).encode())
-                soonest = min(due_key if self._key_wanted else due_report, due_ping, due_report)
-                self._poke.wait(max(0.01, soonest - time.monotonic()))
-                self._poke.clear()
-        except TransportError as error:
-            if not self._stop.is_set():
+            except TransportError as error:  # the next round tries again
+                if self._stop.is_set() or self._slot.closed:
+                    return
                 self._once.add("control_errors", error)
+            soonest = min(due_key if self._key_wanted else due_report, due_ping, due_report)
+            self._poke.wait(max(0.01, soonest - time.monotonic()))
+            self._poke.clear()
 
     def _ping(self, transport: Transport) -> None:
         start = time.perf_counter()
@@ -307,6 +335,4 @@ class Receiver:
             self._key_wanted = True
             self._poke.set()
         elif self._until_end:
-            self._slot.close()
-            for one in self._declared[:1]:
-                one.close()
+            self._end()

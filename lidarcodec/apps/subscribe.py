@@ -143,7 +143,7 @@ class LiveStream:
     def next(self, timeout_s: float | None = None) -> Frame | None:
         """The next frame; None when there was none in time, or after the end or an interruption.
 
-        Raises TransportError when the network failed for good, or nobody opened the stream.
+        Raises TransportError when the network failed for good, or nobody opened the stream; else what ended it.
         """
         self._check_begun()
         end = None if timeout_s is None else time.monotonic() + timeout_s

@@ -402,3 +402,30 @@ def test_every_field_of_status_and_report_is_documented(network):
         names -= {"errors", "udp", "recording"} & set(stream.summary())
     for name in names:
         assert f"`{name}`" in text or f"`{name.partition('_')[0]}_*`" in text, name
+
+
+@pytest.mark.parametrize("where", ["_frames_of", "stats", "_round_trips"], ids=["decode", "receive", "control"])
+def test_a_fault_in_any_thread_ends_the_stream_aloud(network, where, caplog):
+    """A stream that froze in silence would look like a publisher that has nothing to say."""
+    with live(network) as stream:
+        setattr(stream._receiver, where, None)  # as a fault of ours would
+        with publisher(network, rate=20.0), pytest.raises((TypeError, AttributeError)):
+            sum(1 for _ in stream)
+    assert "the receiver ends" in caplog.text
+
+
+def test_a_message_that_comes_twice_is_decoded_once(network):
+    settings = StreamSettings(key_interval=10_000, codec_settings={"mask_history": True})
+    end = network.end()
+    inbox = end.inbox(KEYS.frame)
+    with publisher(network, settings=settings, rate=20.0), live(network, newest=False) as stream:
+        again = network.end().sender(KEYS.frame, Priority.FRAMES)
+        indices = []
+        for _ in range(6):
+            again.put(inbox.receive())
+            indices.append(stream.next(5).index)
+        assert indices == sorted(set(indices))
+        assert eventually(lambda: stream.stats.counts["duplicates"] > 0)
+        assert stream.summary()["errors"] == {}
+        assert stream.stats.counts["out_of_order"] == 0
+    inbox.close()
