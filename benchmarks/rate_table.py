@@ -1,11 +1,12 @@
 """Prints, as Markdown, a target bitrate against what came of it: five targets a codec, and switches in mid-stream.
 
-    python -m benchmarks.rate_table NAME=SOURCE... [--codecs pcodec,zstd] [--set intensity=off]
+    python -m benchmarks.rate_table NAME=SOURCE... [--codecs pcodec,zstd] [--set intensity=off] [--switch-kbps 2000]
 
 Targets lie at a tenth, 30 %, half, 70 % and 90 % of the way (on a logarithmic scale) between what the codec takes at
 the two ends of its knob. `5 s` is the worst mean of five seconds within a stream, `1 s` the highest of one second; both
-leave out the first second, in which the stream settles. A source is run to and fro until it covers 11 s, so that it
-goes on without a jump.
+leave out the first second, in which the stream settles. Codecs switch to the next of the list in the middle of the
+source, the last one to the first; `second after` is the mean of the second that begins one second after the switch. A
+source is run to and fro until it covers 11 s, so that it goes on without a jump.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 
 from lidarcodec import api
+from lidarcodec.codecs import table
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings, settings_from
@@ -92,7 +94,9 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sources", nargs="+", metavar="NAME=SOURCE")
-    parser.add_argument("--codecs", default="pcodec,zstd,jxl,png,jpeg")
+    steered = [name for name in table.names() if table.codec(name).knob is not None]
+    parser.add_argument("--codecs", default=",".join(steered))
+    parser.add_argument("--switch-kbps", type=float, default=2000.0, help="target of the streams that switch")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     given = parser.parse_args()
     others = dict(item.split("=", 1) for item in given.set)
@@ -110,24 +114,27 @@ def main() -> None:
                 worst = five[np.argmax(abs(five / target - 1))] / target - 1
                 print(f"| {name} | {codec} | {low:.0f} - {high:.0f} | {target:.0f} | {five.mean():.0f} |"
                       f" {100 * worst:+.1f} % | {one.max() / target:.2f} |", flush=True)  # fmt: skip
-    print("\n| drives | switch, at 5 s | target | worst 5 s | highest 1 s |\n|---|---|---|---|---|")
+    target, codecs = given.switch_kbps, given.codecs.split(",")
+    print("\n| drives | switch | target | worst 5 s | highest 1 s | second after |\n|---|---|---|---|---|---|")
     for name, frames in drives.items():
-        for one, other, target in (("pcodec", "zstd", 3000), ("zstd", "jpeg", 3000), ("jpeg", "pcodec", 2000)):
+        for one, other in pairwise([*codecs, codecs[0]] if len(codecs) > 1 else codecs):
             middle = len(frames) // 2
-            settings = settings_from({"codec": one, "target_kbps": target, "intensity": "off"})
-            _row(name, f"{one} to {other}", target, run(frames, settings, {middle: {"codec": other}}))
+            settings = settings_from({"codec": one, "target_kbps": target, **others})
+            _row(name, f"{one} to {other}", target, run(frames, settings, {middle: {"codec": other}}), middle)
     if len(drives) > 1:
         halves = [frames[: len(frames) // 2] for frames in drives.values()]
         joined = [frame.with_(index=i) for i, frame in enumerate(chain.from_iterable(halves))]
-        for codec in given.codecs.split(","):
-            settings = settings_from({"codec": codec, "target_kbps": 2500, "intensity": "off"})
-            _row(" then ".join(drives), f"scene, {codec}", 2500, run(joined, settings))
+        for codec in codecs:
+            settings = settings_from({"codec": codec, "target_kbps": target, **others})
+            _row(" then ".join(drives), f"scene, {codec}", target, run(joined, settings), len(halves[0]))
 
 
-def _row(name: str, what: str, target: float, sent: Sent) -> None:
+def _row(name: str, what: str, target: float, sent: Sent, switch: int) -> None:
     five = sent.means(5.0) / target - 1
-    print(f"| {name} | {what} | {target} | {100 * five[np.argmax(abs(five))]:+.1f} % |"
-          f" {sent.means(1.0).max() / target:.2f} |", flush=True)  # fmt: skip
+    begin = sent.seconds[:switch].sum()
+    after = sent.means(1.0, begin + 1.0)[0] / target - 1
+    print(f"| {name} | {what} | {target:.0f} | {100 * five[np.argmax(abs(five))]:+.1f} % |"
+          f" {sent.means(1.0).max() / target:.2f} | {100 * after:+.1f} % |", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

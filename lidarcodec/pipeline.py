@@ -13,7 +13,7 @@ from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.codecs.base import Decoder, Encoder, Steered
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
@@ -52,6 +52,7 @@ class StreamEncoder:
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._encoder = make_encoder(self.settings, self.stream_id)
         self._rate = self._rate_control(self.settings)
+        self._steer()
         self._held: list[Message] = []
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
@@ -78,6 +79,7 @@ class StreamEncoder:
             self._held += self._flushed()
             self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
+        self._steer()
         self.settings = checked
         return key
 
@@ -103,6 +105,10 @@ class StreamEncoder:
         if self._rate is not None:
             self._rate.sent(None, messages)
         return messages
+
+    def _steer(self) -> None:
+        if isinstance(self._encoder, Steered):
+            self._encoder.steer(self._rate)
 
     @staticmethod
     def _rate_control(settings: StreamSettings, before: RateControl | None = None) -> RateControl | None:

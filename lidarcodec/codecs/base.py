@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -25,6 +25,21 @@ class Encoder(Protocol):
 
     def flush(self) -> list[Message]:
         """Messages of frames that were held back."""
+
+
+class Steering(Protocol):
+    """Finds the place of the knob at which a message of several frames takes what it may."""
+
+    def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
+        """The RANGE section of a message of these frames. message: all but that section's bytes; code: of settings."""
+
+
+@runtime_checkable
+class Steered(Protocol):
+    """An encoder that collects frames, and asks where its knob is to be when a message has all of them."""
+
+    def steer(self, steering: Steering | None) -> None:
+        """Ask this from now on; None: the settings say it."""
 
 
 class Decoder(Protocol):

@@ -39,12 +39,12 @@ _SAMPLES_PER_BYTE: Final = 256
 _SEQUENTIAL: Final = (0xC0, 0xC1)
 
 
-def scale_of(quality: int) -> float:
+def scale_of(quality: float) -> float:
     """Percentage by which libjpeg scales its tables at a quality from 1 to 100."""
     return 5000 / quality if quality < 50 else 200 - 2 * quality
 
 
-def steps_of(tables: Tables, quality: int, finer: float = 1.0) -> npt.NDArray[np.uint16]:
+def steps_of(tables: Tables, quality: float, finer: float = 1.0) -> npt.NDArray[np.uint16]:
     """(64,) uint16, quantiser step of each coefficient, in samples, row by row.
 
     finer: how much finer samples are than those of the whole range: `even` keeps its steps in metres, so that a quality
@@ -56,19 +56,21 @@ def steps_of(tables: Tables, quality: int, finer: float = 1.0) -> npt.NDArray[np
     return np.maximum(1, (_LUMINANCE * scale + 50) // 100).astype(np.uint16)
 
 
-def write_jpeg(samples: Samples, known: Mask, bits: int, tables: Tables, quality: int, finer: float) -> bytes:
+def write_jpeg(samples: Samples, known: Mask, bits: int, tables: Tables, quality: float, finer: float) -> bytes:
     """A JPEG of samples; known: which of them are returns. Sides are multiples of 8, samples 0..2^bits - 1.
 
     4 ms for 64 x 2264.
     """
+    if tables == "libjpeg":
+        quality = round(quality)  # neither imagecodecs nor OpenCV takes another
     steps = steps_of(tables, quality, finer)
     filled = filled_blocks(samples, known, steps)
     if tables == "even":
         return bytes(_native.write_jpeg(filled, steps, bits))
     whole = np.rint(np.clip(filled, 0, (1 << bits) - 1)).astype(np.uint16)
     if bits == 12:
-        return bytes(imagecodecs.jpeg8_encode(whole, level=quality, bitspersample=12))
-    settings = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        return bytes(imagecodecs.jpeg8_encode(whole, level=int(quality), bitspersample=12))
+    settings = [cv2.IMWRITE_JPEG_QUALITY, int(quality), cv2.IMWRITE_JPEG_OPTIMIZE, 1]
     done, data = cv2.imencode(".jpg", whole.astype(np.uint8), settings)
     if not done:
         raise LidarCodecError(f"OpenCV cannot write a JPEG of {whole.shape[1]} x {whole.shape[0]} samples")

@@ -2,8 +2,8 @@
 
 The frames of a group go into one message when the group is full, so the first waits for `group` - 1 others: 0.8 s with
 the default of 8 and frames of 0.1 s. A group needs no other: a lost one loses its own frames and nothing else. A key
-frame on demand or another sensor end a group early, and so does the end of the stream. New settings do not: a rate
-control that changes the quality with every frame would make groups of one. The group in progress takes them over.
+frame on demand or another sensor end a group early, and so does the end of the stream. New settings do not: the group
+in progress takes them over. With a target bitrate the quality is found when a group ends, by coding it more than once.
 
 A RANGE section, there is one in a message, is the head of the group (group_head.py) and, if there is any return, what
 samples mean (jpeg_samples.py) and the JPEG.
@@ -11,13 +11,14 @@ samples mean (jpeg_samples.py) and the JPEG.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, own_settings
+from lidarcodec.codecs.base import Codec, Steering, own_settings
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.group_head import pack_group, packets_in, split_group
 from lidarcodec.codecs.history import MaskHistory
@@ -26,6 +27,7 @@ from lidarcodec.codecs.jpeg_file import read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.layers import group_fits, layers_of
 from lidarcodec.codecs.planes import decode_planes, encode_planes
+from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -65,6 +67,11 @@ class LayeredEncoder:
         self._since_key: int | None = None
         self._sensor: tuple[str, str] | None = None
         self._history = MaskHistory()
+        self._steering: Steering | None = None
+
+    def steer(self, steering: Steering | None) -> None:
+        """Ask this for the quality of each group from now on; None: the settings say it."""
+        self._steering = steering
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings for the group in progress; True: the next message will be a key message.
@@ -114,16 +121,16 @@ class LayeredEncoder:
         """Makes a message of the group. It waits in `_ready`, also when the frame that ended the group is refused."""
         members, self._members = self._members, []
         frames = [member.frame for member in members]
-        first = frames[0]
-        sections = [
-            Section(SectionType.CALIBRATION, encode_calibration(first.sensor, self._key)),
-            Section(SectionType.RANGE, self._range(members)),
-        ]
-        for ordinal, member in enumerate(members):
-            sections += [section._replace(ordinal=ordinal) for section in member.planes]
-        self._since_key = len(frames) if self._key else (self._since_key or 0) + len(frames)
-        self._ready.append(
-            Message(
+        first, code = frames[0], self._coder(members)
+        calibration = Section(SectionType.CALIBRATION, encode_calibration(first.sensor, self._key))
+        planes = [
+            section._replace(ordinal=ordinal)
+            for ordinal, member in enumerate(members)
+            for section in member.planes
+        ]  # fmt: skip
+
+        def message(ranges: bytes) -> Message:
+            return Message(
                 codec=self.codec_id,
                 stream_id=self.stream_id,
                 frame_index=first.index,
@@ -131,10 +138,13 @@ class LayeredEncoder:
                 key=self._key,
                 width=max(frame.width for frame in frames),
                 packets=max(packets_in(frame) for frame in frames),
-                sections=tuple(sections),
+                sections=(calibration, Section(SectionType.RANGE, ranges), *planes),
                 frame_count=len(frames),
             )
-        )
+
+        steered = None if self._steering is None else self._steering.range_of(frames, message(b""), code)
+        self._ready.append(message(code(self.settings) if steered is None else steered))
+        self._since_key = len(frames) if self._key else (self._since_key or 0) + len(frames)
 
     def _key_is_due(self) -> bool:
         """Whether a group that begins now is to be a key message: the next one would come too late."""
@@ -149,16 +159,21 @@ class LayeredEncoder:
             or not group_fits(len(self._members) + 1, max(widest, frame.width))
         )
 
-    def _range(self, members: list[_Member]) -> bytes:
+    def _coder(self, members: list[_Member]) -> Callable[[StreamSettings], bytes]:
+        """The RANGE section by settings, of which only those of JPEGs are looked at."""
         frames = [member.frame for member in members]
         layers = layers_of([frame.azimuth[0] for frame in frames])
         head = pack_group(frames, layers)
         known = layers.spread([member.valid for member in members]) if layers.samples else np.zeros((0, 0), np.bool_)
         if not known.any():
-            return head
-        values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members])
-        samples, jpeg = with_samples(self._own, values.astype(np.int32), known)
-        return head + samples + jpeg
+            return lambda _: head
+        values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members]).astype(np.int32)
+
+        def code(settings: StreamSettings) -> bytes:
+            samples, jpeg = with_samples(own_settings(LayeredSettings, settings), values, known)
+            return head + samples + jpeg
+
+        return code
 
 
 class LayeredDecoder:
@@ -201,4 +216,23 @@ class LayeredDecoder:
         return []
 
 
-CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False)
+KNOB = quality_knob(
+    (
+        (1, 0.137),
+        (3, 0.387),
+        (5, 0.579),
+        (10, 0.928),
+        (20, 1.39),
+        (35, 1.82),
+        (50, 2.12),
+        (65, 2.44),
+        (80, 3),
+        (90, 3.95),
+        (95, 4.68),
+        (98, 6.68),
+        (100, 6.68),
+    )
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False, knob=KNOB)

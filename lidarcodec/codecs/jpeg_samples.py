@@ -29,8 +29,8 @@ _MAPPINGS: Final = 3
 class JpegSettings(CodecSettings):
     """Settings of `jpeg`; those of `jpeg-layered` are these and more."""
 
-    quality: int = Field(default=90, ge=1, le=100)
-    """libjpeg's quality: how coarse the steps of the coefficients are."""
+    quality: float = Field(default=90, ge=1, le=100)
+    """libjpeg's quality: how coarse the steps of the coefficients are. `tables=libjpeg` takes the nearest whole one."""
     bits: Literal[8, 12] = 12
     """Bits a sample. 8 are steps of 0.3 m at 80 m, and what decoders without 12-bit support read."""
     mapping: Literal["linear", "sqrt", "log"] = "linear"

@@ -49,7 +49,7 @@ class RateKnob:
         """The settings with the knob at a value."""
         if self.setting == BOUND:
             return settings.model_copy(update={BOUND: value})
-        return settings.model_copy(update={"codec_settings": {**settings.codec_settings, self.setting: int(value)}})
+        return settings.model_copy(update={"codec_settings": {**settings.codec_settings, self.setting: value}})
 
     def guess(self, values: Sequence[float]) -> npt.NDArray[np.float64]:
         """(N,) float64, bits of a return's range at each of N values: log-linear between the points of the curve."""
@@ -77,5 +77,5 @@ def bound_knob(curve: Curve) -> RateKnob:
 
 
 def quality_knob(curve: Curve) -> RateKnob:
-    """The knob of a codec with a `quality` from 1 to 100 of its own."""
-    return RateKnob("quality", tuple(range(1, 101)), curve)
+    """The knob of a codec with a `quality` from 1 to 100 of its own: in quarters below 5, where a step of 1 is much."""
+    return RateKnob("quality", (*(quarters / 4 for quarters in range(4, 20)), *range(5, 101)), curve)

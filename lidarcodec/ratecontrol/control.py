@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ from lidarcodec.ratecontrol.controller import (
     reachable_kbps,
     retargeted,
 )
+from lidarcodec.ratecontrol.fitting import fitted
 from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.units import FIRINGS_PER_PACKET, PACKET_INTERVAL_US
 from lidarcodec.wire import size_of
@@ -43,8 +45,10 @@ STAMP_GAIN: Final = 0.2
 class RateControl:
     """Says at which value of its knob an encoder is to code each frame, and learns from the messages.
 
-    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. Raises
-    SettingsError when the settings name a codec without a knob, or no target.
+    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. An encoder
+    of groups asks `range_of` for each message when its frames are there (`codecs.base.Steered`).
+
+    Raises SettingsError when the settings name a codec without a knob, or no target.
     """
 
     def __init__(self, settings: StreamSettings, before: RateControl | None = None) -> None:
@@ -58,6 +62,7 @@ class RateControl:
         self._told: bool = before is None or before._told
         self._untold_s: float = 0.0 if before is None else before._untold_s
         self._waiting: deque[tuple[int, Load]] = deque()
+        self._fitted: deque[int] = deque()  # levels of messages that `range_of` saw, and `sent` did not yet
         self._level = 0
         self._take(settings)
         if before is not None and before._plan.target_bps != self._plan.target_bps:
@@ -85,6 +90,22 @@ class RateControl:
             self._level = chosen(self._state, self._plan, self._load(frame))
         return self._knob.with_value(self._settings, self._plan.levels[self._level])
 
+    def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
+        """The RANGE section, out of `code`, with which a message of these frames takes what it may.
+
+        message: as it will be, but without ranges; code: the ranges with the knob at the place in those settings
+        """
+        load = _sum([self._load(frame) for frame in frames])
+        self._level, data = fitted(
+            self._state,
+            self._plan,
+            load,
+            8.0 * size_of(message),
+            lambda level: code(self._knob.with_value(self._settings, self._plan.levels[level])),
+        )
+        self._fitted.append(self._level)
+        return data
+
     def sent(self, frame: Frame | None, messages: list[Message]) -> None:
         """Learn from the messages that became complete with a frame, or with the end of the stream."""
         if frame is not None:
@@ -96,8 +117,8 @@ class RateControl:
             loads = [self._waiting.popleft()[1] for _ in range(min(message.frame_count, len(self._waiting)))]
             if not loads:
                 continue
-            load = Load(*(sum(parts) for parts in zip(*loads, strict=True)))
-            self._state = measured(self._state, self._plan, self._level, load, _sizes(message), len(loads))
+            load, level = _sum(loads), self._fitted.popleft() if self._fitted else self._level
+            self._state = measured(self._state, self._plan, level, load, _sizes(message), len(loads))
             self._tell(load.seconds)
 
     def report(self) -> dict[str, Any]:
@@ -166,6 +187,10 @@ class RateControl:
             low,
             high,
         )
+
+
+def _sum(loads: Sequence[Load]) -> Load:
+    return Load(*(sum(parts) for parts in zip(*loads, strict=True)))
 
 
 def _packets(frame: Frame) -> int:

@@ -5,7 +5,7 @@
 >>> plan = Plan.of(StreamSettings(codec="jpeg", target_kbps=3000), knob, "jpeg")
 >>> load = Load(returns=100_000, packets=348, seconds=0.1)
 >>> state = RateState(); plan.levels[chosen(state, plan, load)]
-1
+1.0
 >>> state = measured(state, plan, plan.levels.index(1), load, Sizes(range=50e3, intensity=430e3, rest=20e3))
 >>> [round(bound) for bound in reachable_kbps(state, plan)], on_target(state, plan)
 ([5000, 12500], False)
@@ -100,11 +100,15 @@ def _models(state: RateState, plan: Plan) -> tuple[RangeModel, FixedModel]:
     return state.ranges.get(plan.model) or RangeModel(state.roughness), fixed
 
 
+def expected_range(state: RateState, plan: Plan, load: Load) -> npt.NDArray[np.float64]:
+    """(N,) float64, bits of the ranges of a message with that load at each level of the plan."""
+    return load.returns * bits_per_return(_models(state, plan)[0], plan.curve)
+
+
 def expected_bits(state: RateState, plan: Plan, load: Load) -> npt.NDArray[np.float64]:
     """(N,) float64, bits of a message with that load at each level of the plan."""
-    ranges, fixed = _models(state, plan)
-    beside = load.returns * fixed.per_return + load.packets * fixed.per_packet
-    return beside + load.returns * bits_per_return(ranges, plan.curve)
+    fixed = _models(state, plan)[1]
+    return load.returns * fixed.per_return + load.packets * fixed.per_packet + expected_range(state, plan, load)
 
 
 def chosen(state: RateState, plan: Plan, load: Load) -> int:

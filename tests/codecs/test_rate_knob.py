@@ -13,8 +13,8 @@ STEERED = [name for name in table.names() if table.codec(name).knob is not None]
 
 
 def test_codecs_without_one() -> None:
-    """`raw` has nothing to turn; a group of `jpeg-layered` is 0.8 s that no controller can take back."""
-    assert set(table.names()) - set(STEERED) == {"raw", "jpeg-layered", "h264", "h264-log"}
+    """`raw` has nothing to turn."""
+    assert set(table.names()) - set(STEERED) == {"raw", "h264", "h264-log"}
 
 
 @pytest.mark.parametrize("name", STEERED)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcodec.codecs import table
@@ -175,6 +175,7 @@ EVENT = st.tuples(
 )
 
 
+@settings(deadline=None)
 @given(st.lists(EVENT, max_size=40), st.floats(1, 1e6))
 def test_whatever_frames_take_the_controller_stays_sane(events: list, target: float) -> None:
     """Never NaN, never beyond the levels, and the same again for the same sizes."""

@@ -44,6 +44,37 @@ def test_a_drive_keeps_to_the_target(data_file, name: str) -> None:
     for codec in ("pcodec", "zstd"):
         for target in (600, 1200, 2000, 3500, 5000):
             kept(run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
+    kept(run(frames, StreamSettings(codec="jpeg-layered", target_kbps=1500, intensity="off")), 1500)
+
+
+@pytest.mark.parametrize("target", [500, 1200, 3500])
+def test_a_group_is_right_when_it_is_sent(city: list[Frame], target: float) -> None:
+    """Nothing that comes within a second could make up for 0.8 s that took too much: the first group too must fit."""
+    sent = run(city, StreamSettings(codec="jpeg-layered", target_kbps=target, intensity="off"))
+    kept(sent, target)
+    assert sent.bits[:8].sum() / sent.seconds[:8].sum() / 1e3 == pytest.approx(target, rel=0.1)
+    assert sent.rate["target_kbps"] == target
+    assert 1 <= sent.rate["quality"] <= 100
+
+
+def test_a_group_that_ends_early_or_is_left_behind_keeps_to_the_target(city: list[Frame]) -> None:
+    """A key frame on demand, the end of a stream and another codec end a group before its eighth frame."""
+    settings = StreamSettings(codec="jpeg-layered", target_kbps=1500, intensity="off")
+    encoder, decoder, sizes, came = StreamEncoder(settings), StreamDecoder(), [], []
+    for position, frame in enumerate(city[:37]):
+        if position == 21:
+            encoder.apply(encoder.settings.changed(codec="pcodec"))
+        if position == 29:
+            encoder.apply(encoder.settings.changed(codec="jpeg-layered"))
+        for message in encoder.encode(frame, key=position in (3, 5)):
+            sizes.append(size_of(message) * 8 / message.frame_count / 100.2)
+            came += decoder.decode(unpack(pack(message)))
+    assert [frame.index for frame in came] == list(range(37))
+    assert sizes[:2] == pytest.approx([1500, 1500], rel=0.2)
+    assert [sizes[2], sizes[3], np.mean(sizes[4:12]), sizes[12]] == pytest.approx([1500] * 4, rel=0.1)
+    encoder.apply(encoder.settings.changed(target_kbps=None))
+    free = [message for frame in city[37:45] for message in encoder.encode(frame)]
+    assert size_of(free[0]) * 8 / 8 / 100.2 > 1650, "without a target the quality of the settings counts again"
 
 
 def test_a_new_scene_and_a_new_codec_settle_within_a_second(data_file) -> None:

@@ -1,0 +1,75 @@
+"""Fitting: a message of several frames tried at more than one value of the knob, until it takes what it may.
+
+A message of one frame that took too much is made up for by the next, 0.1 s later. A group of eight is 0.8 s of the
+stream: nothing that follows within a second can take it back, so it has to be right when it is sent.
+
+>>> from lidarcodec.codecs.rate_knob import quality_knob
+>>> from lidarcodec.settings import StreamSettings
+>>> knob = quality_knob(((1, 0.5), (50, 2.0), (100, 8.0)))
+>>> plan = Plan.of(StreamSettings(codec="jpeg-layered", target_kbps=2500), knob, "jpeg-layered")
+>>> load = Load(returns=800_000, packets=2784, seconds=0.8)
+>>> def twice_as_much(level: int) -> bytes:
+...     return bytes(int(load.returns * plan.curve[level] * 2 / 8))
+>>> level, data = fitted(RateState(), plan, load, 0.0, twice_as_much)
+>>> int(plan.levels[level]), round(len(data) * 8 / load.seconds / 1e3)
+(33, 2473)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.ratecontrol.budget import share
+from lidarcodec.ratecontrol.controller import Load, Plan, RateState, expected_range
+
+ATTEMPTS: Final = 4
+"""Each takes as long as encoding the group without a target. Two are nearly always enough."""
+CLOSE: Final = 0.03
+"""What misses the budget by less than this fraction of the whole message is sent."""
+
+STEEPEST: Final = 0.5
+"""How far the curve is bent beyond what was tried, at most: noise between two levels side by side may look steep."""
+
+
+def fitted(
+    state: RateState, plan: Plan, load: Load, beside: float, attempt: Callable[[int], bytes]
+) -> tuple[int, bytes]:
+    """Index of the level, and the ranges coded at it, with which a message takes what the budget gives it.
+
+    load: of the whole message; beside: its bits but for the ranges; attempt: ranges coded at a level
+    """
+    wanted = share(state.budget, load.seconds, load.seconds, plan.target_bps)
+    guess = expected_range(state, plan, load)
+    expected, tried = guess, dict[int, bytes]()
+
+    def miss(level: int) -> float:
+        return abs(beside + 8 * len(tried[level]) - wanted)
+
+    while len(tried) < ATTEMPTS:
+        level = int(np.argmin(np.abs(beside + expected - wanted)))
+        if level in tried:
+            break
+        tried[level] = attempt(level)
+        if miss(level) <= CLOSE * wanted or not load.returns:
+            break
+        expected = _corrected(guess, tried)
+    best = min(tried, key=miss)
+    return best, tried[best]
+
+
+def _corrected(guess: npt.NDArray[np.float64], tried: dict[int, bytes]) -> npt.NDArray[np.float64]:
+    """(N,) float64, the guess bent to go through what was tried, log-linear between and beyond."""
+    levels = sorted(tried)
+    at = np.log(guess)
+    off = np.log([max(8 * len(tried[level]), 1) for level in levels]) - at[levels]
+    bend = np.interp(np.arange(len(guess)), levels, off)
+    for inner, outer, beyond in ((1, 0, slice(levels[0])), (-2, -1, slice(levels[-1], None))):
+        if len(levels) > 1 and at[levels[outer]] != at[levels[inner]]:
+            slope = (off[outer] - off[inner]) / (at[levels[outer]] - at[levels[inner]])
+            bend[beyond] = off[outer] + np.clip(slope, -STEEPEST, STEEPEST) * (at[beyond] - at[levels[outer]])
+    bent: npt.NDArray[np.float64] = guess * np.exp(bend)
+    return bent
