@@ -45,8 +45,8 @@ STAMP_GAIN: Final = 0.2
 class RateControl:
     """Says at which value of its knob an encoder is to code each frame, and learns from the messages.
 
-    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. An encoder
-    of groups asks `range_of` for each message when its frames are there (`codecs.base.Steered`).
+    Use it in turn: `settings_for(frame)`, encode, `sent(frame, messages)`; with the target `auto` also `aim`. An
+    encoder of groups asks `range_of` for each message when its frames are there (`codecs.base.Steered`).
 
     Raises SettingsError when the settings name a codec without a knob, or no target.
     """
