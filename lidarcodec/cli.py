@@ -281,6 +281,38 @@ def subscribe(
 
 
 @app.command()
+def swarm(
+    count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
+    source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
+    vehicle_prefix: Annotated[
+        str, _option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
+    ] = "car",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    rate: Annotated[float, _option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
+    frames: Annotated[int, _option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
+    shared: Annotated[
+        bool, _option("--shared", help="Encode once and send that for all: little load here, all of it there.")
+    ] = False,
+    processes: Annotated[
+        int | None, _option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
+    ] = None,
+    seconds: Annotated[float | None, _option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    first: Annotated[int, _option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
+) -> None:
+    """Publish as many vehicles at once, to load a network, a router or a server."""
+    from lidarcodec.commands import swarm as command
+
+    _keep_standard_output()
+    given = (connect or [], listen or [], zenoh_config)
+    load = command.Load(count, source, vehicle_prefix, codec, pairs or [], rate, frames, shared, seconds, given, first)
+    command.run(load, processes)
+
+
+@app.command()
 def certs(
     folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
     router: Annotated[

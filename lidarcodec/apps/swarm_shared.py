@@ -1,0 +1,183 @@
+"""SharedSwarm: many vehicles that all send what was encoded once, so that their own cost does not hide a server's.
+
+Each has a stream of its own: stream id, frame indices, stamps of now, key frames when one is asked for, status, and
+controls. They do not wait for arrival reports, and settings cannot be changed, because nobody encodes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import threading
+import time
+from typing import Any
+
+from lidarcodec.apps.control import answered
+from lidarcodec.apps.swarm import NOMINAL_HZ
+from lidarcodec.errors import SettingsError
+from lidarcodec.message import Message
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamEncoder, frames_of
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.base import Closeable, Priority
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import pack
+
+STATUS_S = 1.0
+
+
+def encoded(sensor: SensorModel, packets: list[Packet], settings: StreamSettings) -> list[Message]:
+    """Messages of these packets, from a key frame on, to be sent again and again."""
+    encoder = StreamEncoder(settings)
+    messages = [message for frame in frames_of(packets, sensor, settings.framing) for message in encoder.encode(frame)]
+    return messages + encoder.flush()
+
+
+class _Vehicle:
+    """One stream: where it stands in the messages, and what it has sent."""
+
+    def __init__(self, name: str, messages: list[Message], settings: StreamSettings, transport: Transport) -> None:
+        self._keys, self._messages, self._settings = StreamKeys(name), messages, settings
+        self._stream_id = int.from_bytes(os.urandom(8), "little")
+        self._place = self._index = self._bytes = self._key_frames = 0
+        self._key_wanted = False
+        self._frames = transport.sender(self._keys.frame, Priority.FRAMES)
+        self._status = transport.sender(self._keys.status, Priority.STATUS)
+        self._declared: list[Closeable] = [
+            self._frames,
+            self._status,
+            transport.answer(self._keys.control_get, answered(self._answer_get)),
+            transport.answer(self._keys.control_set, answered(self._answer_set)),
+            transport.answer(self._keys.control_keyframe, answered(self._answer_keyframe)),
+            transport.token(self._keys.alive),
+        ]
+
+    def send(self) -> None:
+        """Put the next message, as a frame of now."""
+        if self._key_wanted or self._place == len(self._messages):
+            self._place, self._key_wanted = 0, False
+        message = self._messages[self._place]
+        shift = self._index - message.frame_index
+        needs = None if message.needs is None else message.needs + shift
+        own = dataclasses.replace(
+            message, stream_id=self._stream_id, frame_index=self._index, stamp_ns=time.time_ns(), needs=needs
+        )
+        data = pack(own)
+        self._frames.put(data)
+        self._place += 1
+        self._index += message.frame_count
+        self._bytes += len(data)
+        self._key_frames += message.key
+
+    def tell(self) -> None:
+        """Put the status."""
+        self._status.put(json.dumps(self.status()).encode())
+
+    def status(self) -> dict[str, Any]:
+        """The fields of a status that a stream without an encoder has."""
+        return {
+            "vehicle": self._keys.vehicle,
+            "sensor": self._keys.sensor,
+            "stream_id": f"{self._stream_id:016x}",
+            "stamp_ns": time.time_ns(),
+            "settings": self._settings.model_dump(),
+            "matching": self._frames.matching,
+            "assembled": self._index,
+            "replaced": 0,
+            "no_receiver": 0,
+            "frames": self._index,
+            "messages": self._index,
+            "bytes": self._bytes,
+            "key_frames": self._key_frames,
+            "frame_index": self._index - 1 if self._index else None,
+            "ended": False,
+        }
+
+    def close(self) -> None:
+        for one in reversed(self._declared):
+            one.close()
+
+    def _answer_get(self, query: dict[str, Any]) -> dict[str, Any]:
+        if "ping" in query:
+            return {"ping": query["ping"]}
+        return {"settings": self._settings.model_dump(), "status": self.status()}
+
+    def _answer_set(self, query: dict[str, Any]) -> dict[str, Any]:
+        raise SettingsError("a vehicle of a shared swarm sends what was encoded before: its settings stay as they are")
+
+    def _answer_keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
+        merged, self._key_wanted = self._key_wanted, True
+        return {"first_frame": self._index, "merged": merged}
+
+
+class SharedSwarm:
+    """Vehicles that send the same messages. A context manager."""
+
+    def __init__(
+        self,
+        names: list[str],
+        messages: list[Message],
+        settings: StreamSettings,
+        *,
+        rate: float = NOMINAL_HZ,
+        endpoints: Endpoints | None = None,
+    ) -> None:
+        self._names, self._messages, self._settings = names, messages, settings
+        self._every_s, self._endpoints = 1.0 / rate, endpoints
+        self._vehicles: list[_Vehicle] = []
+        self._transport: Transport | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="lidarcodec swarm", daemon=True)
+        self.failure: Exception | None = None
+
+    def start(self) -> None:
+        """Open the network and begin. Raises TransportError when it cannot be opened, or `stop` was called."""
+        self._transport = open_transport(self._endpoints, stop=self._stop)
+        self._vehicles = [_Vehicle(name, self._messages, self._settings, self._transport) for name in self._names]
+        self._thread.start()
+
+    def interrupt(self) -> None:
+        """Have `start` end soon. For signal handlers."""
+        self._stop.set()
+
+    def stop(self) -> None:
+        """End everything; harmless when called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for vehicle in self._vehicles:
+            vehicle.close()
+        if self._transport is not None:
+            self._transport.close()
+
+    def statuses(self) -> list[dict[str, Any]]:
+        """The status of every vehicle."""
+        return [vehicle.status() for vehicle in self._vehicles]
+
+    def __enter__(self) -> SharedSwarm:
+        self.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def _run(self) -> None:
+        """Send for each vehicle when it is due; the vehicles are spread evenly over the time of one frame."""
+        try:
+            count, begin, told_s = len(self._vehicles), time.monotonic(), time.monotonic()
+            turn = 0
+            while True:
+                due_s = begin + turn * self._every_s / count
+                if self._stop.wait(max(0.0, due_s - time.monotonic())):
+                    return
+                self._vehicles[turn % count].send()
+                turn += 1
+                if time.monotonic() - told_s >= STATUS_S:
+                    told_s = time.monotonic()
+                    for vehicle in self._vehicles:
+                        vehicle.tell()
+        except Exception as error:
+            self.failure = error

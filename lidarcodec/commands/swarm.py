@@ -1,0 +1,123 @@
+"""`lidarcodec swarm`: many vehicles at once, to load a network, a router or a server."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from lidarcodec.apps.swarm import Swarm, loaded, vehicle_names
+from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.commands.stopping import stoppable
+from lidarcodec.errors import SourceError
+from lidarcodec.settings import StreamSettings
+
+TICK_S = 0.1
+END_S = 30.0
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a swarm sends. frames: of the source, played over and over; seconds: how long, None for ever."""
+
+    count: int
+    spec: str
+    prefix: str
+    codec: str | None
+    pairs: list[str]
+    rate: float
+    frames: int
+    shared: bool
+    seconds: float | None
+    given: Given
+    first: int = 1
+
+    def words(self, count: int, first: int) -> list[str]:
+        """Command line of a part of this swarm."""
+        connect, listen, config = self.given
+        options: list[tuple[str, object]] = [
+            ("--vehicle-prefix", self.prefix),
+            ("--rate", self.rate),
+            ("--frames", self.frames),
+            ("--processes", 1),
+            ("--first", first),
+        ]
+        options += [("--codec", self.codec)] if self.codec else []
+        options += [("--seconds", self.seconds)] if self.seconds else []
+        options += [("--set", pair) for pair in self.pairs]
+        options += [("--connect", one) for one in connect] + [("--listen", one) for one in listen]
+        options += [("--zenoh-config", config)] if config else []
+        return ["swarm", str(count), self.spec, *(str(word) for option in options for word in option)]
+
+
+def run(load: Load, processes: int | None) -> None:
+    """Publish until a signal comes, or for so many seconds.
+
+    Raises SettingsError, SourceError, TransportError.
+    """
+    one_setting(load.codec, load.pairs)
+    endpoints_of(load.given)
+    several = 1 if load.shared else min(load.count, processes or os.cpu_count() or 1)
+    if several == 1:
+        _run_here(load)
+    else:
+        _run_parts(load, several)
+
+
+def _run_here(load: Load) -> None:
+    settings, endpoints = one_setting(load.codec, load.pairs), endpoints_of(load.given)
+    names = vehicle_names(load.prefix, load.first, load.count)
+    sensor, packets = loaded(load.spec, load.frames)
+    swarm: Swarm | SharedSwarm
+    if load.shared:
+        messages = encoded(sensor, packets, settings)
+        swarm = SharedSwarm(names, messages, settings, rate=load.rate, endpoints=endpoints)
+    else:
+        swarm = Swarm(names, sensor, packets, settings, rate=load.rate, endpoints=endpoints)
+    end = float("inf") if load.seconds is None else time.monotonic() + load.seconds
+    with stoppable(swarm.interrupt) as stopped, swarm:
+        while not stopped() and time.monotonic() < end and swarm.failure is None:
+            time.sleep(TICK_S)
+        statuses = swarm.statuses()
+    if swarm.failure is not None and not stopped():
+        raise swarm.failure
+    print(summary(statuses, settings))
+
+
+def _run_parts(load: Load, several: int) -> None:
+    """Parts of the swarm in processes of their own; one that ends early ends all."""
+    begin, parts = load.first, []
+    with stoppable() as stopped:
+        try:
+            for number in range(several):
+                size = (load.count - (begin - load.first)) // (several - number)
+                command = [sys.executable, "-m", "lidarcodec.cli", *load.words(size, begin)]
+                parts.append(subprocess.Popen(command, stdout=sys.stdout))
+                begin += size
+            while not stopped() and all(part.poll() is None for part in parts):
+                time.sleep(TICK_S)
+        finally:
+            if load.seconds is None or stopped() or any(part.poll() for part in parts):
+                for part in parts:
+                    part.terminate()
+            for part in parts:
+                part.wait(END_S)
+    if any(part.returncode for part in parts):
+        raise SourceError("a part of the swarm failed")
+
+
+def summary(statuses: list[dict[str, Any]], settings: StreamSettings) -> str:
+    """What all vehicles sent, in one line."""
+
+    def total(field: str) -> int:
+        return sum(status[field] for status in statuses)
+
+    return (
+        f"{len(statuses)} vehicles with {settings.codec}: {total('frames')} frames in {total('bytes'):,} bytes sent, "
+        f"{total('replaced')} replaced, {total('no_receiver')} without a receiver"
+    )

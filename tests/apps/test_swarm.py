@@ -1,0 +1,60 @@
+"""Many vehicles at once: each is a stream of its own that a receiver decodes."""
+
+from __future__ import annotations
+
+import pytest
+
+import lidarcodec
+from lidarcodec.apps.swarm import Swarm, vehicle_names
+from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import StreamSettings
+from tests.apps.streams import Loop
+from tests.command_line import run
+from tests.transport.conftest import free_port
+
+SETTINGS = StreamSettings(codec="pcodec", key_interval=3)
+FRAMES = 4
+
+
+@pytest.mark.parametrize("kind", ["each for itself", "shared"])
+def test_every_vehicle_of_a_swarm_can_be_decoded_and_asked_for_a_key_frame(kind):
+    endpoints = lidarcodec.Endpoints(loopback_port=free_port())
+    loop = Loop(FRAMES)
+    packets, names = list(loop.packets()), vehicle_names("car", 1, 3)
+    if kind == "shared":
+        swarm = SharedSwarm(names, encoded(loop.sensor, packets, SETTINGS), SETTINGS, endpoints=endpoints)
+    else:
+        swarm = Swarm(names, loop.sensor, packets, SETTINGS, endpoints=endpoints)
+    wanted = {packet.payload for packet in packets}
+    with swarm:
+        for name in names[1:]:
+            with lidarcodec.LiveStream(f"{name}/lidar", endpoints=endpoints, newest=False, timeout_s=20.0) as live:
+                frames = [frame for frame, _ in zip(live, range(2 * FRAMES + 1), strict=False)]
+                assert len(frames) == 2 * FRAMES + 1
+                for frame in frames:
+                    assert {packet.payload for packet in lidarcodec.packets_of(frame)} <= wanted
+                assert live.summary()["errors"] == {}
+                assert live.summary().get("restarts", 0) == 0
+                assert live.summary()["latency_ms"]["p50"] is not None
+        streams = {status["stream_id"] for status in swarm.statuses()}
+    assert len(streams) == len(names)
+    assert swarm.failure is None
+
+
+def test_names_that_are_none_are_refused():
+    with pytest.raises(SettingsError):
+        vehicle_names("a car", 1, 2)
+
+
+def test_the_command_runs_a_swarm_in_one_process_and_in_several():
+    port = str(free_port())
+    options = ("--seconds", "1", "--frames", "2", "--codec", "zstd")
+    for more in (("--processes", "2"), ("--shared",)):
+        done = run("swarm", "3", "sim:road", *options, *more, LIDARCODEC_LOOPBACK_PORT=port)
+        assert done.returncode == 0, done.stderr
+        lines = done.stdout.splitlines()
+        assert sum(int(line.split()[0]) for line in lines) == 3
+        assert len(lines) == (1 if more == ("--shared",) else 2)
+    assert run("swarm", "0").returncode == 2
+    assert run("swarm", "1", "sim:road", "--codec", "mp3").returncode == 2
