@@ -199,6 +199,18 @@ def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):
     assert other.returncode == 1
 
 
+def test_verify_judges_each_frame_by_its_own_message_where_a_target_bitrate_turns_the_bound(tmp_path):
+    recording = tmp_path / "drive.mcap"
+    source = "sim:city?frames=3"
+    chosen = ("--set", "target_kbps=1500", "--set", "intensity=off")
+    assert run("encode", source, recording, *chosen).returncode == 0
+    result = run("verify", recording, source, "--json")
+    found = json.loads(result.stdout)
+    assert result.returncode == 0, result.stderr
+    assert found["max_error_m"] > 0.05
+    assert (found["broken"], found["frames_beyond_their_bound"]) == ([], 0)
+
+
 def test_a_cut_recording_decodes_as_far_as_it_goes_with_a_warning_and_code_0(tmp_path):
     recording = tmp_path / "drive.mcap"
     assert run("encode", "sim:city?frames=3", recording).returncode == 0

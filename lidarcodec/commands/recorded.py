@@ -9,6 +9,7 @@ from pathlib import Path
 from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.settings import StreamSettings
@@ -20,12 +21,13 @@ class RecordedFrames:
     """Frames of a recording in order; iterate once.
 
     failed: messages that could not be decoded, by what was wrong; counts: what the reader noticed (`cut`, `damaged`)
-    metadata: what the writer noted
+    metadata: what the writer noted; message: the one that gave the frame in hand, None where packets were recorded
     """
 
     def __init__(self, path: Path) -> None:
         """Raises OSError or SourceError if this is no recording."""
         self._path = path
+        self.message: Message | None = None
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         with path.open("rb") as handle:
@@ -55,9 +57,13 @@ class RecordedFrames:
             reader = RecordingReader(handle)
             for _, data in reader.messages():
                 try:
-                    yield from decoder.decode(unpack(data))
+                    message = unpack(data)
+                    frames = decoder.decode(message)
                 except DecodeError as error:
                     self.failed[f"{type(error).__name__}: {error}"] += 1
+                    continue
+                self.message = message
+                yield from frames
             self.counts = reader.counts
         yield from decoder.flush()
 

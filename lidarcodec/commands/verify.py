@@ -11,7 +11,7 @@ from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.verify import Comparison, PacketsByTime
+from lidarcodec.evaluation.verify import Comparison, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 
@@ -25,7 +25,8 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
     with open_source(spec, calibration=calibration) as source, progress("comparing") as tick:
         packets = PacketsByTime(source.packets())
         for frame in recorded:
-            comparison.add(frame, packets)
+            message = recorded.message
+            comparison.add(frame, packets, None if message is None else promise_of(message))
             tick()
     for text in recorded.warnings():
         log.warning("%s", text)
@@ -38,6 +39,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
     result = comparison.result() | {
         "packets_passed_over": packets.passed,
         "settings": None if settings is None else settings.model_dump(mode="json"),
+        "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
     }
     print(json.dumps(result, indent=2) if as_json else _text(result))
@@ -57,10 +59,43 @@ def missing_parts(recorded: RecordedFrames) -> list[str]:
 
 
 def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[str]:
-    """What the settings of a recording promise and its frames do not keep, a sentence each."""
+    """What its messages promise and their frames do not keep, a sentence each; frames without a message (recorded
+    packets) are judged by the settings that were noted."""
     broken = []
     if found.not_in_source:
         broken.append(f"{found.not_in_source} frames are not in the source")
+    if found.beyond:
+        broken.append(
+            f"{found.beyond} frames are farther off than their messages allow, by up to {found.beyond_m:.3f} m in all"
+        )
+    if found.differing:
+        broken.append(f"{found.differing} packets differ although their messages hold them byte for byte")
+    if not found.steps:
+        return broken + _broken_settings(settings, found)
+    if None not in found.steps and (found.errors.lost or found.errors.invented):
+        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
+    if settings is not None and settings.codec == "raw":
+        broken += _broken_settings(settings, found) if set(found.steps) == {1} else []
+    return broken
+
+
+def changed_since_the_start(settings: StreamSettings | None, found: Comparison) -> list[str]:
+    """Where messages say something else than the settings that were noted when the recording began, a sentence each:
+    settings were changed while the stream ran, or a target bitrate turned the bound. No promise is broken by it."""
+    if settings is None or settings.target_kbps is not None or not table.codec(settings.codec).bounded:
+        return []
+    noted = 1 if settings.codec == "raw" else settings.step
+    changed = []
+    if unbounded := found.steps[None]:
+        changed.append(f"{unbounded} frames are of a codec that keeps no bound")
+    coarser = {step: count for step, count in found.steps.items() if step is not None and step > noted}
+    if coarser:
+        changed.append(f"{sum(coarser.values())} frames have a bound of up to {bound_of(max(coarser)):.3f} m")
+    return [f"{text}; {bound_of(noted):.3f} m were noted at the start" for text in changed]
+
+
+def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list[str]:
+    broken: list[str] = []
     if settings is None or not table.codec(settings.codec).bounded:
         return broken
     bound_m = settings.max_error_m or 0.0
@@ -85,6 +120,7 @@ def _text(result: dict[str, Any]) -> str:
         f"largest error    {metres(result['max_error_m'])}",
         f"RMS error        {metres(result['rmse_m'])}",
         f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented",
+        *(f"changed          {text}" for text in result["changed"]),
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]
     return "\n".join(lines)

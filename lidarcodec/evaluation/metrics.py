@@ -62,6 +62,15 @@ class RangeErrors:
         self.max_steps = max(self.max_steps, int(difference.max(initial=0)))
         self.squared_steps += int(np.dot(difference, difference))
 
+    def merge(self, other: RangeErrors) -> None:
+        """Count what another one has counted."""
+        self.points += other.points
+        self.lost += other.lost
+        self.invented += other.invented
+        self.compared += other.compared
+        self.max_steps = max(self.max_steps, other.max_steps)
+        self.squared_steps += other.squared_steps
+
     @property
     def max_error_m(self) -> float | None:
         """Largest error; None when nothing could be compared."""

@@ -1,22 +1,63 @@
-"""A recording against the source it was made from: are the packets the same, and how far off is any range?"""
+"""A recording against the source it was made from: are the packets the same, and how far off is any range?
+
+Settings may change while a stream runs, and a target bitrate turns the bound from frame to frame; so each frame is
+judged by what its own message says of itself, not by what was noted when the recording began.
+"""
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 from lidarcodec.assembly import packets_of
+from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.metrics import RangeErrors
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import frames_of
-from lidarcodec.units import MAX_PACKETS
+from lidarcodec.units import MAX_PACKETS, RANGE_STEP_M
 
 LATE_NS = 1_000_000_000
 """A packet this much younger than the one that is looked for: that one is not in the source."""
+
+
+LOSSLESS_INTENSITY: Final = (0, 1, 3, 4)
+"""Forms of an INTENSITY section that hold every byte (docs/wire-format.md)."""
+
+
+class Promise(NamedTuple):
+    """What a message says of its frame. step: width of its quantiser in range steps, None where the codec keeps no
+    bound; identical: whether the packets have to come back byte for byte"""
+
+    step: int | None
+    identical: bool
+
+
+def bound_of(step: int) -> float:
+    """The largest error, in metres, of a range that was quantised with a step."""
+    return round(step // 2 * RANGE_STEP_M, 6)
+
+
+def promise_of(message: Message) -> Promise:
+    """What a message that was decoded promises: bounded codecs begin a RANGE section with their step; `raw` has none,
+    and does not say whether its intensities are all there.
+
+    Raises UnsupportedVersionError for a codec that this build does not know.
+    """
+    name = table.codec_name(message.codec)
+    if not table.codec(name).bounded:
+        return Promise(None, False)
+    if name == "raw":
+        return Promise(1, False)
+    sections = {section.type: bytes(section.data[:2]) for section in message.sections}
+    intensity = sections.get(SectionType.INTENSITY, b"")
+    step = int.from_bytes(sections.get(SectionType.RANGE, b""), "little") or 1
+    whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY and SectionType.KEEP not in sections
+    return Promise(step, step == 1 and whole)
 
 
 class PacketsByTime:
@@ -64,12 +105,23 @@ class PacketsByTime:
 
 @dataclass
 class Comparison:
-    """What differs between a recording and its source, added up frame by frame."""
+    """What differs between a recording and its source, added up frame by frame.
+
+    beyond: frames with an error beyond the bound of their own message; beyond_m: the largest such error
+    differing: packets that are not identical although their message says that they are
+    steps: frames by the step of their message; None: of a codec that keeps no bound
+    unjudged: frames that no message speaks for, such as those of recorded packets
+    """
 
     frames: int = 0
     packets: int = 0
     identical_packets: int = 0
     not_in_source: int = 0
+    beyond: int = 0
+    beyond_m: float = 0.0
+    differing: int = 0
+    unjudged: int = 0
+    steps: Counter[int | None] = field(default_factory=Counter)
     errors: RangeErrors = field(default_factory=RangeErrors)
 
     @property
@@ -77,8 +129,8 @@ class Comparison:
         """Whether every packet of the recording is, byte for byte, the source's."""
         return self.identical_packets == self.packets and not self.not_in_source
 
-    def add(self, decoded: Frame, source: PacketsByTime) -> None:
-        """Compare one decoded frame with the packets it was made from.
+    def add(self, decoded: Frame, source: PacketsByTime, promise: Promise | None = None) -> None:
+        """Compare one decoded frame with the packets it was made from, and with what its message promised.
 
         Raises SectionError for a frame that never was packets.
         """
@@ -89,17 +141,28 @@ class Comparison:
         if given is None:
             self.not_in_source += 1
             return
-        self.identical_packets += sum(a.payload == b.payload for a, b in zip(given, back, strict=True))
+        same = sum(a.payload == b.payload for a, b in zip(given, back, strict=True))
+        self.identical_packets += same
+        if promise is None:
+            self.unjudged += 1
+        else:
+            self.steps[promise.step] += 1
+            self.differing += len(back) - same if promise.identical else 0
         for original in frames_of(given, decoded.sensor, f"packets:{MAX_PACKETS}"):
-            self._compare(original, decoded)
+            self._compare(original, decoded, promise)
 
-    def _compare(self, original: Frame, decoded: Frame) -> None:
+    def _compare(self, original: Frame, decoded: Frame, promise: Promise | None) -> None:
         if original.range.shape != decoded.range.shape:
             raise SourceError(
                 f"frame {decoded.index} of the recording has {decoded.width} columns, the packets of that time have "
                 f"{original.width}: this recording was not made from this source"
             )
-        self.errors.add(original.range, decoded.range)
+        errors = RangeErrors()
+        errors.add(original.range, decoded.range)
+        self.errors.merge(errors)
+        if promise is not None and promise.step is not None and errors.max_steps > promise.step // 2:
+            self.beyond += 1
+            self.beyond_m = max(self.beyond_m, errors.max_error_m or 0.0)
 
     def result(self) -> dict[str, Any]:
         """All of it as plain values."""
@@ -115,4 +178,6 @@ class Comparison:
             "rmse_m": errors.rmse_m,
             "lost": errors.lost,
             "invented": errors.invented,
+            "frames_beyond_their_bound": self.beyond,
+            "bounds_m": [bound_of(step) for step in sorted(step for step in self.steps if step is not None)],
         }

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from lidarcodec.commands.verify import broken_promises
+from lidarcodec.codecs import table
+from lidarcodec.commands.verify import broken_promises, changed_since_the_start
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.verify import Comparison, PacketsByTime
+from lidarcodec.evaluation.verify import Comparison, PacketsByTime, Promise, promise_of
 from lidarcodec.packet import Packet
-from lidarcodec.pipeline import frames_of
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings
 from tests.packets import UPPER, payload, sensor, turning
 
@@ -90,3 +91,63 @@ def test_a_return_that_is_lost_or_invented_breaks_every_promise():
     found, _ = compared([frame.with_(range=np.where(frame.range[3, 4] > 0, changed, frame.range))], turning(10))
     assert found.errors.lost + found.errors.invented > 0
     assert any("lost" in text for text in broken_promises(StreamSettings(max_error_m=20.0), found))
+
+
+def coded(settings, packets):
+    """What decodes of a stream of frames, with what each message promises."""
+    encoder, decoder = StreamEncoder(settings), StreamDecoder()
+    messages = [message for frame in frames(packets) for message in encoder.encode(frame)] + encoder.flush()
+    return [(frame, promise_of(message)) for message in messages for frame in decoder.decode(message)]
+
+
+@pytest.mark.parametrize(
+    ("codec", "bound_m"),
+    [(name, bound) for name in table.names() for bound in (None, 0.05) if bound is None or table.codec(name).bounded],
+)
+def test_every_message_says_what_it_promises_and_keeps_it(codec, bound_m):
+    bounded = table.codec(codec).bounded
+    settings = StreamSettings(codec=codec, max_error_m=bound_m)
+    found, packets = Comparison(), PacketsByTime(turning(60))
+    for frame, promise in coded(settings, turning(60)):
+        assert promise.step == ((1 if codec == "raw" else settings.step) if bounded else None)
+        assert promise.identical is (bounded and codec != "raw" and bound_m is None)
+        found.add(frame, packets, promise)
+    assert found.frames == 6
+    assert broken_promises(settings, found) == []
+    assert changed_since_the_start(settings, found) == []
+
+
+def test_a_bound_that_was_loosened_on_the_way_is_told_and_breaks_nothing():
+    found, packets = Comparison(), PacketsByTime(turning(60))
+    fine = coded(StreamSettings(max_error_m=0.01), turning(60))
+    coarse = coded(StreamSettings(max_error_m=0.2), turning(60))
+    for frame, promise in fine[:4] + coarse[4:]:
+        found.add(frame, packets, promise)
+    assert 0.01 < found.errors.max_error_m <= 0.2
+    settings = StreamSettings(max_error_m=0.01)
+    assert broken_promises(settings, found) == []
+    (told,) = changed_since_the_start(settings, found)
+    assert told == "2 frames have a bound of up to 0.200 m; 0.010 m were noted at the start"
+    assert found.result()["bounds_m"] == [0.01, 0.2]
+
+
+def test_a_bound_that_was_tightened_on_the_way_is_held_from_there_on():
+    """A frame that is off by more than its own message allows is wrong, though the bound at the start covers it."""
+    found, packets = Comparison(), PacketsByTime(turning(60))
+    coarse = coded(StreamSettings(max_error_m=0.2), turning(60))
+    for frame, _ in coarse:
+        found.add(frame, packets, Promise(11, False))
+    assert any("farther off" in text for text in broken_promises(StreamSettings(max_error_m=0.2), found))
+    assert found.result()["frames_beyond_their_bound"] == 6
+
+
+def test_packets_that_a_lossless_message_does_not_give_back_are_broken_whatever_was_noted():
+    source = turning(60)
+    wrong = bytearray(source[33].payload)
+    wrong[1205] ^= 1
+    decoded = coded(StreamSettings(), source)
+    source[33] = Packet(bytes(wrong), source[33].stamp_ns)
+    found, packets = Comparison(), PacketsByTime(source)
+    for frame, promise in decoded:
+        found.add(frame, packets, promise)
+    assert any("1 packets differ" in text for text in broken_promises(StreamSettings(max_error_m=0.1), found))
