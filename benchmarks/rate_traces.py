@@ -3,8 +3,8 @@
     python -m benchmarks.rate_traces OUT.json [NAME=CAPTURE]...
 
 writes {drive: {codec: {"points": [...], "intensity": [...], "rest": [...], "range": {value: [...]}}}},
-where the lists have an entry a message, in bits but for the counts, and `value` is a bound in metres or a quality. It
-also prints the bits per return of each value, the mean of all drives: the curves in the codecs' files.
+where the lists have an entry a message, in bits but for the counts, and `value` is a bound in metres, a quality or
+a crf. It also prints the bits per return of each value, the mean of all drives: the curves in the codecs' files.
 """
 
 from __future__ import annotations
@@ -26,15 +26,17 @@ from lidarcodec.wire import pack
 
 STEPS = (1, 3, 5, 11, 21, 51, 101, 251, 501, 1001, 2501, 5001, 10001, 20001)
 QUALITIES = (1, 3, 5, 10, 20, 35, 50, 65, 80, 90, 95, 98, 100)
+CRFS = tuple(range(51, -1, -3))
 STORED = ("zstd", "pcodec", "jpeg")
 
 
 def settings_of(codec: str) -> dict[float, StreamSettings]:
-    """The settings to measure, by bound in metres or by quality."""
+    """The settings to measure, by bound in metres, quality or crf."""
     if table.codec(codec).bounded:
         bounds = [(step - 1) // 2 * RANGE_STEP_M for step in STEPS]
         return {bound: StreamSettings(codec=codec, max_error_m=bound) for bound in bounds}
-    return {quality: StreamSettings(codec=codec, codec_settings={"quality": quality}) for quality in QUALITIES}
+    name, values = ("crf", CRFS) if "crf" in table.codec(codec).settings.model_fields else ("quality", QUALITIES)
+    return {value: StreamSettings(codec=codec, codec_settings={name: value}) for value in values}
 
 
 def trace(frames: list[Frame], codec: str) -> dict[str, Any]:

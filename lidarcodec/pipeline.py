@@ -58,7 +58,8 @@ class StreamEncoder:
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
         if self._rate is not None:
-            self._encoder.apply(self._rate.settings_for(frame))
+            key_is_due = key or (self._rate.dear and self._encoder.apply(self._rate.settings))
+            self._encoder.apply(self._rate.settings_for(frame, key=key_is_due))
         messages = self._encoder.encode(frame, key=key)
         if self._rate is not None:
             self._rate.sent(frame, messages)

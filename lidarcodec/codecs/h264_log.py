@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from lidarcodec.codecs.base import Codec
+from lidarcodec.codecs.rate_knob import crf_knob
 from lidarcodec.codecs.video import VideoDecoder, VideoEncoder, VideoSettings
 
 
@@ -21,4 +22,29 @@ class H264LogEncoder(VideoEncoder):
     model = H264LogSettings
 
 
-CODEC = Codec(H264LogSettings, H264LogEncoder, VideoDecoder, bounded=False, isolated=True)
+KNOB = crf_knob(
+    (
+        (51, 0.0118),
+        (48, 0.0189),
+        (45, 0.0315),
+        (42, 0.0529),
+        (39, 0.0838),
+        (36, 0.123),
+        (33, 0.175),
+        (30, 0.241),
+        (27, 0.326),
+        (24, 0.428),
+        (21, 0.553),
+        (18, 0.696),
+        (15, 0.865),
+        (12, 1.05),
+        (9, 1.28),
+        (6, 1.55),
+        (3, 1.88),
+        (0, 2.27),
+    ),
+    renewal=1.15,
+)
+"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+
+CODEC = Codec(H264LogSettings, H264LogEncoder, VideoDecoder, bounded=False, knob=KNOB, isolated=True)

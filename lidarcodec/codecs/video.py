@@ -99,6 +99,7 @@ class VideoEncoder(FrameEncoder):
         self._own = own_settings(self.model, settings)
         self._stream: _Stream | None = None
         self._writer: PictureWriter | None = None
+        self._made_for = self._own
         self._written: int | None = None
         self._farthest = 0
 
@@ -107,10 +108,9 @@ class VideoEncoder(FrameEncoder):
 
         Other settings of the codec begin the pictures anew, without a key message.
         """
-        key = super().apply(settings)
         own = own_settings(self.model, settings)
-        if own != self._own:
-            self._own, self._writer = own, None
+        key = super().apply(settings)
+        self._own = own
         return key
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
@@ -145,7 +145,7 @@ class VideoEncoder(FrameEncoder):
     def _writer_for(self, frame: Frame, farthest: int, key: bool) -> tuple[PictureWriter, _Stream]:
         """The writer that goes on, or a new one if this frame does not fit what it began with."""
         self._farthest = max(farthest, 0 if key else self._farthest)
-        writer, stream = self._writer, self._stream
+        writer, stream = self._writer if self._own == self._made_for else None, self._stream
         if writer is None or stream is None or not stream.layout.holds(frame.azimuth, frame.fired):
             layout = TurnLayout.fitting(frame.azimuth, frame.fired)
         else:
@@ -156,7 +156,7 @@ class VideoEncoder(FrameEncoder):
         fresh = _Stream(self._own.bits, self._own.mapping, top, layout)
         if writer is None or fresh != stream:
             writer = PictureWriter(*layout.shape, self._own.bits, self._own.crf, self._own.preset)
-            self._writer, self._stream, self._written = writer, fresh, None
+            self._writer, self._made_for, self._stream, self._written = writer, self._own, fresh, None
         return writer, fresh
 
 

@@ -52,9 +52,9 @@ def spend(budget: Budget, seconds: float, bits: float, target_bps: float, *, idl
     return Budget(debt, tuple(window))
 
 
-def share(budget: Budget, seconds: float, unit_s: float, target_bps: float) -> float:
+def share(budget: Budget, seconds: float, unit_s: float, target_bps: float, repay_s: float = REPAY_S) -> float:
     """Bits for a frame that covers `seconds`, one of those that go into a message which covers `unit_s`."""
-    repaid = min(1.0, unit_s / REPAY_S) * budget.debt_s / unit_s
+    repaid = min(1.0, unit_s / repay_s) * budget.debt_s / unit_s
     return target_bps * seconds * (1.0 - min(max(repaid, -SWING), SWING))
 
 

@@ -63,7 +63,7 @@ class RateControl:
         self._untold_s: float = 0.0 if before is None else before._untold_s
         self._waiting: deque[tuple[int, Load]] = deque()
         self._fitted: deque[int] = deque()  # levels of messages that `range_of` saw, and `sent` did not yet
-        self._level = 0
+        self._level, self._turned = 0, False
         self._take(settings)
         if before is not None and before._plan.target_bps != self._plan.target_bps:
             self._state = retargeted(self._state)
@@ -84,11 +84,25 @@ class RateControl:
             self._auto_kbps = target_kbps
             self._plan = replace(self._plan, target_bps=1e3 * target_kbps)
 
-    def settings_for(self, frame: Frame) -> StreamSettings:
-        """The settings with which to encode a frame. A group keeps those with which it began."""
-        if not self._waiting:
-            self._level = chosen(self._state, self._plan, self._load(frame))
+    @property
+    def dear(self) -> bool:
+        """Whether turning the knob costs bits, so that key frames are the time to do it."""
+        return self._knob.renewal is not None
+
+    @property
+    def settings(self) -> StreamSettings:
+        """The settings of the frame before."""
         return self._knob.with_value(self._settings, self._plan.levels[self._level])
+
+    def settings_for(self, frame: Frame, *, key: bool = False) -> StreamSettings:
+        """The settings with which to encode a frame. A group keeps those with which it began.
+
+        key: it will be a key frame.
+        """
+        if not self._waiting:
+            last = self._level if self._turned else None
+            self._level, self._turned = chosen(self._state, self._plan, self._load(frame), last, key=key), True
+        return self.settings
 
     def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
         """The RANGE section, out of `code`, with which a message of these frames takes what it may.
@@ -208,4 +222,5 @@ def _sizes(message: Message) -> Sizes:
         intensity=bits[SectionType.INTENSITY],
         rest=8.0 * size_of(message) - sum(bits.values()),
         calibration=bits[SectionType.CALIBRATION],
+        renewed=message.needs is None,
     )

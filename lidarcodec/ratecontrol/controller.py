@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ import numpy.typing as npt
 from lidarcodec.codecs.rate_knob import RateKnob
 from lidarcodec.ratecontrol.budget import WINDOW_S, Budget, covered_s, kbps, share, spend
 from lidarcodec.ratecontrol.model import (
+    DROP,
     FixedModel,
     RangeModel,
     bits_per_return,
@@ -29,11 +31,17 @@ from lidarcodec.ratecontrol.model import (
     gain,
     learned,
     learned_fixed,
+    renewed,
 )
 from lidarcodec.settings import StreamSettings
 
 TOLERANCE = 0.05
 """A mean of five seconds within this fraction of the target has reached it."""
+HORIZON_S = 1.0
+"""In what time a knob that is dear to turn pays back."""
+HOLD = 0.12
+"""Such a knob stays while the logarithm of what a frame will take is no further than this from what it should; a dearer
+one longer."""
 SETTLED_S = 1.0
 """Before so much was sent, whether a target is reached is a prediction."""
 
@@ -47,12 +55,18 @@ class Load(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Bits of a message: of its ranges, its intensity, its calibration, and all else."""
+    """Bits of a message: of ranges, intensity, calibration, and all else; renewed: it refers to none before."""
 
     range: float
     intensity: float
     rest: float
     calibration: float = 0.0
+    renewed: bool = False
+
+    @property
+    def total(self) -> float:
+        """All of them."""
+        return self.range + self.intensity + self.rest + self.calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +75,7 @@ class Plan:
 
     target_bps: the target; model: name of the range model that applies; levels: allowed values of the knob, coarsest
     first; curve: (N,) float64, bits of a return's range at each; intensity_levels: as in the settings
+    renewal: as in the knob
     """
 
     target_bps: float
@@ -68,13 +83,14 @@ class Plan:
     levels: tuple[float, ...]
     curve: npt.NDArray[np.float64]
     intensity_levels: int
+    renewal: float | None = None
 
     @classmethod
     def of(cls, settings: StreamSettings, knob: RateKnob, model: str) -> Plan:
         """The plan of settings with a number as target. model: name of codec and settings beside the knob."""
         levels = knob.allowed(settings)
         target_bps = 1e3 * float(settings.target_kbps) if isinstance(settings.target_kbps, int | float) else 0.0
-        return cls(target_bps, model, levels, knob.guess(levels), settings.intensity_levels)
+        return cls(target_bps, model, levels, knob.guess(levels), settings.intensity_levels, knob.renewal)
 
 
 @dataclass(frozen=True)
@@ -111,10 +127,33 @@ def expected_bits(state: RateState, plan: Plan, load: Load) -> npt.NDArray[np.fl
     return load.returns * fixed.per_return + load.packets * fixed.per_packet + expected_range(state, plan, load)
 
 
-def chosen(state: RateState, plan: Plan, load: Load) -> int:
-    """Index of the level for a frame of that load."""
-    wanted = share(state.budget, load.seconds, load.seconds * state.unit, plan.target_bps)
-    return int(np.argmin(np.abs(expected_bits(state, plan, load) - wanted)))
+def chosen(state: RateState, plan: Plan, load: Load, last: int | None = None, *, key: bool = False) -> int:
+    """Index of the level for a frame of that load. last: that of the frame before; key: it refers to none anyway."""
+    unit_s = load.seconds * state.unit
+    expected = expected_bits(state, plan, load)
+    if plan.renewal is None:
+        return _nearest(expected, share(state.budget, load.seconds, unit_s, plan.target_bps))
+    wanted = share(state.budget, load.seconds, unit_s, plan.target_bps, HORIZON_S)
+    if last is None:
+        return _nearest(expected, wanted)
+    renewal = _renewal(state, plan)
+    off = abs(math.log(max(expected[last], 1.0) / max(wanted, 1.0)))
+    if not key and (off <= HOLD * math.sqrt(renewal) or _nearest(expected, wanted) == last):
+        return last
+    # The renewal is paid for by the frames of the horizon.
+    ranges = load.returns * bits_per_return(_models(state, plan)[0], plan.curve)
+    more = (renewal - 1.0) * min(load.seconds / HORIZON_S, 1.0)
+    return _nearest(expected + more * ranges, wanted)
+
+
+def _nearest(expected: npt.NDArray[np.float64], wanted: float) -> int:
+    return int(np.argmin(np.abs(expected - wanted)))
+
+
+def _renewal(state: RateState, plan: Plan) -> float:
+    model = state.ranges.get(plan.model)
+    known = None if model is None else model.renewal
+    return known or plan.renewal or 1.0
 
 
 def measured(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes, frames: int = 1) -> RateState:
@@ -123,13 +162,17 @@ def measured(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes,
     asked = plan.target_bps * load.seconds
     idle = (level == 0 and expected[0] >= asked) or (level == len(plan.levels) - 1 and expected[-1] <= asked)
     ranges, fixed = _models(state, plan)
-    ranges = learned(ranges, load.seconds, sizes.range, load.returns, float(plan.curve[level]))
+    of_ranges = (load.seconds, sizes.range, load.returns, float(plan.curve[level]))
+    if plan.renewal is not None and sizes.renewed:
+        ranges = renewed(ranges, *of_ranges, _renewal(state, plan))
+    else:
+        ranges = learned(ranges, *of_ranges, math.inf if plan.renewal is None else DROP)
     fixed = learned_fixed(fixed, load.seconds, sizes.intensity, sizes.rest, load.returns, load.packets)
     weight = gain(load.seconds, fixed.seen - 1)
     flow = (load.returns / load.packets, load.seconds / load.packets)
     before = state.flow or flow
     return RateState(
-        budget=spend(state.budget, load.seconds, sum(sizes), plan.target_bps, idle=idle),
+        budget=spend(state.budget, load.seconds, sizes.total, plan.target_bps, idle=idle),
         ranges={**state.ranges, plan.model: ranges},
         fixed={**state.fixed, plan.intensity_levels: fixed},
         last_fixed=fixed,

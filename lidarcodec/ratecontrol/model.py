@@ -23,16 +23,24 @@ LEARN_S: Final = 0.08
 """Time constant of learning: a frame of 0.1 s moves a model by 71 % of its error, a slab of 8 ms by 10 %."""
 MAX_ROUGHNESS: Final = 6.0
 """The two drives of the curves lie at -0.5 and 0.5. From 6.7 on coarse would be expected to take more than fine."""
+MAX_RENEWAL: Final = 4.0
+RENEWAL_SHARE: Final = 0.5
+DROP: Final = 0.2
+"""A picture like one that was just sent costs next to nothing, and says nothing about the next."""
 FIXED_BITS_PER_PACKET: Final = 70.0
 """Mask, azimuth, side information and header before any was measured."""
 
 
 @dataclass(frozen=True)
 class RangeModel:
-    """roughness: 0 where a stream takes what the curve says; seen: messages learned from."""
+    """roughness: 0 where a stream takes what the curve says; seen: messages learned from.
+
+    renewal: how often a message that refers to none before takes what it otherwise would; None until one told
+    """
 
     roughness: float = 0.0
     seen: int = 0
+    renewal: float | None = None
 
 
 @dataclass(frozen=True)
@@ -60,13 +68,37 @@ def bits_per_return(model: RangeModel, curve: npt.NDArray[np.float64]) -> npt.ND
     return bits
 
 
-def learned(model: RangeModel, seconds: float, bits: float, returns: int, guess: float) -> RangeModel:
-    """The model after ranges that took `bits` where the curve says `guess` a return; no return teaches nothing."""
+def learned(
+    model: RangeModel, seconds: float, bits: float, returns: int, guess: float, drop: float = math.inf
+) -> RangeModel:
+    """The model after ranges that took `bits` where the curve says `guess` a return; no return teaches nothing.
+
+    drop: no message is believed that it took less than expected by a factor with a greater logarithm.
+    """
     if not returns:
         return model
-    seen = math.log(max(bits, 1.0) / (returns * guess)) / float(tilt(np.array([guess]))[0])
+    tilted = float(tilt(np.array([guess]))[0])
+    seen = math.log(max(bits, 1.0) / (returns * guess)) / tilted
+    if model.seen:
+        seen = max(seen, model.roughness - drop / tilted)
     roughness = model.roughness + gain(seconds, model.seen) * (seen - model.roughness)
-    return RangeModel(min(max(roughness, -MAX_ROUGHNESS), MAX_ROUGHNESS), model.seen + 1)
+    return RangeModel(min(max(roughness, -MAX_ROUGHNESS), MAX_ROUGHNESS), model.seen + 1, model.renewal)
+
+
+def renewed(model: RangeModel, seconds: float, bits: float, returns: int, guess: float, renewal: float) -> RangeModel:
+    """As `learned`, of ranges that refer to none before. renewal: how much more those take, as far as is known.
+
+    What it took more than it should is laid partly on the scene, partly on the renewal.
+    """
+    if not returns:
+        return model
+    after = learned(model, seconds, bits / renewal, returns, guess, DROP)
+    if not model.seen:
+        return after
+    expected = returns * float(bits_per_return(model, np.array([guess]))[0])
+    times = renewal * (max(bits, 1.0) / (renewal * expected)) ** RENEWAL_SHARE
+    roughness = model.roughness + (1.0 - RENEWAL_SHARE) * (after.roughness - model.roughness)
+    return RangeModel(roughness, after.seen, min(max(times, 1.0), MAX_RENEWAL))
 
 
 def learned_fixed(

@@ -14,7 +14,7 @@ STEERED = [name for name in table.names() if table.codec(name).knob is not None]
 
 def test_codecs_without_one() -> None:
     """`raw` has nothing to turn."""
-    assert set(table.names()) - set(STEERED) == {"raw", "h264", "h264-log"}
+    assert set(table.names()) - set(STEERED) == {"raw"}
 
 
 @pytest.mark.parametrize("name", STEERED)

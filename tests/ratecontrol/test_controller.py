@@ -164,14 +164,46 @@ def test_a_bound_leaves_no_coarser_level(codec: str, bound: float) -> None:
     assert steps == sorted(steps, reverse=True)
 
 
+def video_plan(target_kbps: float) -> Plan:
+    return plan_of("h264", target_kbps)
+
+
+def test_a_dear_knob_rests_while_what_it_gives_is_near_enough() -> None:
+    """Each turn costs a picture that refers to none before: a tenth of the bits if it were turned with every frame."""
+    plan, state, last, levels = video_plan(800), RateState(), None, []
+    rng = np.random.default_rng(4)
+    load = Load(120_000, PACKETS, SECONDS)
+    for _ in range(100):
+        level = chosen(state, plan, load, last)
+        renewed = level != last
+        bits = float(plan.curve[level]) * load.returns * (1.3 if renewed else 1.0) * math.exp(0.05 * rng.normal())
+        state = measured(state, plan, level, load, Sizes(bits, 0.0, 18e3, renewed=renewed))
+        levels.append(level)
+        last = level
+    assert np.count_nonzero(np.diff(levels)) < 12
+    assert kbps(state.budget, 5.0) == pytest.approx(800, rel=0.03)
+
+
+def test_a_picture_that_repeats_one_does_not_open_the_floodgates() -> None:
+    """It costs a tenth; the next one, in the finest quality, would take half a second of the path."""
+    plan, state = video_plan(800), RateState()
+    load = Load(120_000, PACKETS, SECONDS)
+    level = chosen(state, plan, load)
+    for share in (1.15, 1.0, 1.0, 1.0, 0.1):
+        bits = share * float(plan.curve[level]) * load.returns
+        state = measured(state, plan, level, load, Sizes(bits, 0.0, 18e3, renewed=share > 1))
+    after = chosen(state, plan, load, level)
+    assert plan.curve[after] < 1.5 * plan.curve[level]
+
+
 SIZE = st.floats(0, 1e12)
 EVENT = st.tuples(
-    st.builds(Sizes, SIZE, SIZE, SIZE, SIZE),
+    st.builds(Sizes, SIZE, SIZE, SIZE, SIZE, st.booleans()),
     st.integers(0, 10**7),
     st.integers(1, 2048),
     st.sampled_from([7.2e-5, 2.88e-4, 1.152e-3]),
     st.integers(1, 64),
-    st.sampled_from(["zstd", "pcodec", "jpeg"]),
+    st.sampled_from(["zstd", "pcodec", "jpeg", "h264"]),
 )
 
 
@@ -181,11 +213,11 @@ def test_whatever_frames_take_the_controller_stays_sane(events: list, target: fl
     """Never NaN, never beyond the levels, and the same again for the same sizes."""
     ends = []
     for _ in range(2):
-        state, log = RateState(), []
+        state, log, last = RateState(), [], {}
         for sizes, returns, packets, packet_s, frames, codec in events:
             plan = plan_of(codec, target)
             load = Load(returns, packets, packets * packet_s)
-            level = chosen(state, plan, load)
+            level = last[codec] = chosen(state, plan, load, last.get(codec))
             assert 0 <= level < len(plan.levels)
             state = measured(state, plan, level, load, sizes, frames)
             low, high = reachable_kbps(state, plan)

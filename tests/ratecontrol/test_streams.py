@@ -77,6 +77,42 @@ def test_a_group_that_ends_early_or_is_left_behind_keeps_to_the_target(city: lis
     assert size_of(free[0]) * 8 / 8 / 100.2 > 1650, "without a target the quality of the settings counts again"
 
 
+@pytest.mark.parametrize(("codec", "target"), [("h264", 250), ("h264", 600), ("h264-log", 1200)])
+def test_a_video_keeps_to_the_target_although_each_turn_of_its_knob_costs_a_picture(
+    data_file, codec: str, target: float
+) -> None:
+    frames = long_enough(list(api.read_frames(data_file(VEGETATION))), 6.5)
+    sent = run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off"))
+    kept(sent, target)
+
+
+def test_a_video_in_another_scene_or_after_another_codec_settles_within_a_second(data_file) -> None:
+    one, two = (list(api.read_frames(data_file(name)))[:30] for name in (SFND, VEGETATION))
+    frames = [frame.with_(index=i) for i, frame in enumerate(one + two)]
+    settings = settings_from({"codec": "pcodec", "target_kbps": 900, "intensity": "off"})
+    sent = run(frames, settings, {15: {"codec": "h264"}})
+    for last in (30, 60):
+        settled = sent.bits[last - 6 : last - 1].sum() / sent.seconds[last - 6 : last - 1].sum()
+        assert settled == pytest.approx(900e3, rel=0.2)
+    assert sent.means(1.0).max() < 1.2 * 900
+
+
+def test_a_new_target_of_a_video_loses_nothing(city: list[Frame]) -> None:
+    encoder, decoder = (
+        StreamEncoder(settings_from({"codec": "h264", "target_kbps": 400, "intensity": "off"})),
+        StreamDecoder(),
+    )
+    came = 0
+    for number, frame in enumerate(city[:12]):
+        if number == 6:
+            encoder.apply(encoder.settings.changed(target_kbps=800.0))
+        for message in encoder.encode(frame):
+            came += len(decoder.decode(unpack(pack(message))))
+    assert came == 12
+    assert encoder.rate is not None
+    assert 0.0 <= encoder.rate["crf"] <= 51.0
+
+
 def test_a_new_scene_and_a_new_codec_settle_within_a_second(data_file) -> None:
     one, two = (list(api.read_frames(data_file(name)))[:30] for name in (SFND, VEGETATION))
     frames = [frame.with_(index=i) for i, frame in enumerate(one + two)]
