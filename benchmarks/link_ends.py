@@ -22,7 +22,7 @@ import numpy as np
 import zenoh
 
 import lidarcodec
-from lidarcodec.apps.live_stats import latency_ms
+from lidarcodec.apps.live_stats import last_packet_ns
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
@@ -143,8 +143,7 @@ def receive_plain(connect: str, originals: list[np.ndarray], stop: threading.Eve
                 time.sleep(0.001)
                 continue
             for frame in decoder.decode(unpack(sample.payload.to_bytes())):
-                late = latency_ms(frame, time.time_ns())
-                tell(frame, originals, [] if late is None else [late])
+                tell(frame, originals, [(time.time_ns() - last_packet_ns(frame)) / 1e6])
 
 
 def tell(frame: Frame, originals: list[np.ndarray], late: list[float]) -> None:

@@ -69,6 +69,11 @@ class Flight:
             return self._following()
 
     @property
+    def busy(self) -> bool:
+        """Whether a message is under way."""
+        return bool(self._open)
+
+    @property
     def receivers(self) -> list[str]:
         """Those that report."""
         with self._condition:

@@ -8,6 +8,7 @@ import time
 from collections import Counter, OrderedDict, deque
 from typing import Any
 
+from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
 from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
@@ -18,17 +19,13 @@ logger = logging.getLogger(__name__)
 REMEMBERED = 64
 """Newest messages of a stream that are known again when they come once more."""
 STREAMS = 8
-LATENCY_LIMIT_MS = 60_000.0
-"""A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
 
 
-def latency_ms(frame: Frame, now_ns: int) -> float | None:
-    """Host time of a frame's last packet to `now_ns`; None when the two clocks cannot be the same."""
-    last_ns = frame.stamp_ns
-    if frame.side is not None and frame.side.packets:
-        last_ns += int(frame.side.packet_ns[-1])
-    value = (now_ns - last_ns) / 1e6
-    return value if -1000.0 < value < LATENCY_LIMIT_MS else None
+def last_packet_ns(frame: Frame) -> int:
+    """Host time of a frame's last packet, on the vehicle."""
+    if frame.side is None or not frame.side.packets:
+        return frame.stamp_ns
+    return frame.stamp_ns + int(frame.side.packet_ns[-1])
 
 
 class ReceiverStats:
@@ -38,9 +35,11 @@ class ReceiverStats:
     second_publisher: times that a stream came back after another one: two publishers have the same name
     duplicates: messages that came again, and were dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
+    clocks: how far the publisher's clock is from ours
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock = SYSTEM) -> None:
+        self.clocks = LatencyClock(clock)
         self._lock = threading.Lock()
         self._stream_id: int | None = None
         self._earlier: OrderedDict[int, deque[int]] = OrderedDict()
@@ -79,6 +78,7 @@ class ReceiverStats:
                     if self.counts["second_publisher"] == 1:
                         logger.warning("two publishers send on the same key: give one of them another name")
                 self._stream_id = message.stream_id
+                self.clocks.restarted()
                 self._earlier.setdefault(message.stream_id, deque(maxlen=REMEMBERED))
                 self._earlier.move_to_end(message.stream_id)
                 while len(self._earlier) > STREAMS:
@@ -93,8 +93,8 @@ class ReceiverStats:
             return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:
-        """Take a decoded frame; its latency in ms if that can be told."""
-        latency = latency_ms(frame, now_ns)
+        """Take a decoded frame; its latency in ms if that can be told: from its last packet to `now_ns`."""
+        latency = self.clocks.latency_ms(last_packet_ns(frame), now_ns)
         with self._lock:
             self.counts["frames"] += 1
             self.counts["clocks_apart"] += latency is None
@@ -125,13 +125,14 @@ class ReceiverStats:
             "fps": self.fps,
             "latency_ms": self.latency_ms.summary(),
             "decode_ms": self.decode_ms.summary(),
+            "clock": self.clocks.state(),
         }
 
     def report(self, errors: Counter[str], rtt_ms: float | None) -> dict[str, int | float | None]:
         """What is told to the publisher once a second (`reports.COUNTED` and `reports.MEASURED`)."""
         with self._lock:
             counts = self.counts + errors
-        latency, decode = self.latency_ms.summary(), self.decode_ms.summary()
+        latency, decode, clock = self.latency_ms.summary(), self.decode_ms.summary(), self.clocks.state()
         return {
             **{name: counts[name] for name in COUNTED},
             "fps": self.fps,
@@ -140,4 +141,6 @@ class ReceiverStats:
             "decode_p50_ms": decode["p50"],
             "decode_p99_ms": decode["p99"],
             "rtt_ms": rtt_ms,
+            "clock_offset_ms": clock["offset_ms"],
+            "clock_bound_ms": clock["bound_ms"],
         }

@@ -18,20 +18,21 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from lidarcodec.apps.adapting import Adapting
-from lidarcodec.apps.control import Applied, answered, settings_with
+from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.control import Applied, settings_with
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.publish_desk import Desk
 from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
-from lidarcodec.apps.reports import read_arrival
 from lidarcodec.apps.worker_process import START_S as WORKER_START_S
 from lidarcodec.errors import SettingsError, TransportError, WorkerError
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
-from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
 from lidarcodec.transport import Endpoints, Transport, open_transport
@@ -70,6 +71,7 @@ class Publisher:
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
     isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
+    clock:     tells the time
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class Publisher:
         record_limits: dict[str, int] | None = None,
         poses: Poses | None = None,
         isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
     ) -> None:
         """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
         self.keys = StreamKeys(vehicle, sensor)
@@ -121,14 +124,16 @@ class Publisher:
             self._recorder,
             record_as,
             poses,
+            clock,
         )
         self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
         self._adapting = Adapting(self._flight)
-        self._board = StatusBoard(self.keys, self._encoder.stream_id)
+        self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
+        self._desk = Desk(self, self.keys, self._flight, self._board, clock)
         self._matching = False
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
-        self._next_index = 0
+        self.next_index = 0
         self._waited_since: float | None = None
         self._tell_now = threading.Event()
         self._threads = [
@@ -249,7 +254,7 @@ class Publisher:
             with self._encoding:
                 framing = wanted.framing != self.settings.framing
                 key = self._encoder.apply(wanted)
-                first = self._feed.reframe(wanted.framing) if framing else self._next_index
+                first = self._feed.reframe(wanted.framing) if framing else self.next_index
                 self._flight.follow(wanted.follow)
             self._isolation.changed(wanted.codec)
         logger.info("settings changed from frame %d on: %s", first, changes)
@@ -271,9 +276,11 @@ class Publisher:
                 raise SettingsError(f"codec {wanted.codec}: {self._isolation.last_failure}", "codec")
         self._preparing = None
 
-    def request_key(self) -> None:
-        """Have the next message be a key frame; requests within half a second are one."""
+    def request_key(self) -> bool:
+        """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
+        before = self._key_wanted.is_set()
         self._key_wanted.set()
+        return before
 
     def _end(self) -> None:
         self._done.set()
@@ -311,14 +318,7 @@ class Publisher:
 
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
-        self._declared += [
-            transport.watch(keys.arrived(), self._receiver_changed),
-            transport.listen(keys.arrived(), self._arrived),
-            transport.listen(keys.report(), self._reported),
-            transport.answer(keys.control_get, answered(self._answer_get)),
-            transport.answer(keys.control_set, answered(self._answer_set)),
-            transport.answer(keys.control_keyframe, answered(self._answer_keyframe)),
-        ]
+        self._declared += self._desk.declare(transport)
         sender = transport.sender(keys.frame, Priority.FRAMES, self._matched)
         self._matching = sender.matching
         self._declared += [sender, transport.token(keys.alive)]
@@ -357,7 +357,7 @@ class Publisher:
         start = time.perf_counter()
         try:
             with self._encoding:
-                self._next_index = frame.index + 1
+                self.next_index = frame.index + 1
                 if key:
                     self._key_wanted.clear()
                 self._adapting.aim(self._encoder, self._feed.replaced)
@@ -426,40 +426,6 @@ class Publisher:
     def _worker_failed(self, error: WorkerError) -> None:
         self._once.add(f"worker {error.cause}", error)
         self.request_key()
-
-    def _receiver_changed(self, key: str, alive: bool) -> None:
-        name = key.rpartition("/")[2]
-        if alive and NAME_PATTERN.fullmatch(name):
-            self._flight.came(name)
-            self.request_key()
-        else:
-            self._flight.went(name)
-
-    def _arrived(self, key: str, data: bytes) -> None:
-        name = key.rpartition("/")[2]
-        arrival = read_arrival(data)
-        if arrival is not None and NAME_PATTERN.fullmatch(name):
-            self._flight.reported(name, arrival.frame_index, arrival.held_ns / 1e9)
-
-    def _reported(self, key: str, data: bytes) -> None:
-        name = key.rpartition("/")[2]
-        rtt_ms = self._board.report(name, data)
-        if rtt_ms is not None:
-            self._flight.round_trip(name, rtt_ms / 1e3)
-
-    def _answer_get(self, query: dict[str, Any]) -> dict[str, Any]:
-        if "ping" in query:
-            return {"ping": query["ping"]}
-        return {"settings": self.settings.model_dump(), "status": self.status()}
-
-    def _answer_set(self, query: dict[str, Any]) -> dict[str, Any]:
-        applied = self.change(**{str(field): value for field, value in query.items()})
-        return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
-
-    def _answer_keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
-        merged = self._key_wanted.is_set()
-        self.request_key()
-        return {"first_frame": self._next_index, "merged": merged}
 
 
 __all__ = ["Publisher", "Rate"]

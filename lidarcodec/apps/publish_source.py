@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from typing import Literal
+from typing import Any, Literal
 
+from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
 from lidarcodec.assembly import Assembler
@@ -13,6 +14,7 @@ from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.sensor_time import SensorTime
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.posed import posed
@@ -40,12 +42,15 @@ class FrameFeed:
         recorder: BackgroundRecorder | None,
         record_as: RecordAs,
         poses: Poses | None = None,
+        clock: Clock = SYSTEM,
     ) -> None:
         self.source, self._poses = source, poses
         self._paced: Source = source
         self._replay: PacedSource | None = None
         if rate != "max" and not source.live:
-            self._paced = self._replay = PacedSource(source, speed=rate / NOMINAL_HZ, restamp=True)
+            speed = rate / NOMINAL_HZ
+            self._paced = self._replay = PacedSource(source, speed=speed, restamp=True, now_ns=clock.wall_ns)
+        self._sensor_time = SensorTime()
         self._mailbox, self._recorder, self._record_as = mailbox, recorder, record_as
         self._lock = threading.Lock()
         self._framing = self._wanted_framing = framing
@@ -72,6 +77,12 @@ class FrameFeed:
         parts = (self.source.counts, self._past, self._assembler.counts)
         return sum((Counter(dict(part)) for part in parts), Counter())
 
+    @property
+    def time_source(self) -> dict[str, Any]:
+        """Whose time the stamps are (`host`, or that of the `recording`), and what the sensor says of its own."""
+        stamps = "host" if self.source.live or self._replay is not None else "recording"
+        return {"stamps": stamps, **self._sensor_time.report(live=self.source.live)}
+
     def reframe(self, framing: str) -> int:
         """Cut frames in another way, from the end of the current one on; index of the first such frame."""
         with self._lock:
@@ -94,6 +105,7 @@ class FrameFeed:
             if self._closed:
                 return
             self.packets += 1
+            self._sensor_time.push(packet)
             if self._recorder is not None and self._record_as == "packets":
                 self._batch.append(packet)
                 if len(self._batch) >= RECORD_BATCH:

@@ -8,6 +8,7 @@ import time
 from collections import Counter, OrderedDict, deque
 from typing import Any
 
+from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.reports import read_report
 from lidarcodec.apps.timings import Timings
@@ -24,8 +25,8 @@ RATE_WINDOW_S = 5.0
 class StatusBoard:
     """Counters of what was sent, and the last reports of receivers. Thread-safe."""
 
-    def __init__(self, keys: StreamKeys, stream_id: int) -> None:
-        self._keys, self._stream_id = keys, stream_id
+    def __init__(self, keys: StreamKeys, stream_id: int, clock: Clock = SYSTEM) -> None:
+        self._keys, self._stream_id, self._clock = keys, stream_id, clock
         self._lock = threading.Lock()
         self._recent: deque[tuple[float, int, int]] = deque(maxlen=4096)
         self._reports: OrderedDict[str, tuple[float, dict[str, int | float | None]]] = OrderedDict()
@@ -98,11 +99,12 @@ class StatusBoard:
             "vehicle": self._keys.vehicle,
             "sensor": self._keys.sensor,
             "stream_id": f"{self._stream_id:016x}",
-            "stamp_ns": time.time_ns(),
+            "stamp_ns": self._clock.wall_ns(),
             "settings": settings.model_dump(),
             "sensor_model": {"name": sensor.name, "calibration": sensor.origin, "hash": sensor.hash},
             "matching": matching,
             "ended": ended,
+            "time_source": feed.time_source,
             "packets": feed.packets,
             "assembled": feed.frames,
             "replaced": feed.replaced,

@@ -14,16 +14,18 @@ import json
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.reports import Arrival, pack_arrival
+from lidarcodec.apps.round_trips import RoundTrips
 from lidarcodec.codecs import table
 from lidarcodec.errors import (
     DecodeError,
@@ -47,7 +49,6 @@ TICK_S = 0.2
 KEY_INTERVAL_S = 0.5
 """Key frames are asked for at most so often."""
 REPORT_S = 1.0
-PING_S = 2.0
 ASK_S = 1.0
 START_S = 1.0
 JOIN_S = 10.0
@@ -60,7 +61,7 @@ class Receiver:
     on_message: takes the bytes of every message, in the receive thread; must be quick
     on_end:     called when nothing more will come
     until_end:  end when the publisher has gone
-    isolate:    which decoders run in a process of their own, as for `LiveStream`
+    isolate:    which decoders run in a process of their own, as for `LiveStream`;  clock: tells the time
     failure:    what ended it, if it did not end as it should
     stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
     """
@@ -77,10 +78,13 @@ class Receiver:
         transport: Transport | None = None,
         until_end: bool = False,
         isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
     ) -> None:
         """Raises SettingsError for an unknown choice of `isolate`."""
         self.keys, self.name = keys, name
-        self.stats = ReceiverStats()
+        self.stats = ReceiverStats(clock)
+        self.stats.clocks.unsure = self._ask_time
+        self._clock, self._round_trips = clock, RoundTrips(clock, self.stats.clocks)
         self.status: dict[str, Any] | None = None
         self.alive = False
         self.failure: Exception | None = None
@@ -94,7 +98,6 @@ class Receiver:
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
         self._joined: int | None = None
         self._key_wanted = True
-        self._round_trips: deque[float] = deque(maxlen=8)
         self._threads = [
             threading.Thread(target=run, name=f"lidarcodec {run.__name__.strip('_')}", daemon=True)
             for run in (self._receive, self._decode, self._control)
@@ -108,7 +111,7 @@ class Receiver:
     @property
     def rtt_ms(self) -> float | None:
         """Shortest of the last round trips to the publisher."""
-        return round(min(self._round_trips), 3) if self._round_trips else None
+        return self._round_trips.rtt_ms
 
     def start(self) -> None:
         """Begin to receive. A router that cannot be reached is tried again meanwhile.
@@ -219,7 +222,7 @@ class Receiver:
                     return
             try:
                 held_ns = time.monotonic_ns() - came_ns
-                arrivals.put(pack_arrival(Arrival(message.frame_index, time.time_ns(), held_ns)))
+                arrivals.put(pack_arrival(Arrival(message.frame_index, self._clock.wall_ns(), held_ns)))
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)
@@ -287,17 +290,16 @@ class Receiver:
 
     def _keep_in_touch(self, transport: Transport) -> None:
         self._declared.append(reports := transport.sender(self.keys.report(self.name), Priority.STATUS))
-        due_key = due_ping = due_report = time.monotonic()
+        due_key = due_report = self._clock.monotonic_s()
         while not self._stop.is_set():
-            now = time.monotonic()
+            now = self._clock.monotonic_s()
             try:
                 if self._key_wanted and now >= due_key:
                     due_key = now + KEY_INTERVAL_S
                     if transport.ask(self.keys.control_keyframe, timeout_s=ASK_S) is not None:
                         self.stats.count("key_requests")
-                if now >= due_ping:
-                    due_ping = now + PING_S
-                    self._ping(transport)
+                if now >= self._round_trips.due_s:
+                    self._round_trips.ask(lambda data: transport.ask(self.keys.control_get, data, ASK_S))
                 if now >= due_report:
                     due_report = now + REPORT_S
                     self._isolation.tidy()
@@ -306,14 +308,14 @@ class Receiver:
                 if self._stop.is_set() or self._slot.closed:
                     return
                 self._once.add("control_errors", error)
-            soonest = min(due_key if self._key_wanted else due_report, due_ping, due_report)
-            self._poke.wait(max(0.01, soonest - time.monotonic()))
+            soonest = min(due_key if self._key_wanted else due_report, self._round_trips.due_s, due_report)
+            self._poke.wait(max(0.01, soonest - self._clock.monotonic_s()))
             self._poke.clear()
 
-    def _ping(self, transport: Transport) -> None:
-        start = time.perf_counter()
-        if transport.ask(self.keys.control_get, b'{"ping":0}', ASK_S) is not None:
-            self._round_trips.append(1e3 * (time.perf_counter() - start))
+    def _ask_time(self) -> None:
+        """A clock was seen to jump: ask for the publisher's time soon."""
+        self._round_trips.hurry()
+        self._poke.set()
 
     # --- handlers, in threads of the transport ----------------------------------------------------------------------
 

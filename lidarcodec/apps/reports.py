@@ -24,11 +24,21 @@ COUNTED = (
     "missing",
     "restarts",
     "stale",
+    "clocks_apart",
     "decode_errors",
     "missing_references",
 )
 """Counts since the receiver's start."""
-MEASURED = ("fps", "latency_p50_ms", "latency_p99_ms", "decode_p50_ms", "decode_p99_ms", "rtt_ms")
+MEASURED = (
+    "fps",
+    "latency_p50_ms",
+    "latency_p99_ms",
+    "decode_p50_ms",
+    "decode_p99_ms",
+    "rtt_ms",
+    "clock_offset_ms",
+    "clock_bound_ms",
+)
 """Measured over the newest values; null when unknown."""
 
 

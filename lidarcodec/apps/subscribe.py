@@ -17,6 +17,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
 
+from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.freshness import Freshness, MaxAge
 from lidarcodec.apps.isolation import Isolate
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
@@ -71,7 +73,8 @@ class LiveStream:
     newest:     True: whoever iterates too slowly gets the newest frame, and what was replaced is counted. False: every
                 frame is waited for, and the publisher feels it
     timeout_s:  iteration ends after so long without a frame; None: never
-    max_age_s:  frames older than this when decoded are counted as stale and not given out
+    max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`: a
+                second for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
     until_end:  iteration ends when the publisher has gone
     udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
@@ -88,18 +91,20 @@ class LiveStream:
         receiver: str | None = None,
         newest: bool = True,
         timeout_s: float | None = None,
-        max_age_s: float | None = None,
+        max_age_s: MaxAge = "live",
         until_end: bool = False,
         udp: str | None = None,
         record: str | Path | None = None,
         isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
         party = party_of(endpoints)
         own = receiver_name() if party is None else party.name
         self.receiver = valid_name(own if receiver is None else receiver, "receiver")
-        self._newest, self._timeout_s, self._max_age_s = newest, timeout_s, max_age_s
+        self._newest, self._timeout_s, self._clock = newest, timeout_s, clock
+        self._fresh = Freshness.of(max_age_s, newest=newest)
         self._udp = None if udp is None else UdpOut(udp)
         self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)
         self._interrupted = self._begun = False
@@ -115,6 +120,7 @@ class LiveStream:
             transport=transport,
             until_end=until_end,
             isolate=isolate,
+            clock=clock,
         )
 
     # --- for whoever iterates ---------------------------------------------------------------------------------------
@@ -248,9 +254,8 @@ class LiveStream:
 
     def _deliver(self, frame: Frame) -> None:
         """Hand a frame on, in the decode thread."""
-        now_ns = time.time_ns()
-        latency_ms = self.stats.decoded(frame, now_ns)
-        if self._max_age_s is not None and latency_ms is not None and latency_ms > 1e3 * self._max_age_s:
+        latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
+        if not self._fresh.shows(latency_ms, self._clock.monotonic_s()):
             self.stats.count("stale")
             return
         if self._newest:

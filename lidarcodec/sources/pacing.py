@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from lidarcodec.errors import SourceError
@@ -24,14 +24,22 @@ class PacedSource(PacketSource):
     speed:   2 is twice as fast; infinity does not wait
     loop:    begins again at the end, with stamps that go on
     restamp: stamps become the time at which the packet is given, as from a live sensor; the distance to the packet's
-             own time is `shift_ns`, so that poses can still be looked up
+             own time is `shift_ns`, so that poses can still be looked up. now_ns: host time for that
     """
 
-    def __init__(self, inner: Source, *, speed: float = 1.0, loop: bool = False, restamp: bool = False) -> None:
+    def __init__(
+        self,
+        inner: Source,
+        *,
+        speed: float = 1.0,
+        loop: bool = False,
+        restamp: bool = False,
+        now_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
         if not speed > 0.0:
             raise SourceError(f"a replay speed is greater than 0, not {speed}")
         super().__init__(inner.sensor, live=True)
-        self.inner, self.speed, self.loop, self.restamp = inner, speed, loop, restamp
+        self.inner, self.speed, self.loop, self.restamp, self._now_ns = inner, speed, loop, restamp, now_ns
         self.shift_ns = 0
         self.counts = inner.counts
         self.label = getattr(inner, "label", "")
@@ -52,7 +60,7 @@ class PacedSource(PacketSource):
             if self._stop.is_set():
                 return
             if self.restamp:
-                now_ns = time.time_ns()
+                now_ns = self._now_ns()
                 self.shift_ns = now_ns - own_ns
                 yield Packet(packet.payload, now_ns)
             else:

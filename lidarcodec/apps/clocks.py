@@ -1,0 +1,174 @@
+"""Clocks: how far a publisher's clock is from ours, known to within half a round trip, and what a jump of either does.
+
+Whoever asks a publisher for its time knows when it asked and when the answer came; the publisher's time belongs to some
+moment between them. Of the last answers the one with the shortest round trip says it best. Waiting goes by the
+monotonic clock everywhere, so a jump of a host's clock holds nothing up: it only makes a latency unknown until the next
+answer.
+
+>>> offset = ClockOffset()
+>>> offset.answered(asked_ns=1_000_000, told_ns=6_000_000, answered_ns=3_000_000, monotonic_s=0.0)
+>>> offset.offset_ms(0.0), offset.bound_ms(0.0)
+(4.0, 1.0)
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+LIMIT_MS: Final = 60_000.0
+"""A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
+JUMP_MS: Final = 250.0
+"""What no clock that is only slewed does between two looks."""
+DRIFT: Final = 1e-4
+"""How much two clocks may go apart: 0.1 ms a second, twice what a bad quartz does."""
+REMEMBERED: Final = 8
+
+
+class Clock(NamedTuple):
+    """The clocks of a machine, as everything that tells the time takes them. wall_ns: host time since the Unix epoch,
+    may jump; monotonic_s: never does."""
+
+    wall_ns: Callable[[], int] = time.time_ns
+    monotonic_s: Callable[[], float] = time.monotonic
+
+
+SYSTEM: Final = Clock()
+
+
+class _Answer(NamedTuple):
+    offset_ms: float
+    bound_ms: float
+    at_s: float
+
+
+class ClockOffset:
+    """The publisher's clock minus ours. Not thread-safe.
+
+    jumps: how often either clock was seen to jump
+    """
+
+    def __init__(self) -> None:
+        self._answers: deque[_Answer] = deque(maxlen=REMEMBERED)
+        self._ours: tuple[int, float] | None = None
+        self.jumps = 0
+
+    def look(self, wall_ns: int, monotonic_s: float) -> None:
+        """Compare our own clocks: by what the host's jumped, the publisher's is nearer or farther now."""
+        if self._ours is not None:
+            gone_ms = (wall_ns - self._ours[0]) / 1e6 - 1e3 * (monotonic_s - self._ours[1])
+            if abs(gone_ms) > JUMP_MS:
+                self.jumps += 1
+                moved = [answer._replace(offset_ms=answer.offset_ms - gone_ms) for answer in self._answers]
+                self._answers = deque(moved, REMEMBERED)
+        self._ours = wall_ns, monotonic_s
+
+    def answered(self, asked_ns: int, told_ns: int, answered_ns: int, monotonic_s: float) -> None:
+        """Take an answer: when it was asked for, the publisher's time in it, and when it came."""
+        self.look(answered_ns, monotonic_s)
+        bound_ms = (answered_ns - asked_ns) / 2e6
+        if bound_ms < 0.0:
+            return  # our clock was set back in between
+        new = _Answer((told_ns - (asked_ns + answered_ns) / 2) / 1e6, bound_ms, monotonic_s)
+        best = self._best(monotonic_s)
+        if best is not None:
+            apart = abs(new.offset_ms - best.offset_ms) - bound_ms - self._bound(best, monotonic_s)
+            if apart > 0.0:  # both cannot be right: the publisher's clock was set
+                self.jumps += apart > JUMP_MS
+                self._answers.clear()
+        self._answers.append(new)
+
+    def forget(self) -> None:
+        """The publisher's clock was seen to jump, or the publisher is another one."""
+        self._answers.clear()
+
+    def offset_ms(self, monotonic_s: float) -> float | None:
+        """The publisher's clock minus ours; None before the first answer."""
+        best = self._best(monotonic_s)
+        return None if best is None else best.offset_ms
+
+    def bound_ms(self, monotonic_s: float) -> float | None:
+        """How far off `offset_ms` may be: half of the round trip, and what clocks drift since; None likewise."""
+        best = self._best(monotonic_s)
+        return None if best is None else self._bound(best, monotonic_s)
+
+    def _best(self, monotonic_s: float) -> _Answer | None:
+        return min(self._answers, key=lambda answer: self._bound(answer, monotonic_s), default=None)
+
+    @staticmethod
+    def _bound(answer: _Answer, monotonic_s: float) -> float:
+        return answer.bound_ms + 1e3 * DRIFT * max(monotonic_s - answer.at_s, 0.0)
+
+
+class LatencyClock:
+    """Latencies from a publisher's stamps to our time, whatever the two clocks do. Thread-safe.
+
+    unsure: called when a stamp shows that a clock jumped: it is time to ask again
+    """
+
+    def __init__(self, clock: Clock = SYSTEM, unsure: Callable[[], object] = lambda: None) -> None:
+        self._clock, self.unsure = clock, unsure
+        self._lock = threading.Lock()
+        self._offset = ClockOffset()
+        self._last: tuple[float, float] | None = None
+        self._distrust = False
+
+    def answered(self, asked_ns: int, told_ns: int, answered_ns: int) -> None:
+        """Take a publisher's answer to a question for its time."""
+        with self._lock:
+            self._offset.answered(asked_ns, told_ns, answered_ns, self._clock.monotonic_s())
+            self._distrust = False
+            self._last = None
+
+    def restarted(self) -> None:
+        """Another publisher sends now, on a machine that may be another one."""
+        with self._lock:
+            self._offset.forget()
+            self._last, self._distrust = None, False
+
+    def latency_ms(self, last_ns: int, now_ns: int) -> float | None:
+        """From a publisher's stamp to our time, put right where the clocks are surely apart; None when unknown."""
+        with self._lock:
+            now_s = self._clock.monotonic_s()
+            self._offset.look(now_ns, now_s)
+            value = (now_ns - last_ns) / 1e6 + self._correction(now_s)
+            jumped = self._jumped(value, now_s)
+            self._last = value, now_s
+            if jumped:
+                self._offset.jumps += not self._distrust
+                self._offset.forget()
+                self._distrust = True
+            unknown = self._distrust or not -1000.0 < value < LIMIT_MS
+        if jumped:
+            self.unsure()
+        return None if unknown else value
+
+    def state(self) -> dict[str, Any]:
+        """`offset_ms`: the publisher's clock minus ours; `bound_ms`: how far that may be off; null before the first
+        answer. `state`: `in step` as far as can be known, `corrected` in the latencies, or `unknown`; `jumps`."""
+        with self._lock:
+            now_s = self._clock.monotonic_s()
+            offset, bound = self._offset.offset_ms(now_s), self._offset.bound_ms(now_s)
+            state = "unknown" if offset is None else "corrected" if self._correction(now_s) else "in step"
+            return {
+                "state": state,
+                "offset_ms": None if offset is None else round(offset, 3),
+                "bound_ms": None if bound is None else round(bound, 3),
+                "jumps": self._offset.jumps,
+            }
+
+    def _correction(self, now_s: float) -> float:
+        offset, bound = self._offset.offset_ms(now_s), self._offset.bound_ms(now_s)
+        return 0.0 if offset is None or bound is None or abs(offset) <= bound else offset
+
+    def _jumped(self, value: float, now_s: float) -> bool:
+        """Whether the publisher's clock was set: back, when a frame is older than the one before by more than the time
+        since it; or ahead, when a frame comes from the future."""
+        if self._offset.offset_ms(now_s) is not None and value < -JUMP_MS:
+            return True
+        if self._last is None:
+            return False
+        return value - self._last[0] > 1e3 * (now_s - self._last[1]) + JUMP_MS

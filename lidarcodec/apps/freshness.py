@@ -1,0 +1,45 @@
+"""Freshness: which frames are too old to be shown. They are decoded all the same, because later ones may need them.
+
+>>> fresh = Freshness(1.0, patient=True)
+>>> [fresh.shows(age_ms, now_s) for age_ms, now_s in ((90, 0.0), (9000, 9.0), (8000, 9.01), (100, 9.1))]
+[True, False, False, True]
+>>> [fresh.shows(3000, 10.0 + second) for second in range(3)]  # a path that is always so slow is shown none the less
+[False, True, True]
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+LIVE_S: Final = 1.0
+"""Age above which a live view leaves a frame out."""
+PATIENCE_S: Final = 1.0
+"""When only old frames have come for so long, an old frame is better than none."""
+MaxAge = float | Literal["live"] | None
+
+
+class Freshness:
+    """Says of each frame whether it is to be shown.
+
+    max_age_s: None shows all; patient: show old frames when nothing else comes
+    """
+
+    def __init__(self, max_age_s: float | None, *, patient: bool = False) -> None:
+        self.max_age_s, self._patient = max_age_s, patient
+        self._old_since: float | None = None
+
+    @classmethod
+    def of(cls, max_age_s: MaxAge, *, newest: bool) -> Freshness:
+        """`live`: a second, but patient, for whoever wants the newest; all frames for whoever wants every one."""
+        if max_age_s == "live":
+            return cls(LIVE_S if newest else None, patient=True)
+        return cls(max_age_s)
+
+    def shows(self, age_ms: float | None, now_s: float) -> bool:
+        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time."""
+        if self.max_age_s is None or age_ms is None or age_ms <= 1e3 * self.max_age_s:
+            self._old_since = None
+            return True
+        if self._old_since is None:
+            self._old_since = now_s
+        return self._patient and now_s - self._old_since >= PATIENCE_S
