@@ -148,13 +148,22 @@ def picture_of(frame: Frame, title: str) -> Image:
     return np.concatenate([heading, view, between, range_strip_of(frame)])
 
 
+def png_of(image: Image) -> bytes:
+    """A picture as PNG.
+
+    Raises OSError if it cannot be encoded.
+    """
+    done, data = cv2.imencode(".png", image)
+    if not done:
+        raise OSError("the picture could not be encoded")
+    return bytes(data.tobytes())
+
+
 def save_picture(image: Image, path: Path) -> None:
     """Write a picture as PNG.
 
     Raises OSError if it cannot be written.
     """
-    done, data = cv2.imencode(".png", image)
-    if not done:
-        raise OSError(f"{path}: the picture could not be encoded")
+    data = png_of(image)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data.tobytes())
+    path.write_bytes(data)

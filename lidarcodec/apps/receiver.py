@@ -63,6 +63,9 @@ class Receiver:
     until_end:  end when the publisher has gone
     isolate:    which decoders run in a process of their own, as for `LiveStream`;  clock: tells the time
     failure:    what ended it, if it did not end as it should
+    decoding:   whether messages are decoded; may change at any time. Without it they are only counted, reported as
+                arrived and handed to on_message, and key frames are asked for only by `request_key`
+    codec:      number of the codec of the message that was decoded last
     stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
     """
 
@@ -79,9 +82,12 @@ class Receiver:
         until_end: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
+        decoding: bool = True,
     ) -> None:
         """Raises SettingsError for an unknown choice of `isolate`."""
         self.keys, self.name = keys, name
+        self.decoding = decoding
+        self.codec: int | None = None
         self.stats = ReceiverStats(clock)
         self.stats.clocks.unsure = self._ask_time
         self._clock, self._round_trips = clock, RoundTrips(clock, self.stats.clocks)
@@ -241,7 +247,13 @@ class Receiver:
             self._on_end()
 
     def _frames_of(self, message: Message) -> list[Frame]:
+        if not self.decoding:
+            self._key_wanted = self._key_wanted and not message.key
+            if self._joined is not None:  # what is skipped now would be missing later
+                self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
+            return []
         start = time.perf_counter()
+        self.codec = message.codec
         try:
             if not message.key and message.stream_id != self._joined:
                 self.stats.count("before_key")
@@ -327,7 +339,8 @@ class Receiver:
             return
         if isinstance(status, dict):
             self.status = status
-            if status.get("preparing") in table.names():  # have a process ready when its first message comes
+            # Have a process ready when its first message comes.
+            if self.decoding and status.get("preparing") in table.names():
                 self._isolation.start(status["preparing"])
 
     def _publisher_changed(self, key: str, alive: bool) -> None:

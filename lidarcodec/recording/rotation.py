@@ -33,7 +33,8 @@ _FRAME_BYTES: Final = 4096
 class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
-    counts: `files`, `messages`, `bytes`, `deleted files`, `waiting for a key message` (not written), `not recorded`
+    counts: `files`, `messages`, `frames` (in messages), `bytes`, `deleted files`, `waiting for a key message` (not
+            written), `not recorded`
     stopped: why nothing is written any more, None while it is
     """
 
@@ -76,7 +77,9 @@ class RotatingRecorder:
         if self._writer is None and self.stopped is None:
             self.counts["waiting for a key message"] += 1
             return False
-        return self._add(len(data), lambda writer: writer.write(data))
+        recorded = self._add(len(data), lambda writer: writer.write(data))
+        self.counts["frames"] += header.frame_count if recorded else 0
+        return recorded
 
     def write_packets(self, packets: Sequence[Packet]) -> bool:
         """Records a batch of raw packets; whether it did. Any batch may begin a file."""

@@ -18,13 +18,14 @@ import lidarcodec
 from lidarcodec.transport import Transport
 from lidarcodec_server import problems
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.live.part import live
 from lidarcodec_server.middleware import BodyLimit, FromHere, Observe
 from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
 
-ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics")
-PARTS: tuple[Part, ...] = ()
+ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics", "sockets", "snapshot", "recordings")
+PARTS: tuple[Part, ...] = (live,)
 
 
 @asynccontextmanager

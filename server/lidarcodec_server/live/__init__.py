@@ -1,0 +1,1 @@
+"""Live streams for viewers: one decoder a stream, newest only, and a slow viewer costs nobody else."""

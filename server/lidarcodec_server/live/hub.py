@@ -1,0 +1,195 @@
+"""LiveHub: the streams that somebody looks at. One receiver for each, however many look; none when nobody does."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final
+
+from lidarcodec.apps.picture import perspective_of, png_of, range_strip_of
+from lidarcodec.errors import TransportError
+from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.live.options import View
+from lidarcodec_server.live.view import FrameView
+from lidarcodec_server.live.viewer import Viewer
+from lidarcodec_server.live.watch import TICK_S, Watch
+
+logger = logging.getLogger(__name__)
+
+LINGER_S: Final = 2.0
+"""A receiver stays so long when the last viewer went: a page that is loaded again finds it running."""
+ACK_LIMIT_S: Final = 15.0
+PICTURE_AGE_S: Final = 1.0
+PICTURE_WAIT_S: Final = 2.5
+THREADS: Final = 2
+"""For making frames ready and for opening and closing receivers; pictures have one of their own."""
+
+
+class TooManyViewersError(Exception):
+    """The limit of viewers is reached."""
+
+
+class _Place:
+    """A stream's watch, how many use it, and a lock that opens and closes it one at a time."""
+
+    def __init__(self) -> None:
+        self.lock = asyncio.Lock()
+        self.watch: Watch | None = None
+        self.users = 0
+        self.left_at = 0.0
+        self.ticker: asyncio.Task[None] | None = None
+        self.closer: asyncio.Task[None] | None = None
+
+
+class LiveHub:
+    """Belongs to the event loop in which it is made.
+
+    transport: gives the open network session, which stays the caller's; raises TransportError while there is none
+    max_viewers: sockets at once;  linger_s: how long a receiver outlives its last viewer
+    ack_limit_s: how long a viewer may leave a frame without an acknowledgement
+    counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
+    `bytes` of viewers that are gone, by kind
+    """
+
+    def __init__(
+        self,
+        transport: Callable[[], Transport],
+        *,
+        max_viewers: int = 64,
+        linger_s: float = LINGER_S,
+        ack_limit_s: float = ACK_LIMIT_S,
+    ) -> None:
+        self.max_viewers, self.linger_s, self.ack_limit_s = max_viewers, linger_s, ack_limit_s
+        self.counts: Counter[str] = Counter()
+        self._transport = transport
+        self._loop = asyncio.get_running_loop()
+        self._places: dict[StreamKeys, _Place] = {}
+        self._viewers = 0
+        self._closed = False
+        self._workers = ThreadPoolExecutor(THREADS, "lidarcodec live")
+        self._painter = ThreadPoolExecutor(1, "lidarcodec picture")
+        self._openers = ThreadPoolExecutor(2 * THREADS, "lidarcodec open")
+
+    @contextlib.asynccontextmanager
+    async def watching(self, keys: StreamKeys, *, decode: bool) -> AsyncIterator[Watch]:
+        """The watch of a stream, opened if nobody watches it yet. Raises TransportError."""
+        place = self._places.setdefault(keys, _Place())
+        place.users += 1
+        try:
+            async with place.lock:
+                if self._closed:
+                    raise TransportError("the server is ending")
+                watch = place.watch or await self._open(keys, place)
+            watch.decode(+1 if decode else 0)
+            try:
+                yield watch
+            finally:
+                watch.decode(-1 if decode else 0)
+        finally:
+            place.users -= 1
+            place.left_at = self._loop.time()
+            if place.closer is None or place.closer.done():
+                place.closer = self._loop.create_task(self._close_later(keys, place))
+
+    @contextlib.asynccontextmanager
+    async def viewing(self, keys: StreamKeys, viewer: Viewer) -> AsyncIterator[Watch]:
+        """The same for a viewer, which gets what comes meanwhile. Raises TooManyViewersError, TransportError."""
+        if self._closed or self._viewers >= self.max_viewers:
+            self.counts["refused"] += 1
+            raise TooManyViewersError(f"{self._viewers} viewers are connected, as many as are allowed")
+        self._viewers += 1
+        self.counts["viewers"] += 1
+        try:
+            async with self.watching(keys, decode=viewer.decodes) as watch:
+                watch.add(viewer)
+                try:
+                    yield watch
+                finally:
+                    watch.remove(viewer)
+        finally:
+            self._viewers -= 1
+            for name in ("sent", "skipped", "sent_bytes"):
+                self.counts[f"{viewer.kind} {name}"] += getattr(viewer, name)
+
+    def work(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
+        """Run a function in a thread."""
+        return self._loop.run_in_executor(self._workers, make)
+
+    async def snapshot(self, keys: StreamKeys, view: View) -> bytes | None:
+        """The newest frame as PNG; None when no frame comes in time. Made once for each frame.
+
+        Raises TransportError.
+        """
+        async with self.watching(keys, decode=True) as watch:
+            found = await watch.newest(PICTURE_AGE_S, PICTURE_WAIT_S)
+        if found is None:
+            return None
+        return await found.made(view, lambda: _picture(found, view), self._paint)
+
+    def watch_of(self, keys: StreamKeys) -> Watch | None:
+        """The watch of a stream, if there is one."""
+        place = self._places.get(keys)
+        return None if place is None else place.watch
+
+    def watches(self) -> dict[StreamKeys, Watch]:
+        """Streams that are watched now."""
+        return {keys: place.watch for keys, place in self._places.items() if place.watch is not None}
+
+    def state(self) -> dict[str, Any]:
+        """Counts, and the state of each stream that is watched."""
+        streams = {f"{keys.vehicle}/{keys.sensor}": watch.state() for keys, watch in self.watches().items()}
+        return {"viewers": self._viewers, "counts": dict(self.counts), "streams": streams}
+
+    async def close(self) -> None:
+        """End everything, within the limits of the receivers."""
+        self._closed = True
+        await asyncio.gather(*(self._close(keys, place) for keys, place in list(self._places.items())))
+        for pool in (self._workers, self._painter, self._openers):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    async def _open(self, keys: StreamKeys, place: _Place) -> Watch:
+        watch = Watch(keys, self._transport(), self._loop)
+        await self._loop.run_in_executor(self._openers, watch.receiver.start)
+        logger.info("%s is watched", keys.prefix)
+        place.watch, place.ticker = watch, self._loop.create_task(_tick(watch))
+        return watch
+
+    async def _close_later(self, keys: StreamKeys, place: _Place) -> None:
+        """Rest, or end, when nobody has left for a while."""
+        while (pause_s := place.left_at + self.linger_s - self._loop.time()) > 0:
+            await asyncio.sleep(pause_s)
+        if place.watch is not None:
+            place.watch.rest()
+        await self._close(keys, place)
+
+    async def _close(self, keys: StreamKeys, place: _Place) -> None:
+        async with place.lock:
+            if place.users and not self._closed:
+                return
+            watch, place.watch = place.watch, None
+            if watch is not None:
+                if place.ticker is not None:
+                    place.ticker.cancel()
+                await self._loop.run_in_executor(self._openers, watch.receiver.close)
+                logger.info("%s is not watched any more", keys.prefix)
+            if not place.users and self._places.get(keys) is place:
+                del self._places[keys]
+
+    def _paint(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
+        return self._loop.run_in_executor(self._painter, make)
+
+
+async def _tick(watch: Watch) -> None:
+    while True:
+        await asyncio.sleep(TICK_S)
+        watch.tick()
+
+
+def _picture(view: FrameView, what: View) -> bytes:
+    draw = perspective_of if what == "cloud" else range_strip_of
+    return png_of(draw(view.frame))

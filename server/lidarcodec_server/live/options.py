@@ -1,0 +1,108 @@
+"""What a viewer asks for in the query of its socket.
+
+>>> CloudOptions.of({"attributes": "ring", "max_points": "50000"}).encoding
+Encoding(form='points', attributes=('ring',), max_points=50000)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NamedTuple, get_args
+
+from lidarcodec.errors import SettingsError
+
+View = Literal["range", "cloud"]
+"""Pictures that there are of a frame."""
+Form = Literal["points", "range"]
+ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {"points": ("intensity", "ring", "range"), "range": ("intensity",)}
+"""Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent."""
+DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring", "range": "intensity"}
+MAX_POINTS: Final = 2**22
+MAX_RATE: Final = 1000.0
+MAX_WINDOW: Final = 8
+
+
+class Encoding(NamedTuple):
+    """What the bytes of a frame depend on: viewers with the same encoding share them."""
+
+    form: Form
+    attributes: tuple[str, ...]
+    max_points: int | None
+
+
+@dataclass(frozen=True)
+class FramesOptions:
+    """window: messages that may be under way to the viewer before it has acknowledged the first of them."""
+
+    window: int = 1
+
+    @classmethod
+    def of(cls, query: Mapping[str, str]) -> FramesOptions:
+        """From a query. Raises SettingsError with the field."""
+        _only(query, "window")
+        return cls(_whole(query, "window", MAX_WINDOW) or 1)
+
+    def shown(self) -> dict[str, Any]:
+        """For the hello."""
+        return {"window": self.window}
+
+
+@dataclass(frozen=True)
+class CloudOptions:
+    """encoding: form, attributes, number of points;  rate: frames a second at most, None for all;  window: as above."""
+
+    encoding: Encoding
+    rate: float | None = None
+    window: int = 1
+
+    @classmethod
+    def of(cls, query: Mapping[str, str]) -> CloudOptions:
+        """From a query. Raises SettingsError with the field."""
+        _only(query, "form", "attributes", "max_points", "rate", "window")
+        form = next((known for known in get_args(Form) if known == query.get("form", "points")), None)
+        if form is None:
+            raise SettingsError(f"form is {' or '.join(get_args(Form))}, not '{query['form'][:40]}'", "form")
+        wanted = [name for name in query.get("attributes", DEFAULT_ATTRIBUTES[form]).split(",") if name]
+        for name in wanted:
+            if name not in ATTRIBUTES[form]:
+                known = ", ".join(ATTRIBUTES[form])
+                raise SettingsError(f"form {form} has the attributes {known}, not '{name[:40]}'", "attributes")
+        max_points = _whole(query, "max_points", MAX_POINTS)
+        if max_points is not None and form == "range":
+            raise SettingsError("a range image is sent whole: max_points needs form points", "max_points")
+        attributes = tuple(name for name in ATTRIBUTES[form] if name in wanted)
+        return cls(Encoding(form, attributes, max_points), _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
+
+    def shown(self) -> dict[str, Any]:
+        """For the hello."""
+        encoding = self.encoding._asdict() | {"attributes": list(self.encoding.attributes)}
+        return encoding | {"rate": self.rate, "window": self.window}
+
+
+def _only(query: Mapping[str, str], *known: str) -> None:
+    for name in query:
+        if name not in known:
+            raise SettingsError(f"unknown option '{name[:40]}': known are {', '.join(known)}", name[:40])
+
+
+def _whole(query: Mapping[str, str], name: str, largest: int) -> int | None:
+    text = query.get(name)
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdigit() and len(text) < 12 and 1 <= int(text) <= largest):
+        raise SettingsError(f"{name} is a whole number from 1 to {largest}", name)
+    return int(text)
+
+
+def _rate(query: Mapping[str, str]) -> float | None:
+    text = query.get("rate")
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= MAX_RATE:
+        raise SettingsError(f"rate is frames a second, from 0.01 to {MAX_RATE:.0f}", "rate")
+    return value

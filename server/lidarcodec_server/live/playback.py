@@ -1,0 +1,85 @@
+"""Playback: a recording as a stream of its own, sent as if the vehicle were there, in the server's process."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publish_source import NOMINAL_HZ
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.pacing import PacedSource
+from lidarcodec.sources.recording import RecordingSource
+from lidarcodec.transport import Transport
+
+
+@dataclass(frozen=True)
+class PlayRequest:
+    """The stream that a recording becomes. rate: frames of 348 packets a second;  loop: begin again at the end"""
+
+    vehicle: str
+    sensor: str = "lidar"
+    rate: float = 10.0
+    loop: bool = False
+    settings: StreamSettings = field(default_factory=StreamSettings)
+
+
+class Playback:
+    """One playback.
+
+    ended: set to end it;  task: of whoever watches it
+    """
+
+    def __init__(self, request: PlayRequest) -> None:
+        self.request = request
+        self.ended = asyncio.Event()
+        self.task: asyncio.Task[None] | None = None
+        self._since_ns = time.time_ns()
+        self._publisher: Publisher | None = None
+        self._transport: Transport | None = None
+
+    def start(self, file: Path, transport: Transport) -> None:
+        """Begin to send; takes the transport over. Blocks while the beginning is read.
+
+        Raises SourceError, PacketError, SettingsError, UnknownNameError or TransportError.
+        """
+        request = self.request
+        try:
+            source = RecordingSource(file)
+            paced = PacedSource(source, speed=request.rate / NOMINAL_HZ, loop=request.loop, restamp=True)
+            publisher = Publisher(
+                paced, request.settings, vehicle=request.vehicle, sensor=request.sensor, transport=transport
+            )
+            publisher.start()
+        except BaseException:
+            transport.close()
+            raise
+        self._publisher, self._transport = publisher, transport
+
+    @property
+    def finished(self) -> bool:
+        """Whether everything was sent."""
+        return self._publisher is not None and self._publisher.wait(0.0)
+
+    def stop(self) -> None:
+        """End it, within the limits of the publisher."""
+        if self._publisher is not None:
+            self._publisher.stop()
+        if self._transport is not None:
+            self._transport.close()
+
+    def state(self) -> dict[str, Any]:
+        """Which stream it is, and how far it came."""
+        status = None if self._publisher is None else self._publisher.status()
+        return {
+            "vehicle": self.request.vehicle,
+            "sensor": self.request.sensor,
+            "rate": self.request.rate,
+            "loop": self.request.loop,
+            "since_ns": self._since_ns,
+            "frames": 0 if status is None else status["frames"],
+            "source": {} if status is None else status["source"],
+        }

@@ -1,0 +1,216 @@
+"""Shelf: the folder of recordings. What is in the folder is what there is: nothing else remembers them.
+
+Each recording is a folder of its own, named by its id, with one MCAP file and `about.json`, which says what the file
+does not. A recording without an end in it was interrupted; every whole message of it can still be read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import shutil
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Literal, Self
+
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.transport.keys import StreamKeys
+
+State = Literal["recording", "complete", "failed", "interrupted"]
+ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
+ABOUT: Final = "about.json"
+MAX_ABOUT_BYTES: Final = 64 * 1024
+MAX_LISTED: Final = 10_000
+
+
+class ShelfError(LidarCodecError):
+    """A recording that cannot be made, found or played."""
+
+
+class MissingRecordingError(ShelfError):
+    """There is no such recording, or nothing is being recorded or played."""
+
+
+class BusyRecordingError(ShelfError):
+    """It is being recorded or played, or the name that is wanted is taken."""
+
+
+class StorageError(ShelfError):
+    """The folder of recordings is full, or cannot be written."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What is known of a recording. Times in ns since the Unix epoch, ended_ns None while it runs or if unknown.
+
+    frames: None where nobody counted;  reason: why it ended
+    """
+
+    id: str
+    vehicle: str
+    sensor: str
+    started_ns: int
+    state: State
+    by: str | None = None
+    ended_ns: int | None = None
+    reason: str | None = None
+    frames: int | None = None
+    size_bytes: int = 0
+
+    def about(self) -> dict[str, Any]:
+        """What its `about.json` holds."""
+        return {
+            "format": 1,
+            "vehicle": self.vehicle,
+            "sensor": self.sensor,
+            "started_ns": self.started_ns,
+            "by": self.by,
+            "state": self.state,
+            "ended_ns": self.ended_ns,
+            "reason": self.reason,
+            "frames": self.frames,
+        }
+
+    @classmethod
+    def read(cls, folder: Path) -> Self | None:
+        """What a folder says; None if it is no recording."""
+        try:
+            with (folder / ABOUT).open("rb") as file:
+                about = json.loads(file.read(MAX_ABOUT_BYTES))
+            keys = StreamKeys(about["vehicle"], about["sensor"])
+            ended, started_ns = about.get("state") in ("complete", "failed"), _whole(about["started_ns"])
+            if started_ns is None:
+                return None
+            return cls(
+                id=folder.name,
+                vehicle=keys.vehicle,
+                sensor=keys.sensor,
+                started_ns=started_ns,
+                state=about["state"] if ended else "interrupted",
+                by=_text(about.get("by")),
+                ended_ns=_whole(about.get("ended_ns")),
+                reason=_text(about.get("reason")),
+                frames=_whole(about.get("frames")),
+                size_bytes=_size_of(folder),
+            )
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            KeyError,
+            OverflowError,
+            RecursionError,
+            AttributeError,
+            LidarCodecError,
+        ):
+            return None
+
+
+class Shelf:
+    """Reads and writes the folder. Everything here may take as long as the disk takes: call it from a thread."""
+
+    def __init__(self, folder: Path, *, max_total_bytes: int = 64 * 2**30, min_free_bytes: int = 256 * 2**20) -> None:
+        self.folder, self.max_total_bytes, self.min_free_bytes = folder, max_total_bytes, min_free_bytes
+
+    def recordings(self) -> list[Recording]:
+        """All recordings, newest first."""
+        found = [one for folder in self._folders() if (one := Recording.read(folder)) is not None]
+        return sorted(found, key=lambda one: (one.started_ns, one.id), reverse=True)
+
+    def recording(self, name: str) -> Recording:
+        """One recording. Raises MissingRecordingError."""
+        found = Recording.read(self.path(name))
+        if found is None:
+            raise MissingRecordingError(f"there is no recording {name}")
+        return found
+
+    def path(self, name: str) -> Path:
+        """The folder of a recording. Raises MissingRecordingError for what is no id, so that no id leads elsewhere."""
+        if not ID.fullmatch(name):
+            raise MissingRecordingError(f"'{name[:64]}' is no recording: ids are those of GET /api/v1/recordings")
+        return self.folder / name
+
+    def file(self, name: str) -> Path:
+        """The MCAP file of a recording. Raises MissingRecordingError."""
+        files = sorted(self.path(name).glob("*.mcap"))
+        if not files:
+            raise MissingRecordingError(f"recording {name} holds no file: nothing came while it ran")
+        return files[0]
+
+    def create(self, keys: StreamKeys, started_ns: int, by: str | None) -> Recording:
+        """A new recording's folder. Raises StorageError."""
+        stamp = datetime.fromtimestamp(started_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
+        made = Recording(f"{stamp}-{secrets.token_hex(3)}", keys.vehicle, keys.sensor, started_ns, "recording", by)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            full = self.full()
+            if full is not None:
+                raise StorageError(full)
+            (self.folder / made.id).mkdir()
+            self.note(made)
+        except OSError as error:
+            raise StorageError(f"cannot record in {self.folder}: {error.strerror or error}") from None
+        return made
+
+    def note(self, recording: Recording) -> None:
+        """Write what is known of a recording, whole or not at all. Raises OSError."""
+        folder = self.path(recording.id)
+        fresh = folder / f"{ABOUT}.new"
+        with fresh.open("w", encoding="utf-8") as file:
+            json.dump(recording.about(), file)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(folder / ABOUT)
+
+    def sized(self, recording: Recording) -> Recording:
+        """The same with its present size."""
+        return replace(recording, size_bytes=_size_of(self.path(recording.id)))
+
+    def remove(self, name: str) -> None:
+        """Delete a recording. Raises MissingRecordingError, StorageError."""
+        folder = self.path(self.recording(name).id)
+        try:
+            shutil.rmtree(folder)
+        except OSError as error:
+            raise StorageError(f"cannot delete recording {name}: {error.strerror or error}") from None
+
+    def full(self) -> str | None:
+        """Why nothing more may be recorded; None while there is room. Raises OSError."""
+        free = shutil.disk_usage(self.folder).free
+        if free < self.min_free_bytes:
+            return f"the disk has {free // 2**20} MiB free: {self.min_free_bytes // 2**20} are left to others"
+        total = sum(_size_of(folder) for folder in self._folders())
+        if total >= self.max_total_bytes:
+            return f"the recordings have {total // 2**20} MiB: at most {self.max_total_bytes // 2**20} are allowed"
+        return None
+
+    def _folders(self) -> list[Path]:
+        try:
+            with os.scandir(self.folder) as entries:
+                names = sorted((one.name for one in entries if ID.fullmatch(one.name) and one.is_dir()), reverse=True)
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise StorageError(f"cannot read {self.folder}: {error.strerror or error}") from None
+        return [self.folder / name for name in names[:MAX_LISTED]]
+
+
+def _size_of(folder: Path) -> int:
+    try:
+        with os.scandir(folder) as entries:
+            files = [one for one in entries if one.name.endswith(".mcap")]
+            return sum(one.stat(follow_symlinks=False).st_size for one in files)
+    except OSError:  # deleted meanwhile
+        return 0
+
+
+def _whole(value: object) -> int | None:
+    fits = isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
+    return int(value) if fits and isinstance(value, int) else None
+
+
+def _text(value: object) -> str | None:
+    return value if isinstance(value, str) else None

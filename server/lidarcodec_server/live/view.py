@@ -1,0 +1,41 @@
+"""FrameView: a decoded frame, made ready for viewers once for each form in which any of them wants it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from lidarcodec.apps.timings import Timings
+from lidarcodec.frame import Frame
+from lidarcodec_server.live.cloud_format import Facts, packed
+from lidarcodec_server.live.options import Encoding
+
+Work = Callable[[Callable[[], bytes]], "asyncio.Future[bytes]"]
+"""Runs a function in a thread."""
+
+
+class FrameView:
+    """A frame with what is known of it; belongs to the event loop."""
+
+    def __init__(self, frame: Frame, facts: Facts) -> None:
+        self.frame, self.facts = frame, facts
+        self._bytes: dict[object, asyncio.Future[bytes]] = {}
+
+    async def encoded(self, encoding: Encoding, work: Work) -> bytes:
+        """Its bytes in this encoding."""
+        return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding), work)
+
+    async def made(self, what: object, make: Callable[[], bytes], work: Work) -> bytes:
+        """What `make` makes of it, in a thread, once for all who ask for `what`."""
+        future = self._bytes.get(what)
+        if future is None or future.cancelled():
+            future = self._bytes[what] = work(make)
+        return await asyncio.shield(future)  # one who gives up takes nothing from the others
+
+
+class ViewTimings:
+    """Milliseconds that frames take to be made ready, for metrics."""
+
+    def __init__(self) -> None:
+        self.pack_ms = Timings()
+        self.picture_ms = Timings()

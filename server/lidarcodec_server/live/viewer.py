@@ -1,0 +1,171 @@
+"""A viewer of a live stream: one slot, and the next is sent when it has acknowledged the last. All in the event loop.
+
+A WebSocket gives no useful back-pressure: what a client does not read fills the buffers of two kernels and two
+libraries, seconds of it, while every `send` returns at once. So only what the client says counts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import Any, Final, NamedTuple
+
+from lidarcodec_server.live.chain import Coded, KeyChain
+from lidarcodec_server.live.cloud_format import sensor_facts
+from lidarcodec_server.live.options import CloudOptions, FramesOptions
+from lidarcodec_server.live.view import FrameView, Work
+
+EVENTS: Final = 32
+"""Events that wait for a viewer; the oldest give way."""
+
+
+class Parcel(NamedTuple):
+    """What to send next: events first, then the bytes of frame `frame`."""
+
+    events: list[dict[str, Any]]
+    frame: int | None = None
+    data: bytes = b""
+
+
+class Viewer(ABC):
+    """sent, skipped: frames or messages that it got, and that gave way to newer ones."""
+
+    kind: str
+    decodes: bool
+
+    def __init__(self, window: int) -> None:
+        self.window = window
+        self.sent = self.sent_bytes = 0
+        self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self._in_flight: deque[tuple[int, float]] = deque()
+        self._changed = asyncio.Event()
+
+    @property
+    @abstractmethod
+    def skipped(self) -> int: ...
+
+    @property
+    def waited_s(self) -> float:
+        """How long the oldest frame that was sent has not been acknowledged; 0 when none is under way."""
+        return time.monotonic() - self._in_flight[0][1] if self._in_flight else 0.0
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Have an event sent, soon, whatever the viewer acknowledges."""
+        self._events.append(event)
+        self._changed.set()
+
+    def acknowledge(self, index: int | None) -> None:
+        """It has frame `index` and all before; None: the oldest that is under way. Others mean nothing."""
+        if index is None and self._in_flight:
+            self._in_flight.popleft()
+        elif any(one == index for one, _ in self._in_flight):
+            while self._in_flight.popleft()[0] != index:
+                pass
+        self._changed.set()
+
+    async def next(self, work: Work) -> Parcel:
+        """What to send, as soon as there is something; a frame in it counts as sent."""
+        while True:
+            self._changed.clear()
+            events = [self._events.popleft() for _ in range(len(self._events))]
+            pause_s = self._pause_s()
+            if len(self._in_flight) < self.window and pause_s <= 0:
+                parcel = await self._next(events, work)
+                if parcel.frame is not None:
+                    self._in_flight.append((parcel.frame, time.monotonic()))
+                    self.sent += 1
+                    self.sent_bytes += len(parcel.data)
+                if parcel.frame is not None or parcel.events:
+                    return parcel
+            elif events:
+                return Parcel(events)
+            try:
+                await asyncio.wait_for(self._changed.wait(), pause_s if pause_s > 0 else None)
+            except TimeoutError:
+                continue
+
+    @abstractmethod
+    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+        """Events, and the frame that is to be sent now, if any."""
+
+    def _pause_s(self) -> float:
+        """How long nothing may be sent yet."""
+        return 0.0
+
+
+class CloudViewer(Viewer):
+    """Gets decoded frames."""
+
+    kind, decodes = "cloud", True
+
+    def __init__(self, options: CloudOptions) -> None:
+        super().__init__(options.window)
+        self.options = options
+        self._slot: FrameView | None = None
+        self._skipped = 0
+        self._told_sensor = ""
+        self._due = float("-inf")
+
+    @property
+    def skipped(self) -> int:
+        """Frames that gave way to newer ones."""
+        return self._skipped
+
+    def show(self, view: FrameView) -> None:
+        """Leave a frame, in place of one that was not sent yet."""
+        self._skipped += self._slot is not None
+        self._slot = view
+        self._changed.set()
+
+    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+        view, self._slot = self._slot, None
+        if view is None:
+            return Parcel(events)
+        sensor = view.frame.sensor
+        if sensor.hash + sensor.convention != self._told_sensor:
+            self._told_sensor = sensor.hash + sensor.convention
+            events.append({"event": "sensor", **sensor_facts(sensor)})
+        if self.options.rate is not None:
+            now, period_s = time.monotonic(), 1.0 / self.options.rate
+            self._due = (now if now - self._due > period_s else self._due) + period_s
+        return Parcel(events, view.frame.index, await view.encoded(self.options.encoding, work))
+
+    def _pause_s(self) -> float:
+        if self.options.rate is None or self._slot is None:
+            return 0.0
+        return self._due - time.monotonic()
+
+
+class FramesViewer(Viewer):
+    """Gets messages as the vehicle sent them, and only those that it can decode."""
+
+    kind, decodes = "frames", False
+
+    def __init__(self, options: FramesOptions) -> None:
+        super().__init__(options.window)
+        self.options = options
+        self._chain = KeyChain()
+
+    @property
+    def skipped(self) -> int:
+        """Messages that it did not get."""
+        return self._chain.skipped
+
+    @property
+    def lost(self) -> bool:
+        """Whether it waits for a key message."""
+        return self._chain.lost
+
+    def offer(self, message: Coded) -> bool:
+        """Take a message that came. False: this viewer needs a key message to go on."""
+        goes_on = self._chain.offer(message)
+        self._changed.set()
+        return goes_on
+
+    async def _next(self, events: list[dict[str, Any]], work: Work) -> Parcel:
+        message = self._chain.take()
+        if message is None:
+            return Parcel(events)
+        return Parcel(events, message.first, message.data)

@@ -1,0 +1,211 @@
+"""Watch: one stream while somebody looks at it or records it. One receiver, one decoder, however many viewers.
+
+The receiver's threads hand over here; everything else belongs to the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+from lidarcodec.apps.receiver import Receiver
+from lidarcodec.errors import DecodeError
+from lidarcodec.frame import Frame
+from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import SERVER_RECEIVER, StreamKeys
+from lidarcodec_server.live.chain import coded
+from lidarcodec_server.live.cloud_format import Facts
+from lidarcodec_server.live.view import FrameView
+from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
+
+logger = logging.getLogger(__name__)
+
+Tap = Callable[[bytes], object]
+"""Takes the bytes of every message, in the receiver's thread; must be quick."""
+TICK_S: Final = 0.25
+STALE_S: Final = 2.0
+"""A stream that brought nothing for so long is stale."""
+STALE_AGAIN_S: Final = 5.0
+SLOW_KEY_S: Final = 2.0
+"""Key frames for viewers that fell behind are asked for at most so often: each of them costs all viewers."""
+
+
+class Watch:
+    """One stream.
+
+    viewers: those that look;  last, last_at: the newest decoded frame and when it came, by the monotonic clock
+    """
+
+    def __init__(self, keys: StreamKeys, transport: Transport, loop: asyncio.AbstractEventLoop) -> None:
+        self.keys = keys
+        self.viewers: set[Viewer] = set()
+        self.last: FrameView | None = None
+        self.last_at = float("-inf")
+        self.receiver = Receiver(
+            keys, SERVER_RECEIVER, self._decoded, self._came, lambda: None, transport=transport, decoding=False
+        )
+        self._loop = loop
+        self._taps: tuple[Tap, ...] = ()
+        self._waiting: set[asyncio.Future[FrameView]] = set()
+        self._decoders = 0
+        self._stream_id: int | None = None
+        self._heard_at = time.monotonic()
+        self._stale_told = float("-inf")
+        self._slow_key_at = float("-inf")
+        self._told: dict[str, Any] = {}
+        self._passes_on = False
+
+    # --- for the hub ------------------------------------------------------------------------------------------------
+
+    def decode(self, wanted: int) -> None:
+        """One more, or one less, wants decoded frames."""
+        self._decoders += wanted
+        if self._decoders == 1 and wanted == 1 and not self.receiver.decoding:
+            self.receiver.decoding = True
+            self.receiver.request_key()
+
+    def rest(self) -> None:
+        """Stop decoding if nobody wants frames any more."""
+        if not self._decoders:
+            self.receiver.decoding = False
+            self.last = None
+
+    def add(self, viewer: Viewer) -> None:
+        """Let a viewer look."""
+        self.viewers.add(viewer)
+        self._told.setdefault("alive", self.receiver.alive)
+        viewer.tell({"event": "alive" if self.receiver.alive else "gone"})
+        settings = self._told.get("settings")
+        if settings is not None:
+            viewer.tell({"event": "settings", "settings": settings})
+        if isinstance(viewer, FramesViewer):
+            self._passes_on = True
+            self.receiver.request_key()
+        elif isinstance(viewer, CloudViewer) and self.last is not None and self.last_age_s < STALE_S:
+            viewer.show(self.last)
+
+    def remove(self, viewer: Viewer) -> None:
+        """A viewer is gone."""
+        self.viewers.discard(viewer)
+        self._passes_on = any(isinstance(one, FramesViewer) for one in self.viewers)
+
+    def tap(self, tap: Tap) -> None:
+        """Hand every message to this, too."""
+        self._taps = (*self._taps, tap)
+        self.receiver.request_key()
+
+    def untap(self, tap: Tap) -> None:
+        """No longer."""
+        self._taps = tuple(one for one in self._taps if one is not tap)
+
+    @property
+    def last_age_s(self) -> float:
+        """Time since the newest decoded frame."""
+        return time.monotonic() - self.last_at
+
+    async def newest(self, max_age_s: float, timeout_s: float) -> FrameView | None:
+        """The newest frame if it is young enough, else the next one; None when none comes in time."""
+        if self.last is not None and self.last_age_s <= max_age_s:
+            return self.last
+        future: asyncio.Future[FrameView] = self._loop.create_future()
+        self._waiting.add(future)
+        try:
+            return await asyncio.wait_for(future, timeout_s)
+        except TimeoutError:
+            return None
+        finally:
+            self._waiting.discard(future)
+
+    def state(self) -> dict[str, Any]:
+        """Counts and times of the receiver, and what the viewers got."""
+        return {
+            **self.receiver.stats.summary(),
+            "errors": dict(self.receiver.errors),
+            "decoding": self.receiver.decoding,
+            "viewers": {
+                kind: sum(one.kind == kind for one in self.viewers) for kind in (CloudViewer.kind, FramesViewer.kind)
+            },
+            "rtt_ms": self.receiver.rtt_ms,
+        }
+
+    # --- in the receiver's threads ----------------------------------------------------------------------------------
+
+    def _decoded(self, frame: Frame) -> None:
+        stats, now_ns = self.receiver.stats, time.time_ns()
+        latency_ms = stats.decoded(frame, now_ns)
+        facts = Facts(stats.stream_id or 0, self.receiver.codec or 0, stats.counts["missing"], latency_ms, now_ns)
+        self._call(self._show, FrameView(frame, facts))
+
+    def _came(self, data: bytes) -> None:
+        for tap in self._taps:
+            tap(data)
+        self._call(self._heard, data if self._passes_on else b"")
+
+    def _call(self, function: Callable[..., object], *values: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the server has ended
+            self._loop.call_soon_threadsafe(function, *values)
+
+    # --- in the event loop ------------------------------------------------------------------------------------------
+
+    def _show(self, view: FrameView) -> None:
+        self.last, self.last_at = view, time.monotonic()
+        for future in self._waiting:
+            if not future.done():
+                future.set_result(view)
+        for viewer in self.viewers:
+            if isinstance(viewer, CloudViewer):
+                viewer.show(view)
+
+    def _heard(self, data: bytes) -> None:
+        self._heard_at = time.monotonic()
+        self._stale_told = float("-inf")
+        self._look_for_restart()
+        viewers = [one for one in self.viewers if isinstance(one, FramesViewer)]
+        if not data or not viewers:
+            return
+        try:
+            message = coded(data)
+        except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
+            logger.debug("a message that cannot be passed on: %s", error)
+            return
+        going_on = [viewer.offer(message) for viewer in viewers]
+        if not all(going_on) and self._heard_at - self._slow_key_at >= SLOW_KEY_S:
+            self._slow_key_at = self._heard_at
+            self.receiver.request_key()
+
+    def tick(self) -> None:
+        """Look whether there is something to tell; called every TICK_S."""
+        self._look_for_restart()
+        receiver, silent_s = self.receiver, time.monotonic() - self._heard_at
+        self._tell_change("alive", receiver.alive, {"event": "alive" if receiver.alive else "gone"})
+        status = receiver.status
+        if status is not None:
+            settings = status.get("settings")
+            self._tell_change("settings", settings, {"event": "settings", "settings": settings})
+            ended = status.get("ended") is True and status.get("stream_id") == receiver.stats.stream_id
+            self._tell_change("ended", ended, {"event": "ended"} if ended else None)
+        errors = dict(receiver.errors)
+        self._tell_change("errors", errors, {"event": "errors", "counts": errors} if errors else None)
+        if silent_s >= STALE_S and time.monotonic() - self._stale_told >= STALE_AGAIN_S:
+            self._stale_told = time.monotonic()
+            self._tell({"event": "stale", "silent_s": round(silent_s, 1)})
+
+    def _look_for_restart(self) -> None:
+        now = self.receiver.stats.stream_id
+        if now is not None and self._stream_id not in (None, now):
+            self._tell({"event": "restarted", "stream_id": f"{now:016x}"})
+        self._stream_id = now
+
+    def _tell_change(self, what: str, value: object, event: dict[str, Any] | None) -> None:
+        if self._told.get(what) != value:
+            self._told[what] = value
+            if event is not None:
+                self._tell(event)
+
+    def _tell(self, event: dict[str, Any]) -> None:
+        for viewer in self.viewers:
+            viewer.tell(event)

@@ -1,0 +1,209 @@
+"""Recordings: of a stream, started and stopped; the list of them; and playing one as a stream of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Path
+from pydantic import BaseModel, ConfigDict, Field
+
+from lidarcodec.errors import DecodeError, SourceError
+from lidarcodec.settings import NAME_PATTERN, settings_from
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.auth import Operator, Viewer
+from lidarcodec_server.live.playback import PlayRequest
+from lidarcodec_server.live.recordings import Limits
+from lidarcodec_server.live.shelf import (
+    BusyRecordingError,
+    MissingRecordingError,
+    Recording,
+    ShelfError,
+    State,
+    StorageError,
+)
+from lidarcodec_server.problems import ProblemError
+from lidarcodec_server.routes.common import TheService, TheStream
+from lidarcodec_server.routes.live import Known, TheRecordings
+
+router = APIRouter(prefix="/api/v1", tags=["recordings"])
+
+Id = Annotated[str, Path(max_length=64, examples=["20261121T101500Z-3fa2c9"])]
+NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, or no such recording."}}
+BUSY: dict[int | str, dict[str, Any]] = {409: {"description": "It is being recorded or played, or a name is taken."}}
+FULL: dict[int | str, dict[str, Any]] = {507: {"description": "The folder is full or cannot be written."}}
+
+
+class RecordBody(BaseModel):
+    """When a recording ends by itself; never later than the server allows."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    max_seconds: float = Field(default=3600.0, gt=0.0, le=1e9)
+    max_bytes: int = Field(default=4 * 2**30, ge=1, le=2**60)
+
+
+class PlayBody(BaseModel):
+    """The stream that a recording becomes."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    vehicle: str | None = Field(
+        default=None, pattern=f"^{NAME_PATTERN.pattern}$", description="By default `playback-ID`."
+    )
+    sensor: str | None = Field(
+        default=None, pattern=f"^{NAME_PATTERN.pattern}$", description="By default that of the recording."
+    )
+    rate: float = Field(default=10.0, ge=0.1, le=100.0, description="Frames of 348 packets a second.")
+    loop: bool = Field(default=False, description="Begin again at the end.")
+    settings: dict[str, Any] = Field(default_factory=dict, description="Settings of the stream, as in PATCH.")
+
+
+class PlayingAnswer(BaseModel):
+    """A playback: the stream that it is, and how far it came."""
+
+    vehicle: str
+    sensor: str
+    rate: float
+    loop: bool
+    since: datetime
+    frames: int
+    source: dict[str, int] = Field(description="What was noticed in the recording, by cause.")
+
+    @classmethod
+    def of(cls, state: dict[str, Any]) -> PlayingAnswer:
+        """From what the playback tells."""
+        return cls(
+            since=_time(state["since_ns"]), **{name: value for name, value in state.items() if name != "since_ns"}
+        )
+
+
+class RecordingAnswer(BaseModel):
+    """A recording. `interrupted`: the server ended while it ran; what came until then is there."""
+
+    id: str
+    vehicle: str
+    sensor: str
+    started: datetime
+    ended: datetime | None
+    state: State
+    reason: str | None = Field(description="Why it ended, unless somebody stopped it.")
+    by: str | None = Field(description="Who started it.")
+    size_bytes: int
+    frames: int | None = Field(description="Null where nobody counted.")
+    playing: PlayingAnswer | None
+
+    @classmethod
+    def of(cls, recording: Recording, playing: dict[str, Any] | None) -> RecordingAnswer:
+        """From what the shelf knows."""
+        return cls(
+            id=recording.id,
+            vehicle=recording.vehicle,
+            sensor=recording.sensor,
+            started=_time(recording.started_ns),
+            ended=None if recording.ended_ns is None else _time(recording.ended_ns),
+            state=recording.state,
+            reason=recording.reason,
+            by=recording.by,
+            size_bytes=recording.size_bytes,
+            frames=recording.frames,
+            playing=None if playing is None else PlayingAnswer.of(playing),
+        )
+
+
+@router.post("/streams/{vehicle}/{sensor}/recording", status_code=201, responses={**NO_SUCH, **BUSY, **FULL})
+async def start(
+    known: Known,
+    recordings: TheRecordings,
+    client: Operator,
+    body: Annotated[RecordBody | None, Body()] = None,
+) -> RecordingAnswer:
+    """Record a stream on the server, as the vehicle sends it, until it is stopped or a limit is reached."""
+    limits = None if body is None else Limits(body.max_seconds, body.max_bytes)
+    with _problems():
+        return RecordingAnswer.of(await recordings.start(known.keys, client.name, limits), None)
+
+
+@router.get("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
+async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) -> RecordingAnswer:
+    """The recording of a stream that runs now."""
+    found = recordings.of(keys)
+    if found is None:
+        raise ProblemError(404, f"{keys.vehicle}/{keys.sensor} is not being recorded", "unknown-recording")
+    return RecordingAnswer.of(found, None)
+
+
+@router.delete("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
+async def stop(recordings: TheRecordings, keys: TheStream, client: Operator) -> RecordingAnswer:
+    """End the recording of a stream; answered when everything is on the disk."""
+    with _problems():
+        return RecordingAnswer.of(await recordings.stop(keys), None)
+
+
+@router.get("/recordings", responses=FULL)
+async def all_recordings(recordings: TheRecordings, client: Viewer) -> list[RecordingAnswer]:
+    """All recordings, newest first."""
+    with _problems():
+        return [RecordingAnswer.of(one, recordings.playing(one.id)) for one in await recordings.all()]
+
+
+@router.get("/recordings/{id}", responses=NO_SUCH)
+async def one_recording(recordings: TheRecordings, id: Id, client: Viewer) -> RecordingAnswer:
+    """One recording."""
+    with _problems():
+        return RecordingAnswer.of(await recordings.one(id), recordings.playing(id))
+
+
+@router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})
+async def remove(recordings: TheRecordings, id: Id, client: Operator) -> None:
+    """Delete a recording for good."""
+    with _problems():
+        await recordings.remove(id)
+
+
+@router.post("/recordings/{id}/play", status_code=201, responses={**NO_SUCH, **BUSY})
+async def play(
+    service: TheService,
+    recordings: TheRecordings,
+    id: Id,
+    client: Operator,
+    body: Annotated[PlayBody | None, Body()] = None,
+) -> PlayingAnswer:
+    """Play a recording as a stream of its own, which is then seen and changed as any other."""
+    wanted = body or PlayBody()
+    with _problems():
+        recording = await recordings.one(id)
+        keys = StreamKeys(wanted.vehicle or f"playback-{recording.id}", wanted.sensor or recording.sensor)
+        there = service.fleet.get(keys)
+        if there is not None and there.alive:
+            raise BusyRecordingError(f"there is a stream {keys.vehicle}/{keys.sensor}: give another name")
+        request = PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
+        return PlayingAnswer.of(await recordings.play(id, request))
+
+
+@router.delete("/recordings/{id}/play", status_code=204, responses=NO_SUCH)
+async def stop_playing(recordings: TheRecordings, id: Id, client: Operator) -> None:
+    """End a playback."""
+    with _problems():
+        await recordings.stop_playing(id)
+
+
+@contextmanager
+def _problems() -> Iterator[None]:
+    """What goes wrong with recordings, as problems."""
+    try:
+        yield
+    except MissingRecordingError as error:
+        raise ProblemError(404, str(error), "unknown-recording") from None
+    except BusyRecordingError as error:
+        raise ProblemError(409, str(error), "busy") from None
+    except (StorageError, ShelfError) as error:
+        raise ProblemError(507, str(error), "storage") from None
+    except (SourceError, DecodeError) as error:
+        raise ProblemError(422, f"the recording cannot be played: {error}", "recording") from None
+
+
+def _time(stamp_ns: int) -> datetime:
+    return datetime.fromtimestamp(stamp_ns / 1e9, UTC)

@@ -1,0 +1,35 @@
+"""`WS .../cloud` and `WS .../frames`: a stream live, decoded or as the vehicle sent it (docs/live-sockets.md)."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, WebSocket
+
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.auth import Viewer, subprotocol_of
+from lidarcodec_server.live import session
+from lidarcodec_server.live.hub import LiveHub, TooManyViewersError
+from lidarcodec_server.live.options import CloudOptions, FramesOptions
+from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
+from lidarcodec_server.problems import ProblemError
+from lidarcodec_server.routes.live import Hub, Known
+
+router = APIRouter(prefix="/api/v1/streams", tags=["live"])
+
+
+@router.websocket("/{vehicle}/{sensor}/cloud")
+async def cloud(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
+    """Decoded frames, the newest only."""
+    await _serve(websocket, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params)))
+
+
+@router.websocket("/{vehicle}/{sensor}/frames")
+async def frames(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
+    """Messages as the vehicle sent them, the newest that this viewer can decode."""
+    await _serve(websocket, hub, known.keys, FramesViewer(FramesOptions.of(websocket.query_params)))
+
+
+async def _serve(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, viewer: CloudViewer | FramesViewer) -> None:
+    try:
+        await session.run(websocket, hub, keys, viewer, subprotocol=subprotocol_of(websocket))
+    except TooManyViewersError as error:
+        raise ProblemError(503, str(error), "viewers", {"Retry-After": "10"}) from None

@@ -1,0 +1,105 @@
+"""The bytes that a viewer gets are the frame's points, whoever reads them by the description."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidarcodec import read_frames
+from lidarcodec.sensors import generic_sensor
+from lidarcodec_server.live.cloud_format import STEP_M, Facts, packed, sensor_facts
+from lidarcodec_server.live.options import CloudOptions, Encoding
+from tests.server.live import client_module
+
+CLIENT = client_module()
+FACTS = Facts(stream_id=2**63 + 5, codec=3, missing=7, latency_ms=12.5, decoded_ns=1_700_000_000_123_456_789)
+ALL = Encoding("points", ("intensity", "ring", "range"), None)
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return next(read_frames("sim:city?frames=1"))
+
+
+def test_points_are_those_of_the_cloud_within_half_a_step(frame):
+    head, arrays = CLIENT.read_message(packed(frame, FACTS, ALL))
+    cloud = frame.cloud()
+    points = CLIENT.points_of(head, arrays)
+    for number, axis in enumerate("xyz"):
+        assert np.abs(points[:, number] - cloud[axis]).max() <= STEP_M / 2 + 1e-4
+    assert np.array_equal(arrays["intensity"], cloud["intensity"])
+    assert np.array_equal(arrays["ring"], cloud["ring"])
+    assert np.array_equal(arrays["range"], frame.range.T[frame.valid.T])
+
+
+def test_the_header_says_what_the_frame_does_not(frame):
+    head, _ = CLIENT.read_message(packed(frame, FACTS._replace(latency_ms=None), ALL))
+    assert (head["stream_id"], head["codec"], head["missing"]) == (FACTS.stream_id, 3, 7)
+    assert (head["frame_index"], head["stamp_ns"]) == (frame.index, frame.stamp_ns)
+    assert head["decoded_ns"] == FACTS.decoded_ns
+    assert np.isnan(head["latency_ms"])
+    assert head["count"] == head["returns"] == np.count_nonzero(frame.valid)
+
+
+@pytest.mark.parametrize("form", ["points", "range"])
+def test_every_array_begins_where_a_graphics_card_can_take_it(frame, form):
+    for count in (1, 2, 3, 5):
+        wanted = Encoding(form, ("intensity",), count if form == "points" else None)
+        data = packed(frame, FACTS, wanted)
+        head, arrays = CLIENT.read_message(data)
+        start = np.frombuffer(data, np.uint8).__array_interface__["data"][0]
+        places = [array.__array_interface__["data"][0] - start for array in arrays.values()]
+        assert head["header_bytes"] == places[0] == 96
+        assert all(place % 4 == 0 for place in places)
+        assert len(data) % 4 == 0
+
+
+def test_max_points_keeps_points_of_the_whole_turn(frame):
+    head, arrays = CLIENT.read_message(packed(frame, FACTS, Encoding("points", (), 5000)))
+    assert (head["count"], head["flags"]) == (5000, 8)
+    assert head["returns"] == np.count_nonzero(frame.valid)
+    directions = np.degrees(np.arctan2(arrays["y"].astype(float), arrays["x"]))
+    assert np.histogram(directions, 12, (-180, 180))[0].min() > 50
+
+
+@pytest.mark.parametrize("model", ["S2", "S3"])
+@pytest.mark.parametrize("convention", ["ros", "veloview"])
+def test_a_range_image_and_the_sensor_event_give_the_same_points(frame, model, convention):
+    sensor = generic_sensor(f"HDL-64E {model}").with_convention(convention)
+    told = frame.with_(sensor=sensor)
+    head, arrays = CLIENT.read_message(packed(told, FACTS, Encoding("range", ("intensity",), None)))
+    points = CLIENT.points_of_range(head, arrays, sensor_facts(sensor))
+    cloud = told.cloud()
+    order = np.lexsort(np.nonzero(told.valid))  # the image goes row by row, the cloud column by column
+    expected = np.stack([cloud[axis] for axis in "xyz"], axis=1)
+    assert np.abs(points[order] - expected).max() < 1e-4
+
+
+def test_what_a_reducer_left_out_is_in_neither_form(frame):
+    keep = np.zeros(frame.range.shape, bool)
+    keep[:, ::2] = True
+    reduced = frame.with_(keep=keep)
+    for form in ("points", "range"):
+        head, arrays = CLIENT.read_message(
+            packed(reduced, FACTS, Encoding(form, ("range",) * (form == "points"), None))
+        )
+        assert np.count_nonzero(arrays["range"]) == head["count"] == np.count_nonzero(reduced.valid)
+
+
+def test_an_empty_frame_and_the_longest_ranges_are_sent_whole(frame):
+    none = frame.with_(range=np.zeros_like(frame.range))
+    assert CLIENT.read_message(packed(none, FACTS, ALL))[0]["count"] == 0
+    far = frame.with_(range=np.full_like(frame.range, 65535))
+    head, arrays = CLIENT.read_message(packed(far, FACTS, ALL))
+    cloud = far.cloud()
+    points = CLIENT.points_of(head, arrays)
+    assert head["scale_m"] >= STEP_M * 0.999
+    for number, axis in enumerate("xyz"):
+        assert np.abs(points[:, number] - cloud[axis]).max() <= head["scale_m"] / 2 + 1e-4
+
+
+def test_options_are_read_as_a_whole_or_refused_by_name():
+    options = CloudOptions.of({"attributes": "ring,intensity", "max_points": "10", "rate": "5", "window": "2"})
+    assert (options.encoding, options.rate, options.window) == (Encoding("points", ("intensity", "ring"), 10), 5.0, 2)
+    assert CloudOptions.of({"form": "range"}).encoding == Encoding("range", ("intensity",), None)
+    assert CloudOptions.of({"attributes": ""}).encoding.attributes == ()

@@ -1,0 +1,35 @@
+"""What a viewer may ask for: anything else is refused by the name of the option, before a socket is opened."""
+
+import pytest
+
+from lidarcodec.errors import SettingsError
+from lidarcodec_server.live.options import CloudOptions, FramesOptions
+
+
+@pytest.mark.parametrize(
+    ("query", "field"),
+    [
+        ({"form": "mesh"}, "form"),
+        ({"attributes": "colour"}, "attributes"),
+        ({"form": "range", "attributes": "ring"}, "attributes"),
+        ({"form": "range", "max_points": "5"}, "max_points"),
+        ({"max_points": "0"}, "max_points"),
+        ({"max_points": "9" * 5000}, "max_points"),
+        ({"max_points": "\u0663"}, "max_points"),
+        ({"rate": "nan"}, "rate"),
+        ({"rate": "-1"}, "rate"),
+        ({"rate": "inf"}, "rate"),
+        ({"window": "100"}, "window"),
+        ({"colour": "red"}, "colour"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(query, field):
+    with pytest.raises(SettingsError) as caught:
+        CloudOptions.of(query)
+    assert caught.value.field == field
+
+
+def test_the_frames_socket_has_a_window_and_nothing_else():
+    assert FramesOptions.of({"window": "3"}).window == 3
+    with pytest.raises(SettingsError):
+        FramesOptions.of({"rate": "5"})

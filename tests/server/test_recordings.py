@@ -1,0 +1,194 @@
+"""Recordings on the server: started, limited, stopped, listed after a restart, played; no bad disk hurts others."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import httpx
+import pytest
+
+import lidarcodec
+from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.assembly import packets_of
+from lidarcodec_server.live.shelf import MissingRecordingError, Shelf
+from tests.apps.streams import Loop
+from tests.server.live import frame, running
+from tests.transport.test_contract import eventually
+
+STREAM = "/api/v1/streams/vehicle/lidar"
+ALL = "/api/v1/recordings"
+
+
+@pytest.fixture
+def server(tmp_path):
+    with running(tmp_path) as one:
+        one.hub.linger_s = 0.2
+        yield one
+
+
+@pytest.fixture
+def client(server):
+    with httpx.Client(base_url=server.url, timeout=30) as one:
+        yield one
+
+
+def frames_of(client, at_least):
+    return eventually(lambda: (client.get(f"{STREAM}/recording").json().get("frames") or 0) >= at_least)
+
+
+def recorded(client, server, frames=5, **body):
+    """A recording of that many frames or more."""
+    with server.publisher():
+        assert server.seen()
+        assert client.post(f"{STREAM}/recording", json=body or None).status_code == 201
+        assert frames_of(client, frames)
+        answer = client.delete(f"{STREAM}/recording")
+        assert answer.status_code == 200
+        return answer.json()
+
+
+def test_a_recording_holds_what_the_vehicle_sent_and_can_be_played_without_the_server(server, client, tmp_path):
+    made = recorded(client, server)
+    assert (made["state"], made["vehicle"], made["sensor"], made["reason"]) == ("complete", "vehicle", "lidar", None)
+    assert made["size_bytes"] > 100_000
+    (listed,) = client.get(ALL).json()
+    assert listed == made
+    (file,) = (tmp_path / "recordings" / made["id"]).glob("*.mcap")
+    with lidarcodec.open_source(file) as source:
+        payloads = {packet.payload[:1200] for packet in source.packets()}
+    assert len(list(lidarcodec.read_frames(file))) == made["frames"]
+    assert payloads <= {packet.payload[:1200] for packet in Loop(1).packets()}
+
+
+def test_recordings_are_there_after_a_restart_and_one_that_was_cut_off_says_so(tmp_path):
+    with running(tmp_path) as server, httpx.Client(base_url=server.url, timeout=30) as client:
+        made = recorded(client, server)
+    folder = tmp_path / "recordings"
+    cut = folder / "20260101T000000Z-abcdef"
+    shutil.copytree(folder / made["id"], cut)
+    about = json.loads((cut / "about.json").read_text()) | {"state": "recording", "ended_ns": None}
+    (cut / "about.json").write_text(json.dumps(about))
+    for name in ("notes", "20260101T000000Z-000000"):
+        (folder / name).mkdir()
+    (folder / "20260101T000000Z-000000" / "about.json").write_text('{"vehicle": 1e999')
+    with running(tmp_path) as server, httpx.Client(base_url=server.url, timeout=30) as client:
+        states = {one["id"]: one["state"] for one in client.get(ALL).json()}
+        assert states == {made["id"]: "complete", cut.name: "interrupted"}
+        assert client.delete(f"{ALL}/{cut.name}").status_code == 204
+        assert [one["id"] for one in client.get(ALL).json()] == [made["id"]]
+
+
+async def test_a_recording_needs_no_viewer_and_no_decoder(server, client):
+    with server.publisher():
+        assert server.seen()
+        assert client.post(f"{STREAM}/recording").status_code == 201
+        assert frames_of(client, 3)
+        (watch,) = server.hub.watches().values()
+        assert not watch.receiver.decoding
+        async with server.socket("vehicle/lidar/cloud") as socket:
+            await frame(socket)
+        assert eventually(lambda: not watch.receiver.decoding)
+        assert client.get(f"{STREAM}/recording").json()["state"] == "recording"
+        assert client.post(f"{STREAM}/recording").status_code == 409
+        assert client.delete(f"{ALL}/{client.get(ALL).json()[0]['id']}").status_code == 409
+        assert client.delete(f"{STREAM}/recording").json()["frames"] > 0
+        assert client.delete(f"{STREAM}/recording").status_code == 404
+        assert eventually(lambda: not server.hub.watches())
+
+
+@pytest.mark.parametrize(("limit", "told"), [({"max_bytes": 300_000}, "bytes"), ({"max_seconds": 0.5}, "s was")])
+def test_a_recording_ends_at_its_limit_and_says_which(server, client, limit, told):
+    with server.publisher():
+        assert server.seen()
+        name = client.post(f"{STREAM}/recording", json=limit).json()["id"]
+        assert eventually(lambda: client.get(f"{ALL}/{name}").json()["state"] == "complete")
+        assert told in client.get(f"{ALL}/{name}").json()["reason"]
+
+
+async def test_a_disk_that_fails_costs_the_recording_and_nothing_else(server, client, tmp_path):
+    with server.publisher():
+        assert server.seen()
+        name = client.post(f"{STREAM}/recording").json()["id"]
+        active = next(iter(server.app.state.recordings._active.values()))
+        async with server.socket("vehicle/lidar/cloud?max_points=10") as socket:
+            await frame(socket)
+            active.recorder._files._stop("No space left on device")  # as when a write raises ENOSPC
+            assert eventually(lambda: client.get(f"{ALL}/{name}").json()["state"] == "failed")
+            assert "space" in client.get(f"{ALL}/{name}").json()["reason"]
+            await socket.send("ack")
+            await frame(socket)
+
+
+def test_a_folder_without_room_is_refused_before_anything_is_written(tmp_path):
+    with running(tmp_path) as server, httpx.Client(base_url=server.url, timeout=30) as client, server.publisher():
+        assert server.seen()
+        server.app.state.recordings.shelf.min_free_bytes = 2**62
+        answer = client.post(f"{STREAM}/recording")
+        assert answer.status_code == 507
+        assert "free" in answer.json()["detail"]
+        assert client.get(ALL).json() == []
+
+
+def test_a_folder_that_cannot_be_made_is_a_problem(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        running(tmp_path, recordings=tmp_path / "file" / "recordings") as server,
+        httpx.Client(base_url=server.url, timeout=30) as client,
+        server.publisher(),
+    ):
+        assert server.seen()
+        answer = client.post(f"{STREAM}/recording")
+        assert (answer.status_code, answer.headers["content-type"]) == (507, "application/problem+json")
+
+
+def test_a_recording_is_played_as_a_stream_of_its_own(server, client):
+    made = recorded(client, server, 8)
+    answer = client.post(f"{ALL}/{made['id']}/play", json={"vehicle": "again", "rate": 50, "loop": True})
+    assert answer.status_code == 201, answer.text
+    assert client.post(f"{ALL}/{made['id']}/play").status_code == 409
+    assert client.delete(f"{ALL}/{made['id']}").status_code == 409
+    assert server.seen("again/lidar")
+    with subscribe("again/lidar", transport=server.network.transport()) as live:
+        payload = packets_of(live.next(20))[0].payload
+    assert payload[:1200] in {packet.payload[:1200] for packet in Loop(1).packets()}
+    assert client.get(f"{ALL}/{made['id']}").json()["playing"]["vehicle"] == "again"
+    assert client.get("/api/v1/streams/again/lidar/snapshot.png").status_code == 200
+    assert client.delete(f"{ALL}/{made['id']}/play").status_code == 204
+    assert client.delete(f"{ALL}/{made['id']}/play").status_code == 404
+    assert client.get(f"{ALL}/{made['id']}").json()["playing"] is None
+
+
+def test_a_playback_ends_with_its_recording_and_takes_no_name_that_is_in_use(server, client):
+    made = recorded(client, server, 3)
+    with server.publisher():
+        assert server.seen()
+        answer = client.post(f"{ALL}/{made['id']}/play", json={"vehicle": "vehicle", "sensor": "lidar"})
+        assert answer.status_code == 409
+    answer = client.post(f"{ALL}/{made['id']}/play", json={"rate": 100})
+    assert answer.json()["vehicle"] == f"playback-{made['id']}"
+    assert eventually(lambda: client.get(f"{ALL}/{made['id']}").json()["playing"] is None)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [{"vehicle": "a/b"}, {"rate": 0}, {"settings": {"codec": "mp3"}}, {"settings": {"colour": 1}}, {"colour": 1}],
+)
+def test_a_playback_that_cannot_be_is_refused(server, client, body):
+    made = recorded(client, server, 1)
+    assert client.post(f"{ALL}/{made['id']}/play", json=body).status_code == 422
+    assert client.get(f"{ALL}/{made['id']}").json()["playing"] is None
+
+
+@pytest.mark.parametrize("name", ["..", "%2e%2e", "..%2f..%2fetc", "notes", "20260101T000000Z-ABCDEF", "x" * 60])
+def test_no_id_leads_out_of_the_folder(server, client, name, tmp_path):
+    shelf = Shelf(tmp_path / "recordings")
+    with pytest.raises(MissingRecordingError):
+        shelf.path(name)
+    for method, path in (("GET", ""), ("DELETE", ""), ("POST", "/play"), ("DELETE", "/play")):
+        assert client.request(method, f"{ALL}/{name}{path}").status_code in (404, 405, 307)
+
+
+def test_recording_a_stream_that_was_never_seen_is_a_404(client):
+    assert client.post("/api/v1/streams/nobody/lidar/recording").status_code == 404
+    assert client.get("/api/v1/streams/nobody/lidar/recording").status_code == 404
