@@ -134,7 +134,6 @@ class Publisher:
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
         self.next_index = 0
-        self._waited_since: float | None = None
         self._tell_now = threading.Event()
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
@@ -273,7 +272,8 @@ class Publisher:
         while not self._isolation.ready(wanted.codec):
             if self._isolation.rests or self._done.is_set() or time.monotonic() > end:
                 self._preparing = None
-                raise SettingsError(f"codec {wanted.codec}: {self._isolation.last_failure}", "codec")
+                why = self._isolation.last_failure or "its process is not ready"
+                raise SettingsError(f"codec {wanted.codec} cannot be used now: {why}", "codec")
         self._preparing = None
 
     def request_key(self) -> bool:
@@ -342,14 +342,8 @@ class Publisher:
             self._flight.wait_landed(LAST_ARRIVAL_S)
 
     def _coder_ready(self) -> bool:
-        """Whether a frame may be taken out of the mailbox. After the source's end, whatever became of the process."""
-        if self._isolation.ready(self.settings.codec, TICK_S):
-            self._waited_since = None
-            return True
-        if not self._mailbox.closed:
-            return False
-        self._waited_since = self._waited_since or time.monotonic()
-        return time.monotonic() - self._waited_since > WORKER_START_S
+        """Whether a frame may be taken out of the mailbox. The last one does not wait for a process that rests."""
+        return self._isolation.ready(self.settings.codec, TICK_S) or (self._mailbox.closed and self._isolation.rests)
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()

@@ -20,7 +20,7 @@ from lidarcodec import wire
 from lidarcodec.apps.isolation import Isolation
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.subscribe import subscribe
-from lidarcodec.codecs import pcodec, table
+from lidarcodec.codecs import table
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, WorkerError
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
@@ -335,37 +335,51 @@ def test_a_stream_outlives_its_decoders_process(stream):
     assert live.summary()["errors"]["worker killed by SIGSEGV"] == 1
 
 
-def test_a_codec_that_needs_a_process_gets_it_before_the_change(monkeypatch):
-    """The stream does not stand still meanwhile, and the receiver, told by nobody, has one ready too."""
-    monkeypatch.setattr(pcodec, "CODEC", pcodec.CODEC._replace(isolated=True))
-    table.codec.cache_clear()
+def test_a_codec_that_needs_a_process_gets_it_before_the_change():
+    """The stream does not stand still meanwhile, and the receiver, which nobody tells the codec, has one ready too."""
     network = MemoryNetwork()
     here, there = network.transport(), network.transport()
-    try:
-        with (
-            Publisher(Loop(), LONG, transport=here, rate=20.0) as car,
-            subscribe(transport=there, newest=False) as live,
-        ):
-            advances(live)
-            assert (car.status()["worker"], live.summary()["worker"]) == (None, None)
-            applied = car.change(codec="pcodec")
+    with Publisher(Loop(), LONG, transport=here, rate=10.0) as car, subscribe(transport=there, newest=False) as live:
+        advances(live)
+        assert (car.status()["worker"], live.summary()["worker"]) == (None, None)
+        for codec in ("h264", "h264-log"):
+            applied = car.change(codec=codec)
             assert applied.key
             assert car.status()["worker"]["state"] == "running"
             while live.next(30).index < applied.first_frame + 3:
                 pass
             assert live.summary()["worker"]["state"] == "running"
-            pid = car.status()["worker"]["pid"]
-            applied = car.change(codec="zstd")
-            assert gone(pid)
-            while live.next(30).index < applied.first_frame + 3:
-                pass
-            assert car.status()["errors"] == live.summary()["errors"] == {}
-            assert (car.status()["worker_restarts"], car.status()["preparing"]) == (0, None)
-    finally:
-        here.close()
-        there.close()
-        monkeypatch.undo()
-        table.codec.cache_clear()
+        pid = car.status()["worker"]["pid"]
+        applied = car.change(codec="zstd")
+        assert gone(pid)
+        while live.next(30).index < applied.first_frame + 3:
+            pass
+        assert car.status()["errors"] == live.summary()["errors"] == {}
+        assert (car.status()["worker_restarts"], car.status()["preparing"]) == (0, None)
+    here.close()
+    there.close()
+
+
+def test_without_a_process_settings_are_refused_and_a_stream_that_needs_one_still_ends(monkeypatch):
+    """Whatever is wrong with the machine: nothing waits for ever, and the reason is told."""
+    network = MemoryNetwork()
+    here, there = network.transport(), network.transport()
+    with subscribe(transport=there, isolate="never") as live:
+        with Publisher(Loop(), LONG, transport=here, rate=20.0) as car:
+            assert live.next(30)
+            monkeypatch.setattr(sys, "executable", "/nowhere/python")
+            for _ in range(2):  # the first failure is followed by a start at once
+                with pytest.raises(SettingsError, match="no process could be started"):
+                    car.change(codec="h264")
+            assert car.settings.codec == "zstd"
+            assert live.next(30)
+        car = Publisher(Loop(6), LONG, transport=here, rate=40.0, isolate="always")
+        car.run()
+        assert car.status()["errors"]["worker not started"] >= 2
+        assert car.status()["errors"]["encode errors"] >= 1
+        assert car.status()["frames"] == 0
+    here.close()
+    there.close()
 
 
 def test_a_source_that_ends_is_flushed_through_the_process():
