@@ -227,7 +227,8 @@ def test_hostile_bytes_on_every_key_are_counted_and_the_stream_goes_on(network):
         for _ in range(3):
             assert stream.next(5)
         assert car.status()["errors"] == {}
-        assert stream.summary()["errors"]["decode_errors"] >= 1
+        frames = stranger.sender(KEYS.frame, Priority.FRAMES)  # the ring holds one: a frame may have taken the place
+        assert eventually(lambda: frames.put(b"{") or stream.summary()["errors"].get("decode_errors"))
 
 
 def test_a_subscriber_goes_on_with_a_publisher_that_was_started_again(network):
