@@ -34,7 +34,7 @@ from lidarcodec.settings import StreamSettings, settings_from  # noqa: E402
 from lidarcodec.wire import pack, unpack  # noqa: E402
 
 MEMORY_BYTES: Final = 2 * 2**30
-"""Of address space. A codec takes 150 MB of it; the limits of a message's header allow less than half a GB."""
+"""Of address space. A codec takes 125 to 250 MB of it; the limits of a message's header allow less than half a GB."""
 
 T = TypeVar("T")
 
