@@ -8,22 +8,44 @@
 namespace lidarcodec {
 namespace {
 
-// The last four absolute differences and their sum, at most 4 x 32768.
+unsigned activity_of(std::uint32_t sum) {
+  return 31u - static_cast<unsigned>(std::countl_zero(2u * sum + 1u));  // its bit width, and never of a zero
+}
+
+// The last four absolute differences, at most 32768 each.
 class Activity {
  public:
-  unsigned bits() const { return static_cast<unsigned>(std::bit_width(sum_)); }
+  unsigned bits() const { return activity_of(last_ + before_); }
 
   void push(std::uint16_t difference) {
-    const std::uint32_t size = difference < 0x8000u ? difference : 0x10000u - difference;
-    sum_ += size - last_[at_];
-    last_[at_] = size;
-    at_ = (at_ + 1u) & 3u;
+    before_ = last_ + second_ + third_;
+    third_ = second_;
+    second_ = last_;
+    last_ = difference < 0x8000u ? difference : 0x10000u - difference;
   }
 
  private:
-  std::array<std::uint32_t, 4> last_{};
-  std::uint32_t sum_ = 0;
-  unsigned at_ = 0;
+  std::uint32_t last_ = 0, second_ = 0, third_ = 0;
+  std::uint32_t before_ = 0;  // sum of the three before the last: known early, so that only the last is waited for
+};
+
+// Differences of values that are all known, and the activity before each: the same, many at a time.
+struct Stream {
+  std::vector<std::uint16_t> differences;
+  std::vector<std::uint16_t> sizes;  // absolute ones, those of differences[i] at i + 4
+
+  Stream(const std::uint16_t* values, std::size_t size) : differences(size), sizes(size + 4) {
+    if (size != 0) differences[0] = values[0];
+    for (std::size_t i = 1; i < size; ++i) differences[i] = static_cast<std::uint16_t>(values[i] - values[i - 1]);
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::uint16_t up = differences[i], down = static_cast<std::uint16_t>(0u - up);
+      sizes[i + 4] = up < down ? up : down;
+    }
+  }
+
+  unsigned activity(std::size_t i) const {
+    return activity_of(std::uint32_t{sizes[i]} + sizes[i + 1] + sizes[i + 2] + sizes[i + 3]);
+  }
 };
 
 void check_groups(const std::array<std::uint8_t, kActivities>& group_of) {
@@ -35,35 +57,34 @@ void check_groups(const std::array<std::uint8_t, kActivities>& group_of) {
 }  // namespace
 
 std::array<std::uint32_t, kActivities> count_activities(const std::uint16_t* values, std::size_t size) {
+  // Four counts each, taken in turn: to raise the same one again would wait for the last time.
+  std::array<std::array<std::uint32_t, kActivities>, 4> parts{};
+  const Stream stream(values, size);
+  for (std::size_t i = 0; i < size; ++i) ++parts[i & 3u][stream.activity(i)];
   std::array<std::uint32_t, kActivities> counts{};
-  Activity activity;
-  std::uint16_t before = 0;
-  for (std::size_t i = 0; i < size; ++i) {
-    ++counts[activity.bits()];
-    activity.push(static_cast<std::uint16_t>(values[i] - before));
-    before = values[i];
-  }
+  for (const auto& part : parts)
+    for (std::size_t i = 0; i < kActivities; ++i) counts[i] += part[i];
   return counts;
 }
 
 std::vector<std::uint16_t> split_by_activity(const std::uint16_t* values, std::size_t size,
                                              const std::array<std::uint8_t, kActivities>& group_of) {
   check_groups(group_of);
-  const auto activities = count_activities(values, size);
-  std::array<std::size_t, kActivities + 1> next{};
-  for (std::size_t i = 0; i < kActivities; ++i) next[group_of[i] + 1u] += activities[i];
-  for (std::size_t g = 1; g <= kActivities; ++g) next[g] += next[g - 1];
-
-  std::vector<std::uint16_t> differences(size);
-  Activity activity;
-  std::uint16_t before = 0;
+  const Stream stream(values, size);
+  std::vector<std::uint8_t> groups(size);
+  std::array<std::array<std::size_t, kActivities>, 4> counts{};
   for (std::size_t i = 0; i < size; ++i) {
-    const auto difference = static_cast<std::uint16_t>(values[i] - before);
-    differences[next[group_of[activity.bits()]]++] = difference;
-    activity.push(difference);
-    before = values[i];
+    groups[i] = group_of[stream.activity(i)];
+    ++counts[i & 3u][groups[i]];
   }
-  return differences;
+  std::array<std::size_t, kActivities> next{};
+  for (std::size_t g = 1; g < kActivities; ++g) {
+    next[g] = next[g - 1];
+    for (const auto& part : counts) next[g] += part[g - 1];
+  }
+  std::vector<std::uint16_t> sorted(size);
+  for (std::size_t i = 0; i < size; ++i) sorted[next[groups[i]]++] = stream.differences[i];
+  return sorted;
 }
 
 std::vector<std::uint16_t> join_by_activity(const std::uint16_t* differences, std::size_t size,
