@@ -31,14 +31,18 @@ class MaskHistory:
         """(64, W) bool, what was last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000."""
         seen = np.empty((LASERS, azimuth.shape[1]), np.bool_)
         for rows, directions in self._halves(azimuth, sensor):
-            seen[rows] = self._sent[rows[:, None], directions]
+            seen[rows] = np.take(self._sent[rows], directions, axis=1)
         return seen
 
     def remember(self, valid: Mask, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> None:
         """Takes a mask that was sent, (64, W) bool; of columns in one direction the last one stays."""
         for rows, directions in self._halves(azimuth, sensor):
-            last = len(directions) - 1 - np.unique(directions[::-1], return_index=True)[1]
-            self._sent[rows[:, None], directions[last]] = valid[rows[:, None], last]
+            if not len(directions):
+                continue
+            last = np.full(DIRECTIONS, -1)
+            last[directions] = np.arange(len(directions))  # NumPy: of equal indices the last value stays
+            newest = np.take(valid[rows], np.maximum(last, 0), axis=1)
+            self._sent[rows] = np.where(last >= 0, newest, self._sent[rows])
 
     @staticmethod
     def _halves(
