@@ -141,14 +141,15 @@ def cells(layout: TurnLayout, places: Places, sensor: SensorModel, valid: Mask) 
     places: (2, W), of `positions`; valid: (64, W) bool.
     """
     half = (sensor.laser_of_ring >= LASERS_PER_BLOCK).astype(np.intp)
-    shift = np.zeros(LASERS, np.int64)
+    shift = np.zeros(LASERS, np.int32)
     if layout.anchored:
         rotation = sensor.calibration.table[_ROTATION][sensor.laser_of_ring].astype(np.int64)
         angle = (rotation[0] - rotation + _TURN // 2) % _TURN - _TURN // 2
-        shift = (2 * angle * layout.columns + _TURN) // (2 * _TURN)
-    place = (places[half] + shift[:, None]) % layout.places
+        shift = ((2 * angle * layout.columns + _TURN) // (2 * _TURN) % layout.places).astype(np.int32)
+    place = places.astype(np.int32)[half] + shift[:, None]
+    np.subtract(place, layout.places, out=place, where=place >= layout.places)
     if layout.bands > 1:
         band, column = np.divmod(place, layout.columns)
         place = band * (LASERS * layout.columns) + column
-    place += (np.arange(LASERS) * layout.columns)[:, None]
+    place += (np.arange(LASERS, dtype=np.int32) * layout.columns)[:, None]
     return place[valid].astype(np.intp, copy=False)

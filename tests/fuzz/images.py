@@ -1,4 +1,5 @@
-"""Damaged image files, straight to the functions that hand them to other people's decoders; PNG's checksums made right.
+"""Damaged image files and video pictures, straight to the functions that hand them to other people's decoders; PNG's
+checksums made right.
 
 The message around an image is right in all of these: nothing but the look at its own header stands before the decoder.
 """
@@ -14,6 +15,8 @@ import cv2
 import imagecodecs
 import numpy as np
 
+from lidarcodec.codecs.h264_stream import PictureReader, PictureWriter
+from lidarcodec.codecs.h264_units import split_units
 from lidarcodec.codecs.jpeg_file import read_jpeg, write_jpeg
 from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
 from lidarcodec.codecs.png import read_png
@@ -51,6 +54,29 @@ def _png_case(rng: random.Random) -> bytes:
     return _png(WIDTH, 64, (16, 0, 0, 0, 0), pixels)
 
 
+def _pictures(bits: int) -> list[tuple[bytes, bytes]]:
+    """An IDR picture and a P picture after it, by preset."""
+    found = []
+    for preset in ("ultrafast", "fast"):
+        writer = PictureWriter(64, WIDTH, bits, 12.0, preset)  # type: ignore[arg-type]
+        picture = GREY >> (12 - bits)
+        found.append((writer.write(picture, idr=True), writer.write(np.roll(picture, 5, axis=1), idr=False)))
+    return found
+
+
+def _damaged_units(data: bytes, rng: random.Random) -> bytes:
+    """An access unit with damage in one NAL unit, so that its parts are still what they should be."""
+    units = split_units(data)
+    at = rng.randrange(len(units))
+    damaged = bytearray(units[at])
+    for _ in range(rng.randrange(1, 6)):
+        damaged[rng.randrange(1, len(damaged))] = rng.randrange(256)
+    if rng.random() < 0.2:
+        del damaged[rng.randrange(2, len(damaged) + 1) :]
+    units[at] = bytes(damaged)
+    return b"".join(b"\0\0\1" + unit for unit in units)
+
+
 def image_targets() -> dict[str, Target]:
     """A target for each kind of file."""
     jxl = [write_jxl(GREY, effort) for effort in (1, 2, 3, 7)]
@@ -70,4 +96,20 @@ def image_targets() -> dict[str, Target]:
         bits = rng.choice((8, 12))
         return mutated(rng.choice([*jpeg[bits], *FOREIGN]), rng), lambda data: read_jpeg(data, 64, WIDTH, bits)
 
-    return {"png files": png_target, "jxl files": jxl_target, "jpeg files": jpeg_target}
+    pictures = {bits: _pictures(bits) for bits in (8, 10)}
+
+    def h264_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
+        bits = rng.choice((8, 10))
+        first, second = rng.choice(pictures[bits])
+        damage = mutated if rng.random() < 0.2 else _damaged_units
+        if rng.random() < 0.4:
+            return damage(first, rng), lambda data: PictureReader(64, WIDTH, bits).read(data, idr=True)
+
+        def after_another(data: bytes) -> object:
+            reader = PictureReader(64, WIDTH, bits)
+            reader.read(first, idr=True)
+            return reader.read(data, idr=False)
+
+        return damage(second, rng), after_another
+
+    return {"h264 pictures": h264_target, "png files": png_target, "jxl files": jxl_target, "jpeg files": jpeg_target}
