@@ -15,10 +15,12 @@ import sys
 import traceback
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
+from lidarcodec.commands import token
+from lidarcodec.commands.options import option as _option
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
@@ -39,11 +41,7 @@ app = typer.Typer(
 )
 
 
-def _option(*names: str, **about: Any) -> Any:
-    """An option that can also be given as LIDARCODEC_<ITS NAME>."""
-    variable = names[0].split("/")[0].lstrip("-").replace("-", "_").upper()
-    return typer.Option(*names, envvar=f"LIDARCODEC_{variable}", **about)
-
+app.add_typer(token.app, name="token")
 
 Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
 CalibrationFile = Annotated[
@@ -345,6 +343,35 @@ def certs(
     command.run(
         folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed
     )
+
+
+@app.command()
+def serve(
+    host: Annotated[str | None, _option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
+    port: Annotated[int | None, _option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
+    database_url: Annotated[
+        str | None, _option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
+    ] = None,
+    tls_certificate: Annotated[Path | None, _option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
+    tls_key: Annotated[Path | None, _option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
+    insecure: Annotated[
+        bool, _option("--insecure", help="Listen beyond this machine although there is no token.")
+    ] = False,
+    metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
+    max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+) -> None:
+    """Serve the streams of a fleet over HTTP until a signal comes: look at them, change them (extra `server`)."""
+    from lidarcodec.commands import serve as command
+
+    _keep_standard_output()
+    command.run(
+        (connect or [], listen or [], zenoh_config),
+        host=host, port=port, database_url=database_url, tls_certificate=tls_certificate, tls_key=tls_key,
+        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams,
+    )  # fmt: skip
 
 
 @app.command()

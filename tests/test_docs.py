@@ -107,7 +107,10 @@ def test_every_command_that_is_shown_exists_with_its_options(page, words):
         assert words[1] in targets
         return
     assert words[1] in COMMANDS, f"{page}: {words}"
-    options = {name for parameter in COMMANDS[words[1]].params for name in parameter.opts}
+    command = COMMANDS[words[1]]
+    if hasattr(command, "commands"):  # a group, such as `token`
+        command = command.commands[words[2]]
+    options = {name for parameter in command.params for name in parameter.opts}
     for word in words[2:]:
         if word.startswith("--"):
             assert word.partition("=")[0] in options | {"--help", "--debug"}, f"{page}: {word}"

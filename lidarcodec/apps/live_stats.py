@@ -9,7 +9,7 @@ from collections import Counter, OrderedDict, deque
 from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
-from lidarcodec.apps.reports import COUNTED
+from lidarcodec.apps.reports import COUNTED, Report
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -128,11 +128,13 @@ class ReceiverStats:
             "clock": self.clocks.state(),
         }
 
-    def report(self, errors: Counter[str], rtt_ms: float | None) -> dict[str, int | float | None]:
-        """What is told to the publisher once a second (`reports.COUNTED` and `reports.MEASURED`)."""
+    def report(self, errors: Counter[str], rtt_ms: float | None) -> Report:
+        """What is told to the publisher once a second; `reports` has the fields."""
         with self._lock:
             counts = self.counts + errors
         latency, decode, clock = self.latency_ms.summary(), self.decode_ms.summary(), self.clocks.state()
+        latency_buckets, latency_sum_ms = self.latency_ms.histogram()
+        decode_buckets, decode_sum_ms = self.decode_ms.histogram()
         return {
             **{name: counts[name] for name in COUNTED},
             "fps": self.fps,
@@ -143,4 +145,8 @@ class ReceiverStats:
             "rtt_ms": rtt_ms,
             "clock_offset_ms": clock["offset_ms"],
             "clock_bound_ms": clock["bound_ms"],
+            "latency_sum_ms": latency_sum_ms,
+            "decode_sum_ms": decode_sum_ms,
+            "latency_buckets": latency_buckets,
+            "decode_buckets": decode_buckets,
         }

@@ -10,7 +10,7 @@ from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.publish_source import FrameFeed
-from lidarcodec.apps.reports import read_report
+from lidarcodec.apps.reports import Report, read_report
 from lidarcodec.apps.timings import Timings
 from lidarcodec.settings import NAME_PATTERN, StreamSettings
 from lidarcodec.transport.keys import StreamKeys
@@ -29,7 +29,7 @@ class StatusBoard:
         self._keys, self._stream_id, self._clock = keys, stream_id, clock
         self._lock = threading.Lock()
         self._recent: deque[tuple[float, int, int]] = deque(maxlen=4096)
-        self._reports: OrderedDict[str, tuple[float, dict[str, int | float | None]]] = OrderedDict()
+        self._reports: OrderedDict[str, tuple[float, Report]] = OrderedDict()
         self._frames = self._messages = self._bytes = self._key_frames = 0
         self._last_index: int | None = None
         self.no_receiver = 0
@@ -58,7 +58,7 @@ class StatusBoard:
             while len(self._reports) > MAX_REPORTS:
                 self._reports.popitem(last=False)
         rtt_ms = values.get("rtt_ms")
-        return None if rtt_ms is None else float(rtt_ms)
+        return float(rtt_ms) if isinstance(rtt_ms, int | float) else None
 
     def status(
         self,
@@ -115,7 +115,7 @@ class StatusBoard:
             "rate": rate,
             "path": path,
             "encode_ms": self.encode_ms.summary(buckets=True),
-            "put_ms": self.put_ms.summary(),
+            "put_ms": self.put_ms.summary(buckets=True),
             "flight": flight,
             "errors": dict(errors),
             "preparing": preparing,

@@ -13,6 +13,8 @@ import math
 import struct
 from typing import Any, NamedTuple
 
+from lidarcodec.apps.timings import BOUNDS_MS
+
 _ARRIVAL = struct.Struct("<Qq")
 _HELD = struct.Struct("<Q")
 MAX_REPORT_BYTES = 4096
@@ -40,6 +42,13 @@ MEASURED = (
     "clock_bound_ms",
 )
 """Measured over the newest values; null when unknown."""
+SUMMED = ("latency_sum_ms", "decode_sum_ms")
+COUNTED_TIMES = ("latency_buckets", "decode_buckets")
+"""Histograms since the receiver's start: counts for the bounds of `timings.BOUNDS_MS` and for what is longer."""
+
+
+Report = dict[str, int | float | list[int] | None]
+"""The known fields of a receiver's report."""
 
 
 class Arrival(NamedTuple):
@@ -83,7 +92,7 @@ def refuse_constant(constant: str) -> None:
     raise ValueError(f"{constant} is no JSON")
 
 
-def read_report(data: bytes) -> dict[str, int | float | None] | None:
+def read_report(data: bytes) -> Report | None:
     """The known fields of a report; None for what is no report."""
     if len(data) > MAX_REPORT_BYTES:
         return None
@@ -93,11 +102,19 @@ def read_report(data: bytes) -> dict[str, int | float | None] | None:
         return None
     if not isinstance(values, dict):
         return None
-    report: dict[str, int | float | None] = {}
-    for name in COUNTED + MEASURED:
+    report: Report = {}
+    for name in COUNTED + MEASURED + SUMMED:
         value = values.get(name)
         if value is None and name in MEASURED:
             report[name] = None
         elif isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**63:
             report[name] = value
+    for name in COUNTED_TIMES:
+        value = values.get(name)
+        if isinstance(value, list) and len(value) == len(BOUNDS_MS) + 1 and all(_is_count(count) for count in value):
+            report[name] = value
     return report
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63

@@ -49,8 +49,13 @@ class Timings:
         with self._lock:
             return list(self._recent)
 
+    def histogram(self) -> tuple[list[int], float]:
+        """Counts by bucket, of BOUNDS_MS and beyond, and the sum of all, since the start."""
+        with self._lock:
+            return list(self._buckets), round(self._sum, 3)
+
     def summary(self, *, buckets: bool = False) -> dict[str, Any]:
-        """count, mean and max since the start; p50 and p99 of the newest values; the histogram if wanted."""
+        """count, mean and max since the start; p50 and p99 of the newest values; sum and histogram if wanted."""
         with self._lock:
             values = sorted(self._recent)
             out: dict[str, Any] = {
@@ -61,6 +66,7 @@ class Timings:
                 "max": round(self._max, 3) if self._count else None,
             }
             if buckets:
+                out["sum"] = round(self._sum, 3)
                 out["buckets"] = {f"{bound:g}": n for bound, n in zip(BOUNDS_MS, self._buckets, strict=False)}
                 out["buckets"]["more"] = self._buckets[-1]
             return out

@@ -15,8 +15,9 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 import lidarcodec
+from lidarcodec.errors import LidarCodecError
 from lidarcodec.transport import Transport
-from lidarcodec_server import problems
+from lidarcodec_server import openapi, problems
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.part import live
 from lidarcodec_server.middleware import BodyLimit, FromHere, Observe
@@ -24,7 +25,7 @@ from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
 
-ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics", "sockets", "snapshot", "recordings")
+ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics", "page", "sockets", "snapshot", "recordings")
 PARTS: tuple[Part, ...] = (live,)
 
 
@@ -33,7 +34,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
     async with AsyncExitStack() as stack:
         stack.push_async_callback(run_in_threadpool, service.close)
-        await run_in_threadpool(service.start)
+        try:
+            await run_in_threadpool(service.start)
+        except LidarCodecError as error:
+            app.state.failure = error  # for `serve`, which says it in one line
+            raise
         for part in PARTS:
             await stack.enter_async_context(part(app))
         yield
@@ -49,11 +54,12 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
         title="lidarcodec server",
         version=lidarcodec.__version__,
         summary="Streams of a fleet of LiDARs: what they do, and how to change it.",
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         lifespan=_lifespan,
     )
-    app.state.config = config
+    app.state.config, app.state.failure = config, None
     app.state.service = Service(config, transport)
     problems.install(app)
     app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
@@ -61,4 +67,5 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.add_middleware(Observe, metrics=app.state.service.metrics)
     for name in ROUTERS:
         app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)
+    app.openapi = openapi.document(app)  # type: ignore[method-assign]
     return app

@@ -33,6 +33,7 @@ class ServerConfig(BaseModel):
     host, port:          where to listen for HTTP; nothing but this machine by default
     database_url:        any SQLAlchemy URL
     endpoints:           where the Zenoh session listens and connects
+    tls_certificate:     PEM file to serve HTTPS with, and tls_key its key
     insecure:            listen beyond this machine although nobody needs a token
     metrics_open:        answer `/metrics` without a token
     max_streams:         streams that are known at once; further ones are counted and left out
@@ -55,6 +56,8 @@ class ServerConfig(BaseModel):
     port: int = Field(default=8080, ge=0, le=65535)
     database_url: str = Field(default_factory=default_database_url)
     endpoints: Endpoints = Field(default_factory=Endpoints)
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
     insecure: bool = False
     metrics_open: bool = False
     max_streams: int = Field(default=256, ge=1, le=10_000)

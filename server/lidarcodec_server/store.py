@@ -207,7 +207,11 @@ class Store:
         count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
         if count >= self._max_streams:
             raise SettingsError(f"settings are kept for {count} streams, which is the limit: forget some first")
-        connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
+        try:
+            with connection.begin_nested():
+                connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
+        except IntegrityError:  # another server was quicker
+            connection.execute(sa.update(desired).where(*_of(keys)).values(values))
 
     def _prune(self, connection: Connection) -> None:
         self._written += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
@@ -14,6 +15,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.store import Store
 from tests.apps.streams import Loop
 
 STREAM = "/api/v1/streams/car-7/roof"
@@ -33,8 +35,19 @@ def network():
     return MemoryNetwork()
 
 
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory):
+    """A database without rows, made once: migrations take longer than most tests."""
+    path = tmp_path_factory.mktemp("database") / "server.db"
+    store = Store(f"sqlite:///{path}")
+    store.open()
+    store.close()
+    return path
+
+
 @pytest.fixture
-def config(tmp_path) -> ServerConfig:
+def config(tmp_path, empty_database) -> ServerConfig:
+    shutil.copy(empty_database, tmp_path / "server.db")
     return ServerConfig(database_url=f"sqlite:///{tmp_path / 'server.db'}")
 
 

@@ -1,0 +1,38 @@
+"""The door to the server's package, which is an extra: nothing else here knows it, and it is imported by name."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from pydantic import ValidationError
+
+from lidarcodec.errors import MissingExtraError, SettingsError
+
+
+def server_module(name: str) -> Any:
+    """A module of the server.
+
+    Raises MissingExtraError when what it needs is not installed.
+    """
+    try:
+        return import_module(f"lidarcodec_server.{name}")
+    except ModuleNotFoundError as error:
+        if error.name is not None and error.name.startswith("lidarcodec."):
+            raise
+        raise MissingExtraError("the server", "server") from None
+
+
+def server_config(**values: Any) -> Any:
+    """A server's configuration; what is None takes its default.
+
+    Raises SettingsError when a value is not allowed.
+    """
+    try:
+        return server_module("config").ServerConfig(**{name: one for name, one in values.items() if one is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(
+            f"{name or 'the configuration'}: {first['msg'].removeprefix('Value error, ')}", name
+        ) from None

@@ -1,0 +1,87 @@
+"""`lidarcodec token`: who may look at the streams of a server, and who may change them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+import typer
+
+from lidarcodec.commands.options import option
+from lidarcodec.commands.server_extra import server_config, server_module
+from lidarcodec.errors import SettingsError
+
+app = typer.Typer(help="Make, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
+
+Database = Annotated[
+    str | None, option("--database-url", metavar="URL", help="The server's database; default: as `serve` has it.")
+]
+Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
+
+
+@app.command()
+def create(
+    name: Name,
+    role: Annotated[
+        str, option("--role", metavar="viewer|operator", help="A viewer looks, an operator changes.")
+    ] = "viewer",
+    database_url: Database = None,
+) -> None:
+    """Make a token and print it, this once. As soon as there is one, every request needs one."""
+    store = _store(database_url)
+    try:
+        token = server_module("tokens").create_token(store, name, role)
+    finally:
+        store.close()
+    print(token)
+    if sys.stderr.isatty():
+        sys.stderr.write("This is shown once; only a digest of it is kept.\n")
+
+
+@app.command("list")
+def show(database_url: Database = None, as_json: Annotated[bool, option("--json", help="Print JSON.")] = False) -> None:
+    """List the tokens; never what they are."""
+    store = _store(database_url)
+    try:
+        known = [_about(token) for token in store.tokens()]
+    finally:
+        store.close()
+    if as_json:
+        print(json.dumps(known, indent=2))
+        return
+    for token in known:
+        state = f"revoked {token['revoked']}" if token["revoked"] else f"since {token['created']}"
+        print(f"{token['name']:24} {token['role']:10} {state}")
+
+
+@app.command()
+def revoke(name: Name, database_url: Database = None) -> None:
+    """Make a token worthless, within a second. Its name stays in the audit log and cannot be used again."""
+    store = _store(database_url)
+    try:
+        if not store.revoke_token(name):
+            raise SettingsError(f"there is no token '{name}' that works", "name")
+    finally:
+        store.close()
+
+
+def _store(url: str | None) -> Any:
+    config = server_config(database_url=url)
+    store = server_module("store").Store(config.database_url)
+    store.open()
+    return store
+
+
+def _about(token: Any) -> dict[str, str | None]:
+    return {
+        "name": token.name,
+        "role": token.role,
+        "created": _date(token.created_ns),
+        "revoked": None if token.revoked_ns is None else _date(token.revoked_ns),
+    }
+
+
+def _date(stamp_ns: int) -> str:
+    return datetime.fromtimestamp(stamp_ns // 10**9, UTC).isoformat()

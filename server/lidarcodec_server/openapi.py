@@ -1,0 +1,93 @@
+"""The OpenAPI document: every route, with the problems that it may answer with, and the token that it wants.
+
+`python -m lidarcodec_server.openapi docs/openapi.json` writes it; a test compares the two.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from lidarcodec_server.problems import MEDIA_TYPE
+
+PROBLEM = {
+    "type": "object",
+    "title": "Problem",
+    "description": "An error (RFC 9457).",
+    "required": ["type", "title", "status", "detail"],
+    "properties": {
+        "type": {"type": "string", "description": "`urn:lidarcodec:problem:NAME`, or `about:blank`."},
+        "title": {"type": "string"},
+        "status": {"type": "integer"},
+        "detail": {"type": "string", "description": "What is wrong, and what would be right."},
+        "field": {"type": "string", "description": "The setting or parameter that it is about."},
+        "errors": {"type": "array", "items": {"type": "object"}, "description": "All that is wrong with a request."},
+        "instance": {"type": "string", "description": "Where an unexpected error stands in the server's log."},
+    },
+}
+OPEN = ("/healthz", "/readyz")
+ALWAYS = {
+    "400": "A request that is none.",
+    "401": "Without a token that works.",
+    "403": "A viewer may not do this, or a page of another origin asks.",
+    "404": "Never seen.",
+    "405": "This path has no such method.",
+    "408": "The body did not come in time.",
+    "413": "The body is too long.",
+    "415": "The body is not said to be JSON.",
+    "422": "Not allowed: `detail` says why, `field` where.",
+    "429": "Too many requests; `Retry-After` says when to try again.",
+    "500": "Unexpected; the log has the details under `instance`.",
+    "503": "The vehicle, the network or the store does not answer; `Retry-After` says when to try again.",
+}
+
+
+def document(app: FastAPI) -> Callable[[], dict[str, Any]]:
+    """A function that gives the app's document."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            made = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
+            app.openapi_schema = _finished(made)
+        return app.openapi_schema
+
+    return openapi
+
+
+def _finished(made: dict[str, Any]) -> dict[str, Any]:
+    schemas = made.setdefault("components", {}).setdefault("schemas", {})
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+    schemas["Problem"] = PROBLEM
+    made["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for path, methods in made["paths"].items():
+        for about in methods.values():
+            if path not in OPEN:
+                about["security"] = [{"token": []}, {}]
+            for status, text in ALWAYS.items():
+                given = about["responses"].get(status, {})
+                own = given.get("description", "")
+                about["responses"][status] = {
+                    "description": text if own in ("", "Validation Error") else own,
+                    "content": content if status == "422" or "content" not in given else given["content"] | content,
+                }
+    return made
+
+
+def text(app: FastAPI) -> str:
+    """The document as it is kept in the repository."""
+    return json.dumps(app.openapi(), indent=1, sort_keys=True) + "\n"
+
+
+if __name__ == "__main__":
+    from lidarcodec_server.app import create_app
+    from lidarcodec_server.config import ServerConfig
+
+    Path(sys.argv[1]).write_text(text(create_app(ServerConfig(database_url="sqlite://"))), encoding="utf-8")

@@ -1,0 +1,117 @@
+"""serve: the application behind a socket, until SIGINT or SIGTERM.
+
+One process: the service owns the network session and decoders. Logs go where the caller's logging sends them.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import sys
+
+import uvicorn
+
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec_server.app import create_app
+from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.store import Store
+from lidarcodec_server.tokens import TokenBook
+
+logger = logging.getLogger(__name__)
+
+MAX_HEADER_BYTES = 16 * 1024
+WAITING_MESSAGES = 8
+"""WebSocket messages of one client that wait to be read; then it is not read from."""
+LINGER_S = 2
+"""How long open connections may hold up the end."""
+
+
+def run(config: ServerConfig) -> None:
+    """Serve until a signal comes.
+
+    Raises SettingsError when anybody could reach a server that needs no token; TransportError, StoreError when the
+    address, the network or the database cannot be used.
+    """
+    check_open(config)
+    if (config.tls_certificate is None) != (config.tls_key is None):
+        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
+    listener = listen(config.host, config.port)
+    app = create_app(config)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app,
+            http="h11",  # it bounds headers
+            ws="websockets-sansio",
+            ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
+            ws_max_size=config.max_message_bytes,
+            ws_max_queue=WAITING_MESSAGES,
+            h11_max_incomplete_event_size=MAX_HEADER_BYTES,
+            limit_concurrency=config.max_connections,
+            timeout_graceful_shutdown=LINGER_S,
+            lifespan="on",
+            log_config=None,
+            log_level="critical",  # what goes wrong is logged once, by us
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            ssl_certfile=config.tls_certificate,
+            ssl_keyfile=config.tls_key,
+        )
+    )
+    host, port = listener.getsockname()[:2]
+    scheme = "http" if config.tls_certificate is None else "https"
+    print(f"Serving on {scheme}://{f'[{host}]' if ':' in host else host}:{port} until Ctrl-C.", flush=True)
+    try:
+        server.run(sockets=[listener])
+    finally:
+        listener.close()
+    if app.state.failure is not None:
+        raise app.state.failure
+
+
+def check_open(config: ServerConfig) -> None:
+    """Refuse to let anybody change a fleet.
+
+    Raises SettingsError for a server that others can reach and that needs no token.
+    """
+    if config.loopback:
+        return
+    store = Store(config.database_url)
+    try:
+        store.open()
+        protected = TokenBook(store).needed
+    finally:
+        store.close()
+    if not protected and not config.insecure:
+        raise SettingsError(
+            f"on {config.host} anybody could change the streams, because there is no token yet: make one with "
+            "`lidarcodec token create NAME --role operator`, or say --insecure",
+            "host",
+        )
+    if not protected:
+        logger.warning("--insecure: whoever reaches %s can look at everything and change it", config.host)
+    elif config.tls_certificate is None:
+        logger.warning("tokens can be read on the way to %s: use --tls-certificate, or a proxy that does", config.host)
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises TransportError.
+    """
+    try:
+        family, kind, number, _, address = socket.getaddrinfo(
+            host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, kind, number)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(address)
+            listener.listen(socket.SOMAXCONN)
+        except OSError:
+            listener.close()
+            raise
+    except OSError as error:
+        raise TransportError(f"cannot listen on {host} port {port}: {error.strerror}") from None
+    listener.set_inheritable(sys.platform == "win32")
+    return listener

@@ -1,0 +1,132 @@
+"""What Prometheus is told: it wakes somebody at night, so it has to be right, and its memory has to hold it."""
+
+from __future__ import annotations
+
+import re
+
+from prometheus_client.parser import text_string_to_metric_families
+
+from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.timings import Timings
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.fleet import Fleet
+from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.totals import MAX_SENDERS, Totals
+from tests.server.conftest import until
+
+CAR = {"vehicle": "car-7", "sensor": "roof"}
+
+
+def value(text, name, **labels):
+    """A sample's value; None where there is none."""
+    for family in text_string_to_metric_families(text):
+        for sample in family.samples:
+            if sample.name == name and labels.items() <= sample.labels.items():
+                return sample.value
+    return None
+
+
+async def test_everything_of_a_stream_is_told_and_goes_on_through_a_restart(serving, vehicle, network):
+    car = vehicle()
+    async with serving() as client:
+
+        async def text_with(name, least, **labels):
+            async def enough():
+                text = (await client.get("/metrics")).text
+                found = value(text, name, **CAR, **labels)
+                return found is not None and found >= least and text
+
+            return await until(enough)
+
+        with LiveStream("car-7/roof", transport=network.transport()):
+            text = await text_with("lidarcodec_latency_seconds_count", 0)
+            text = await text_with("lidarcodec_decode_seconds_count", 5)
+            assert value(text, "lidarcodec_stream_alive", **CAR) == 1
+            assert value(text, "lidarcodec_stream_codec", codec="pcodec", **CAR) == 1
+            for name in ("encode", "put", "decode"):
+                count = value(text, f"lidarcodec_{name}_seconds_count", **CAR)
+                assert value(text, f"lidarcodec_{name}_seconds_bucket", le="+Inf", **CAR) == count > 0
+                assert 0 < value(text, f"lidarcodec_{name}_seconds_sum", **CAR) < 60 * count
+            frames = value(text, "lidarcodec_frames_total", **CAR)
+            assert value(text, "lidarcodec_bytes_total", **CAR) > 1000 * frames
+            assert value(text, "lidarcodec_key_frames_total", **CAR) >= 1
+            for name in ("replaced_frames", "decode_errors", "missing_frames", "encode_errors"):
+                assert value(text, f"lidarcodec_{name}_total", **CAR) is not None, name
+            car.stop()
+            vehicle()
+            text = await text_with("lidarcodec_frames_total", frames + 5)
+        assert value(text, "lidarcodec_http_requests_total", route="/metrics", status="200") > 0
+
+
+async def test_there_are_no_more_labels_than_routes_and_streams(serving):
+    async with serving() as client:
+        for number in range(50):
+            await client.get(f"/nothing/{number}")
+            await client.get(f"/api/v1/streams/car-{number}/roof")
+            await client.request(f"M{number}", "/healthz")
+        text = (await client.get("/metrics")).text
+        assert not re.search(r"car-\d|nothing|M\d", text)
+        assert value(text, "lidarcodec_http_requests_total", route="/api/v1/streams/{vehicle}/{sensor}") == 50
+        assert value(text, "lidarcodec_http_requests_total", route="/healthz", method="other") is not None
+
+
+def status(start, frames, **more):
+    return {"stream_id": start, "frames": frames, **more}
+
+
+def test_counters_never_go_down():
+    totals = Totals()
+    for given in (status("a", 10), status("a", 12), status("b", 2), status("a", 13), status("b", 5)):
+        totals.status(given)
+    assert totals["frames"] == 12 + 2 + 1 + 3
+    reports = [{"frames": 5}, {"frames": 9}, {"frames": 1}]  # the receiver started again before the third
+    for number, report in enumerate(reports):
+        totals.status(status("b", 5, reports={"server": report}))
+        assert totals["received frames"] == [5, 9, 10][number]
+
+
+def test_what_is_no_count_is_left_out():
+    totals = Totals()
+    timings = Timings()
+    timings.add(3.0)
+    good = timings.summary(buckets=True)
+    for frames in (True, -1, 2**64, float("nan"), "9", None, [1]):
+        totals.status(status("a", frames))
+    for encode in (
+        None,
+        5,
+        [],
+        {"buckets": 3},
+        {"buckets": {"1": 1}},
+        good | {"buckets": {**good["buckets"], "2": -1}},
+    ):
+        totals.status(status("a", 1, encode_ms=encode, errors="many", reports=[1]))
+    totals.status({"stream_id": 5, "frames": 100})
+    totals.status(
+        status("a", 1, reports={"x": {"decode_buckets": [1, 2]}, "y": 5, "z": {"decode_buckets": ["1"] * 18}})
+    )
+    assert totals["frames"] == 1
+    assert totals.histogram("encode")[0][-1] == ("+Inf", 0.0)
+    assert totals.histogram("decode")[0][-1] == ("+Inf", 0.0)
+    totals.status(status("a", 1, encode_ms=good))
+    buckets, seconds = totals.histogram("encode")
+    assert dict(buckets)["0.002"] == 0
+    assert dict(buckets)["0.005"] == dict(buckets)["+Inf"] == 1
+    assert seconds == 0.003
+
+
+def test_memory_is_bounded_whoever_reports():
+    totals = Totals()
+    for number in range(1000):
+        totals.status(status(f"start {number}", 1, reports={f"r{number}": {"frames": 1}}))
+    assert len(totals._last) == MAX_SENDERS
+    fleet = Fleet(max_streams=4)
+    metrics = Metrics(fleet)
+    for number in range(100):
+        keys = StreamKeys(f"car-{number}", "roof")
+        fleet.changed(keys, alive=True)
+        fleet.told(keys, b'{"stream_id": "a", "frames": 1}')
+        metrics.told(keys)
+        fleet.changed(keys, alive=False)
+    assert len(metrics._totals) <= 5
+    assert metrics.text().count(b"lidarcodec_frames_total{") == 4

@@ -1,0 +1,265 @@
+"""What has to survive: lose it, and a fleet drives with the wrong settings and nobody knows who changed them."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.migrations import StoreError, configuration, upgrade
+from lidarcodec_server.store import Store
+from lidarcodec_server.tables import audit, metadata
+from lidarcodec_server.tokens import TokenBook, create_token
+
+CAR = StreamKeys("car-7", "roof")
+POSTGRES_FOLDERS = ("/usr/lib/postgresql/15/bin", "/usr/local/bin", "/usr/bin")
+
+
+def postgres_program(name: str) -> str | None:
+    """A program of PostgreSQL's server, wherever it is."""
+    return shutil.which(name) or shutil.which(name, path=os.pathsep.join(POSTGRES_FOLDERS))
+
+
+@pytest.fixture(scope="module")
+def postgres():
+    """URL of a real PostgreSQL, started for these tests; skips by name where there is none."""
+    programs = [postgres_program(name) for name in ("initdb", "postgres")]
+    if None in programs:
+        pytest.skip("needs PostgreSQL's initdb and postgres")
+    folder = Path(tempfile.mkdtemp(prefix="postgres-"))  # pytest's folders are closed to others
+    as_user: dict[str, str] = {}
+    if os.geteuid() == 0:  # it refuses to run as root
+        try:
+            pwd.getpwnam("postgres")
+        except KeyError:
+            pytest.skip("needs a user postgres: PostgreSQL does not run as root")
+        as_user = {"user": "postgres", "group": "postgres", "extra_groups": []}
+        shutil.chown(folder, "postgres")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    data = folder / "data"
+    initdb, server = ([program] for program in programs)
+    initdb += ["-D", str(data), "-U", "ada", "-A", "trust", "-N", "-E", "UTF8", "--no-locale"]
+    subprocess.run(initdb, check=True, capture_output=True, cwd="/", **as_user)
+    server += ["-D", str(data), "-p", str(port), "-c", "fsync=off", "-c", f"unix_socket_directories={folder}"]
+    process = subprocess.Popen(
+        server, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd="/", **as_user, env={"LC_ALL": "C"}
+    )
+    url = f"postgresql://ada:secret@127.0.0.1:{port}/postgres"
+    try:
+        for _ in range(200):
+            try:
+                socket.create_connection(("127.0.0.1", port), 1).close()
+                break
+            except OSError:
+                threading.Event().wait(0.1)
+        yield url
+    finally:
+        process.send_signal(signal.SIGINT)  # does not wait for connections
+        process.wait(20)
+        shutil.rmtree(folder)
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def url(request, tmp_path):
+    """An empty database of each kind."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'server.db'}"
+    found = request.getfixturevalue("postgres")
+    engine = sa.create_engine(found.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sa.text("DROP SCHEMA public CASCADE"))
+        connection.execute(sa.text("CREATE SCHEMA public"))
+    engine.dispose()
+    return found
+
+
+@pytest.fixture
+def store(url):
+    found = Store(url)
+    found.open()
+    yield found
+    found.close()
+
+
+def test_what_is_wanted_is_there_after_a_restart(url, store):
+    entry = store.begin(CAR, "otto", "settings", {"codec": "raw"}, None, {"codec": "raw", "max_error_m": None})
+    store.finish(entry, "applied", {"codec": "raw"}, first_frame=2**40)
+    store.close()
+    again = Store(url)
+    again.open()
+    assert again.desired(CAR) == {"codec": "raw", "max_error_m": None}
+    assert again.all_desired() == [CAR]
+    (found,) = again.audit(CAR)
+    assert (found.who, found.changes, found.old, found.new) == ("otto", {"codec": "raw"}, None, {"codec": "raw"})
+    assert (found.result, found.first_frame) == ("applied", 2**40)
+    assert again.audit(StreamKeys("car-8", "roof")) == []
+    again.close()
+
+
+def test_a_refused_change_leaves_what_was_wanted_before(store):
+    store.finish(store.begin(CAR, "otto", "settings", {}, None, {"codec": "raw"}), "applied")
+    entry = store.begin(CAR, "otto", "settings", {}, None, {"codec": "jxl"})
+    assert store.desired(CAR) == {"codec": "jxl"}
+    store.finish(entry, "refused", reason="no", restore=(CAR, {"codec": "raw"}))
+    assert store.desired(CAR) == {"codec": "raw"}
+    first = store.begin(StreamKeys("new", "roof"), "otto", "settings", {}, None, {"codec": "jxl"})
+    store.finish(first, "refused", restore=(StreamKeys("new", "roof"), {}))
+    assert store.all_desired() == [CAR]
+
+
+def test_the_audit_log_is_bounded_and_the_oldest_go(url):
+    store = Store(url, audit_rows=10)
+    store.open()
+    for number in range(257 + 5):
+        store.begin(CAR, "otto", "settings", {"key_interval": number + 1}, None)
+    kept = [entry.changes["key_interval"] for entry in store.audit(CAR, 1000)]
+    assert kept[0] == 262
+    assert len(kept) <= 10 + 5
+    store.close()
+
+
+def test_migrations_lead_from_nothing_to_what_the_code_expects_and_back(store):
+    with store._engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True, "target_metadata": metadata})
+        assert compare_metadata(context, metadata) == []
+        connection.rollback()
+        with connection.begin():
+            command.downgrade(configuration(connection), "base")
+            left = set(sa.inspect(connection).get_table_names()) - {"alembic_version"}
+            assert left == set()
+            upgrade(connection)
+            assert "audit" in sa.inspect(connection).get_table_names()
+
+
+def test_opening_twice_changes_nothing(url, store):
+    create_token(store, "ada", "viewer")
+    again = Store(url)
+    again.open()
+    assert [token.name for token in again.tokens()] == ["ada"]
+    again.close()
+
+
+def test_servers_that_start_at_once_do_not_hurt_each_other(url):
+    stores, errors = [Store(url) for _ in range(4)], []
+
+    def start(store):
+        try:
+            store.open()
+        except StoreError as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=start, args=(store,)) for store in stores]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    assert stores[0].tokens() == []
+    for store in stores:
+        store.close()
+
+
+def test_writers_at_once_lose_nothing(store):
+    def write(number):
+        for turn in range(10):
+            store.begin(CAR, f"n{number}", "settings", {"turn": turn}, None, {"key_interval": turn + 1})
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(store.audit(CAR, 1000)) == 40
+
+
+def test_a_schema_of_a_newer_version_is_refused_and_not_touched(url, store):
+    with store._engine.begin() as connection:
+        connection.execute(sa.text("UPDATE alembic_version SET version_num = '9999'"))
+    again = Store(url)
+    with pytest.raises(StoreError, match=r"9999.*newer"):
+        again.open()
+    again.close()
+    with store._engine.begin() as connection:
+        assert connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar_one() == "9999"
+
+
+@pytest.mark.parametrize("url_", ["nonsense", "nodb://x/y", "mysql+nosuchdriver://x/y", ""])
+def test_what_is_no_database_url_is_said(url_):
+    with pytest.raises(SettingsError):
+        Store(url_)
+
+
+def test_a_database_that_cannot_be_reached_is_said_without_the_password():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        store = Store(f"postgresql://ada:swordfish@127.0.0.1:{probe.getsockname()[1]}/fleet")
+        with pytest.raises(StoreError) as caught:
+            store.open()
+    assert "swordfish" not in str(caught.value)
+    assert "127.0.0.1" in str(caught.value)
+    store.close()
+
+
+def test_a_folder_that_is_not_there_is_made_and_one_that_cannot_be_is_said(tmp_path):
+    store = Store(f"sqlite:///{tmp_path / 'a' / 'b' / 'server.db'}")
+    store.open()
+    store.close()
+    (tmp_path / "file").write_text("")
+    blocked = Store(f"sqlite:///{tmp_path / 'file' / 'server.db'}")
+    with pytest.raises(StoreError):
+        blocked.open()
+
+
+def test_tokens_that_were_known_work_on_while_the_database_is_away(store, monkeypatch):
+    token = create_token(store, "ada", "viewer")
+    book = TokenBook(store)
+    assert book.client(token).name == "ada"
+
+    def away():
+        raise StoreError("away")
+
+    monkeypatch.setattr(store, "tokens", away)
+    book._due = 0.0
+    assert book.client(token).name == "ada"
+    assert book.needed
+    with pytest.raises(StoreError):
+        TokenBook(store).needed  # noqa: B018
+
+
+async def test_a_store_that_fails_is_a_problem_and_nothing_reaches_the_vehicle(serving, vehicle, monkeypatch):
+    car = vehicle()
+    async with serving() as client:
+        service = client.app.state.service
+        with service.store._engine.begin() as connection:
+            audit.drop(connection)
+        answer = await client.patch("/api/v1/streams/car-7/roof/settings", json={"codec": "raw"})
+        assert answer.status_code == 503
+        assert answer.json()["type"].endswith(":store")
+        assert "audit" not in answer.text
+        assert car.settings.codec == "pcodec"
+        assert (await client.get("/api/v1/streams")).status_code == 200
+
+
+async def test_readiness_says_which_part_is_missing(serving, monkeypatch):
+    async with serving() as client:
+        assert (await client.get("/readyz")).json() == {"zenoh": True, "store": True}
+        monkeypatch.setattr(client.app.state.service.store, "ready", lambda: False)
+        answer = await client.get("/readyz")
+        assert (answer.status_code, answer.json()) == (503, {"zenoh": True, "store": False})
+        assert (await client.get("/healthz")).status_code == 200
