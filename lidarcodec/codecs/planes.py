@@ -69,7 +69,7 @@ def encode_planes(
     """
     cells = fired_cells(frame.fired, frame.sensor)
     check_unfired(frame, cells)
-    turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
+    turn = entropy.columns_in_turn(frame.azimuth) if frame.fired[0].all() else None
     sections = [
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
         Section(
