@@ -61,6 +61,9 @@ class StreamEncoder:
             key_is_due = key or (self._rate.dear and self._encoder.apply(self._rate.settings))
             self._encoder.apply(self._rate.settings_for(frame, key=key_is_due))
         messages = self._encoder.encode(frame, key=key)
+        if self._rate is not None and self._rate.spilled(frame, messages):
+            self._encoder.apply(self._rate.settings_for(frame, key=True))
+            messages = self._encoder.encode(frame, key=True)
         if self._rate is not None:
             self._rate.sent(frame, messages)
         held, self._held = self._held, []

@@ -27,6 +27,7 @@ from lidarcodec.ratecontrol.controller import (
     on_target,
     reachable_kbps,
     retargeted,
+    surprised,
 )
 from lidarcodec.ratecontrol.fitting import fitted
 from lidarcodec.settings import AUTO, StreamSettings
@@ -103,6 +104,16 @@ class RateControl:
             last = self._level if self._turned else None
             self._level, self._turned = chosen(self._state, self._plan, self._load(frame), last, key=key), True
         return self.settings
+
+    def spilled(self, frame: Frame, messages: list[Message]) -> bool:
+        """Whether a frame's messages take so much that it is to be coded anew as a key frame, with `settings_for`."""
+        if not self.dear or len(messages) != 1 or messages[0].frame_count != 1:
+            return False
+        known = surprised(self._state, self._plan, self._level, self._load(frame), _sizes(messages[0]))
+        if known is None:
+            return False
+        self._state = known
+        return True
 
     def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
         """The RANGE section, out of `code`, with which a message of these frames takes what it may.

@@ -42,6 +42,8 @@ HORIZON_S = 1.0
 HOLD = 0.12
 """Such a knob stays while the logarithm of what a frame will take is no further than this from what it should; a dearer
 one longer."""
+SPILL = 1.6
+"""A message of a dear knob that takes so many times its share is not sent: another scene began. It is coded anew."""
 SETTLED_S = 1.0
 """Before so much was sent, whether a target is reached is a prediction."""
 
@@ -180,6 +182,16 @@ def measured(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes,
         flow=(before[0] + weight * (flow[0] - before[0]), before[1] + weight * (flow[1] - before[1])),
         unit=frames,
     )
+
+
+def surprised(state: RateState, plan: Plan, level: int, load: Load, sizes: Sizes) -> RateState | None:
+    """The state that knows the scene of a message that takes far too much, and is coded anew; None for any other."""
+    wanted = plan.target_bps * load.seconds
+    if plan.renewal is None or sizes.renewed or level == 0 or not load.returns or sizes.total <= SPILL * wanted:
+        return None
+    bits = sizes.range / _renewal(state, plan)  # nothing before it was of use to such a message
+    ranges = learned(_models(state, plan)[0], HORIZON_S, bits, load.returns, float(plan.curve[level]))
+    return replace(state, ranges={**state.ranges, plan.model: ranges}, roughness=ranges.roughness)
 
 
 def retargeted(state: RateState) -> RateState:

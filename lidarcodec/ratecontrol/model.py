@@ -24,7 +24,7 @@ LEARN_S: Final = 0.08
 MAX_ROUGHNESS: Final = 6.0
 """The two drives of the curves lie at -0.5 and 0.5. From 6.7 on coarse would be expected to take more than fine."""
 MAX_RENEWAL: Final = 4.0
-RENEWAL_SHARE: Final = 0.5
+RENEWAL_SHARE: Final = 0.3
 DROP: Final = 0.2
 """A picture like one that was just sent costs next to nothing, and says nothing about the next."""
 FIXED_BITS_PER_PACKET: Final = 70.0

@@ -24,6 +24,7 @@ from lidarcodec.ratecontrol.controller import (
     on_target,
     reachable_kbps,
     retargeted,
+    surprised,
 )
 from lidarcodec.settings import StreamSettings
 
@@ -194,6 +195,16 @@ def test_a_picture_that_repeats_one_does_not_open_the_floodgates() -> None:
         state = measured(state, plan, level, load, Sizes(bits, 0.0, 18e3, renewed=share > 1))
     after = chosen(state, plan, load, level)
     assert plan.curve[after] < 1.5 * plan.curve[level]
+
+
+def test_only_a_picture_that_takes_far_too_much_is_coded_anew() -> None:
+    plan, state = video_plan(800), RateState()
+    load, level = Load(120_000, PACKETS, SECONDS), 40
+    for share, renewed, anew in ((1.5, False, False), (1.7, True, False), (1.7, False, True)):
+        known = surprised(state, plan, level, load, Sizes(share * 800e3 * SECONDS, 0.0, 0.0, renewed=renewed))
+        assert (known is not None) == anew
+    assert surprised(state, plan, 0, load, Sizes(1e9, 0.0, 0.0)) is None, "nothing is coarser"
+    assert surprised(state, plan_of("jpeg", 800), level, load, Sizes(1e9, 0.0, 0.0)) is None
 
 
 SIZE = st.floats(0, 1e12)
