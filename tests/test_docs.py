@@ -15,6 +15,7 @@ import lidarcodec
 from lidarcodec import errors
 from lidarcodec.cli import app
 from lidarcodec.codecs import table
+from lidarcodec.evaluation.peers import table as peers
 from lidarcodec.settings import StreamSettings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -62,6 +63,19 @@ def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
         section = text.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
         for setting in table.codec(name).settings.model_fields:
             assert f"`{setting}`" in section, f"{setting} of {name}"
+
+
+def test_every_codec_is_chosen_for_something_or_not():
+    text = (DOCS / "choosing.md").read_text()
+    table_of_codecs = text.partition("\n## Codec by codec\n")[2].partition("\n## ")[0]
+    for name in table.names():
+        assert f"\n| [`{name}`](codecs.md#{name}) |" in table_of_codecs, name
+
+
+def test_every_peer_is_named():
+    text = (DOCS / "commands.md").read_text()
+    for name in peers.names():
+        assert f"`{name.removeprefix(peers.PREFIX)}`" in text, name
 
 
 def test_every_error_stands_in_the_tree_and_the_tree_is_that_of_the_code():

@@ -20,11 +20,11 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 
 POINTS: Final[dict[str, tuple[float, ...]]] = {
-    "max_error_m": (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0),
+    "max_error_m": (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
     "quality": (5, 10, 20, 35, 50, 65, 80, 90, 95, 98),
-    "crf": (4, 8, 12, 16, 20, 24, 28, 32, 38, 44),
+    "crf": (0, 3, 6, 9, 12, 15, 18, 22, 26, 32),
 }
-"""Values of each knob: RMSE from a few millimetres to half a metre, about evenly on a logarithmic scale."""
+"""Values of each knob: RMSE from a few millimetres to a metre, about evenly on a logarithmic scale."""
 
 
 def knob_of(codec: str) -> str | None:

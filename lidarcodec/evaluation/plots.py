@@ -11,6 +11,7 @@ from lidarcodec.errors import MissingExtraError
 from lidarcodec.evaluation.report import Result, label
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 PLANES = {
@@ -45,6 +46,16 @@ def _figure(width: float, height: float) -> Figure:
 
 def _title(results: Sequence[Result]) -> str:
     return f"{Path(results[0]['source']).name}, {results[0]['frames']} frames"
+
+
+def _plain_ticks(*scales: Axis) -> None:
+    """Number logarithmic scales 1, 2, 5, 10, ... and nothing between."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for scale in scales:
+        scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        scale.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+        scale.set_minor_formatter(NullFormatter())
 
 
 def plot_bits(results: Sequence[Result], path: Path) -> None:
@@ -98,6 +109,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         if heights:
             psnr.plot(*zip(*heights, strict=True), style, label=name, markersize=4, linewidth=1.2)
     rmse.set_yscale("log")
+    _plain_ticks(rmse.yaxis)
     rmse.set_ylabel(f"RMSE along the ray, mm (lossless: drawn at {floor_mm:.2g})")
     psnr.set_ylabel("PSNR over 130 m, dB")
     kbps_per_bit = max(results[0]["kbps_at_10hz"] / (results[0]["bits_per_point"]["total"] or 1.0), 1e-9)
@@ -106,6 +118,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         axes.set_xlabel("kbit/s at 10 Hz, everything counted")
         above = axes.secondary_xaxis("top", functions=(lambda x: x / kbps_per_bit, lambda x: x * kbps_per_bit))
         above.set_xlabel("bits per point")
+        _plain_ticks(axes.xaxis, above.xaxis)
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
     rmse.legend(frameon=False, fontsize=8)
     figure.suptitle(title or _title(results))

@@ -16,6 +16,7 @@ from lidarcodec.errors import MissingExtraError, UnknownNameError
 from lidarcodec.evaluation.peers.base import Peer
 
 PREFIX: Final = "peer:"
+NO_PACKAGE: Final = "Python's standard library"
 _TABLE: Final = {
     f"{PREFIX}{name}": f"lidarcodec.evaluation.peers.{module}"
     for name, module in {
@@ -62,6 +63,6 @@ def versions(found: Peer) -> str:
     Raises MissingExtraError naming one that is not installed.
     """
     try:
-        return ", ".join(f"{name} {version(name)}" for name in found.packages) or "Python's standard library"
+        return ", ".join(f"{name} {version(name)}" for name in found.packages) or NO_PACKAGE
     except PackageNotFoundError as error:
         raise MissingExtraError(f"a peer ({error.name} is not installed)", "peers") from None
