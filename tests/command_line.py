@@ -13,7 +13,7 @@ LIMIT_S = 100
 def environment(**more):
     """This process's environment without LIDARCODEC_ variables, but with those given."""
     clean = {key: value for key, value in os.environ.items() if not key.startswith("LIDARCODEC_")}
-    paths = [str(ROOT), *filter(None, [clean.get("PYTHONPATH")])]
+    paths = [str(ROOT), str(ROOT / "server"), *filter(None, [clean.get("PYTHONPATH")])]
     return clean | {"PYTHONPATH": os.pathsep.join(paths)} | more
 
 

@@ -15,7 +15,6 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 import lidarcodec
-from lidarcodec.errors import LidarCodecError
 from lidarcodec.transport import Transport
 from lidarcodec_server import openapi, problems
 from lidarcodec_server.config import ServerConfig
@@ -36,11 +35,11 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         stack.push_async_callback(run_in_threadpool, service.close)
         try:
             await run_in_threadpool(service.start)
-        except LidarCodecError as error:
+            for part in PARTS:
+                await stack.enter_async_context(part(app))
+        except Exception as error:
             app.state.failure = error  # for `serve`, which says it in one line
             raise
-        for part in PARTS:
-            await stack.enter_async_context(part(app))
         yield
 
 

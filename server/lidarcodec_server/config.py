@@ -67,7 +67,7 @@ class ServerConfig(BaseModel):
     changes_per_second: float = Field(default=10.0, gt=0.0)
     burst: int = Field(default=20, ge=1)
     body_s: float = Field(default=10.0, gt=0.0)
-    answer_s: float = Field(default=3.0, gt=0.0)
+    answer_s: float = Field(default=5.0, gt=0.0)
     audit_rows: int = Field(default=1_000_000, ge=1)
     max_viewers: int = Field(default=64, ge=1)
     ack_limit_s: float = Field(default=15.0, gt=0.0)

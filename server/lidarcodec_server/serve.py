@@ -63,6 +63,8 @@ def run(config: ServerConfig) -> None:
     print(f"Serving on {scheme}://{f'[{host}]' if ':' in host else host}:{port} until Ctrl-C.", flush=True)
     try:
         server.run(sockets=[listener])
+    except SystemExit:  # how it says that it could not start
+        raise app.state.failure or TransportError("the server could not start") from None
     finally:
         listener.close()
     if app.state.failure is not None:
