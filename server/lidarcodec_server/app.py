@@ -62,7 +62,7 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.state.service = Service(config, transport)
     problems.install(app)
     app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
-    app.add_middleware(FromHere, loopback=config.loopback)
+    app.add_middleware(FromHere, needs_local_host=lambda: config.loopback and not app.state.service.tokens.seen)
     app.add_middleware(Observe, metrics=app.state.service.metrics)
     for name in ROUTERS:
         app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)

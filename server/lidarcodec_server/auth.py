@@ -7,7 +7,6 @@ A browser cannot set a header for a WebSocket, so there the token may also come 
 
 from __future__ import annotations
 
-import logging
 from typing import Annotated, cast
 
 from fastapi import Depends
@@ -16,8 +15,6 @@ from starlette.requests import HTTPConnection
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service
 from lidarcodec_server.tokens import Client
-
-logger = logging.getLogger(__name__)
 
 TOKEN_PROTOCOL = "lidarcodec.token."
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
@@ -38,7 +35,7 @@ def require_viewer(connection: HTTPConnection) -> Client:
     client = service.tokens.client(token)
     if client is None:
         service.metrics.refused("wrong")
-        logger.warning("a wrong token from %s", _host(connection))
+        service.warnings.warning("a wrong token from %s", _host(connection))
         raise ProblemError(401, "this token does not work", "token", CHALLENGE)
     return client
 
@@ -52,7 +49,7 @@ def require_operator(connection: HTTPConnection) -> Client:
     client = require_viewer(connection)
     if client.role != "operator":
         service.metrics.refused("role")
-        logger.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
+        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
         raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
     service.limits.change(client.name)
     return client

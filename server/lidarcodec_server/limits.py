@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -32,6 +33,25 @@ class TooManyError(LidarCodecError):
     def __init__(self, message: str, wait_s: int) -> None:
         super().__init__(message)
         self.wait_s = wait_s
+
+
+class SparseLog:
+    """Warnings that somebody outside can cause: at most one a second, and how many were left out. Thread-safe."""
+
+    def __init__(self, logger: logging.Logger, every_s: float = 1.0) -> None:
+        self._logger, self._every_s = logger, every_s
+        self._lock = threading.Lock()
+        self._due, self._left_out = float("-inf"), 0
+
+    def warning(self, message: str, *values: object) -> None:
+        """Log it, or count it."""
+        with self._lock:
+            now = time.monotonic()
+            if now < self._due:
+                self._left_out += 1
+                return
+            self._due, left_out, self._left_out = now + self._every_s, self._left_out, 0
+        self._logger.warning(message + (f" ({left_out} more before)" if left_out else ""), *values)
 
 
 class Limits:

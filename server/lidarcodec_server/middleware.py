@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -54,8 +55,9 @@ class FromHere:
     own name lead to this machine, but not lie about `Host`.
     """
 
-    def __init__(self, app: ASGIApp, loopback: bool) -> None:
-        self._app, self._loopback = app, loopback
+    def __init__(self, app: ASGIApp, needs_local_host: Callable[[], bool]) -> None:
+        """needs_local_host: whether only this machine may be meant, because nobody needs a token"""
+        self._app, self._needs_local_host = app, needs_local_host
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] in ("http", "websocket"):
@@ -67,14 +69,22 @@ class FromHere:
 
     def _reason(self, scope: Scope, headers: Headers) -> str | None:
         host = headers.get("host", "")
-        if self._loopback and not is_loopback(urlsplit(f"//{host}").hostname or "" if host else "localhost"):
-            return "this server listens on this machine only, and answers to localhost and its addresses"
+        if self._needs_local_host() and not is_loopback(_hostname(host)):
+            return "as long as there is no token, this server answers to localhost and its addresses only"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):
             return None
-        if urlsplit(origin).netloc.lower() != host.lower():
+        if origin.lower().partition("://")[2] != host.lower():
             return "a page of another origin cannot change anything here"
         return None
+
+
+def _hostname(host: str) -> str:
+    """The name in a Host header; none is this machine's (HTTP/1.0)."""
+    try:
+        return urlsplit(f"//{host}").hostname or ("" if host else "localhost")
+    except ValueError:
+        return ""
 
 
 class BodyLimit:

@@ -22,10 +22,11 @@ from starlette.websockets import WebSocket, WebSocketState
 from lidarcodec.apps.control import field_of
 from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, TransportError, UnknownNameError
 from lidarcodec_server.control import AwayError, BusyError, RefusedError
-from lidarcodec_server.limits import TooManyError
+from lidarcodec_server.limits import SparseLog, TooManyError
 from lidarcodec_server.migrations import StoreError
 
 logger = logging.getLogger(__name__)
+_sparse = SparseLog(logger)
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:lidarcodec:problem:"
@@ -82,7 +83,7 @@ def of(error: LidarCodecError) -> ProblemError | None:
         if isinstance(error, kind):
             detail = str(error)
             if isinstance(error, StoreError):  # where the database is concerns nobody outside
-                logger.warning("%s", error)
+                _sparse.warning("%s", error)
                 detail = "the store does not answer; the log has the reason"
             headers = {"Retry-After": "2"} if status == 503 else None
             return ProblemError(status, detail, name, headers, field=field_of(error))

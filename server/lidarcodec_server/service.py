@@ -16,7 +16,7 @@ from lidarcodec.transport.keys import PREFIX, StreamKeys
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.control import Control
 from lidarcodec_server.fleet import Fleet, Stream
-from lidarcodec_server.limits import Limits
+from lidarcodec_server.limits import Limits, SparseLog
 from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
 from lidarcodec_server.store import Store
@@ -33,6 +33,7 @@ class Service:
 
     fleet:   which there are;  control: how to change them;  store: what survives a restart
     tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may
+    warnings: a log for what somebody outside can cause
     closing: things to close before the network session, in reverse order
     """
 
@@ -44,6 +45,7 @@ class Service:
         self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
         self.tokens = TokenBook(self.store)
         self.metrics = Metrics(self.fleet)
+        self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
         self.closing = ExitStack()
         self._transport: Transport | None = None
@@ -73,6 +75,8 @@ class Service:
         Raises TransportError when the endpoints cannot be used, StoreError when the database cannot.
         """
         self.store.open()
+        if not self.tokens.needed:
+            logger.info("there is no token: whoever reaches this server may do everything")
         self.control.start()
         self._thread.start()
         self._opened.wait(START_S)

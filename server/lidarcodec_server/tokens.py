@@ -85,6 +85,11 @@ class TokenBook:
         return bool(self._known())
 
     @property
+    def seen(self) -> bool:
+        """The same, as it was known last: asks nobody, so that it may be called anywhere."""
+        return bool(self._tokens)
+
+    @property
     def working(self) -> bool:
         """Whether any token works."""
         return any(token.revoked_ns is None for token in self._known())

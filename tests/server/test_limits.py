@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import time
 
 import pytest
 
 from lidarcodec_server import limits
-from lidarcodec_server.limits import Limits, TooManyError
+from lidarcodec_server.limits import Limits, SparseLog, TooManyError
+from lidarcodec_server.store import Store
+from lidarcodec_server.tokens import create_token
 from tests.server.conftest import STREAM
 
 JSON = {"Content-Type": "application/json"}
@@ -59,6 +63,8 @@ async def test_a_body_that_is_not_said_to_be_json_is_refused(serving):
         ("PATCH", {"Origin": "http://127.0.0.1"}, 202),
         ("PATCH", {"Origin": "https://evil.example"}, 403),
         ("PATCH", {"Origin": "null"}, 403),
+        ("PATCH", {"Origin": "http://["}, 403),
+        ("GET", {"Host": "["}, 403),
         ("GET", {"Origin": "https://evil.example"}, 200),
         ("GET", {"Host": "evil.example"}, 403),
         ("GET", {"Host": "localhost:8080"}, 200),
@@ -71,6 +77,26 @@ async def test_a_page_of_another_origin_cannot_use_a_browser_of_this_machine(ser
         answer = await client.request(method, path, content=b'{"codec": "raw"}', headers=JSON | headers)
         assert answer.status_code == status
         assert "access-control-allow-origin" not in answer.headers
+
+
+async def test_behind_a_proxy_any_host_is_answered_to_once_there_is_a_token(serving, config):
+    store = Store(config.database_url)
+    token = create_token(store, "ada", "operator")
+    store.close()
+    async with serving(token) as client:
+        headers = JSON | {"Host": "fleet.example", "Origin": "https://fleet.example"}
+        answer = await client.patch(f"{STREAM}/settings", content=b'{"codec": "raw"}', headers=headers)
+        assert answer.status_code == 202
+
+
+def test_what_somebody_outside_can_cause_does_not_fill_the_log(caplog):
+    log = SparseLog(logging.getLogger("tests"), every_s=0.05)
+    for _ in range(100):
+        log.warning("a wrong token from %s", "x")
+    assert len(caplog.records) == 1
+    time.sleep(0.06)
+    log.warning("a wrong token from %s", "x")
+    assert "(99 more before)" in caplog.text
 
 
 async def test_changes_come_too_often(serving):
