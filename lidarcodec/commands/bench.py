@@ -8,13 +8,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lidarcodec.commands.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
-from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.errors import DecodeError, MissingExtraError, SettingsError
 from lidarcodec.evaluation.bench import METRICS, bench
 from lidarcodec.evaluation.peers import table
 from lidarcodec.evaluation.peers.run import bench_peer
@@ -22,7 +22,14 @@ from lidarcodec.evaluation.plots import check_plot, plot_bits, plot_curves
 from lidarcodec.evaluation.report import text_table
 
 PLOTS = (".png", ".svg", ".pdf")
-Job = tuple[str, Callable[..., dict[str, Any]]]
+
+
+class Job(NamedTuple):
+    """One result to come. asked_for: whether its codec was named, so that a failure ends the command"""
+
+    name: str
+    measure: Callable[..., dict[str, Any]]
+    asked_for: bool = True
 
 
 def run(
@@ -51,9 +58,14 @@ def run(
     given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
     results = []
     with suppress(KeyboardInterrupt):
-        for number, (name, job) in enumerate(jobs, 1):
-            with progress(f"{name} ({number} of {len(jobs)})", frames) as tick:
-                results.append(job(source, **given, tick=tick))
+        for number, job in enumerate(jobs, 1):
+            try:
+                with progress(f"{job.name} ({number} of {len(jobs)})", frames) as tick:
+                    results.append(job.measure(source, **given, tick=tick))
+            except DecodeError as failed:
+                if job.asked_for:
+                    raise
+                print(f"left out: {failed}", file=sys.stderr)
     if as_json or results:
         print(json.dumps(results, indent=2) if as_json else text_table(results))
     if plot is not None and results:
@@ -70,7 +82,7 @@ def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Pat
                 raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names nothing else")
             return []
     settings = (curve if as_curve else sweep)(own, pairs)
-    return [(chosen.codec, partial(bench, settings=chosen, poses=poses)) for chosen in settings]
+    return [Job(chosen.codec, partial(bench, settings=chosen, poses=poses)) for chosen in settings]
 
 
 def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:
@@ -88,5 +100,5 @@ def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:
                 raise
             print(f"left out: {missing}", file=sys.stderr)
             continue
-        jobs += [(name, partial(bench_peer, name=name, value=value)) for value in found.values]
+        jobs += [Job(name, partial(bench_peer, name=name, value=value), name in named) for value in found.values]
     return jobs

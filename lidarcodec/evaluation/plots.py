@@ -104,7 +104,8 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         of_it = sorted((r for r in results if r["codec"] == name), key=lambda r: r["kbps_at_10hz"])
         style = f"{MARKS[number % len(MARKS)]}{':' if ':' in name else '-'}"
         points = [(r["kbps_at_10hz"], 1e3 * r["rmse_m"] or floor_mm) for r in of_it if r["rmse_m"] is not None]
-        rmse.plot(*zip(*points, strict=True), style, label=name, markersize=4, linewidth=1.2)
+        if points:  # a source without a return has none
+            rmse.plot(*zip(*points, strict=True), style, label=name, markersize=4, linewidth=1.2)
         heights = [(r["kbps_at_10hz"], r["psnr_db"]) for r in of_it if r["psnr_db"] is not None]
         if heights:
             psnr.plot(*zip(*heights, strict=True), style, label=name, markersize=4, linewidth=1.2)
@@ -120,6 +121,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         above.set_xlabel("bits per point")
         _plain_ticks(axes.xaxis, above.xaxis)
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
-    rmse.legend(frameon=False, fontsize=8)
+    if rmse.lines:
+        rmse.legend(frameon=False, fontsize=8)
     figure.suptitle(title or _title(results))
     figure.savefig(path, dpi=dpi)

@@ -1,16 +1,22 @@
 """Other people's coders: a comparison that is unfair to them, or that dies of one that is missing, is worth nothing."""
 
+import json
+import struct
 import sys
 
 import numpy as np
 import pytest
 
-from lidarcodec.errors import MissingExtraError, UnknownNameError
+from lidarcodec.commands import bench as command
+from lidarcodec.errors import DecodeError, MissingExtraError, UnknownNameError
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.peers import table
 from lidarcodec.evaluation.peers.base import from_levels, to_levels
 from lidarcodec.evaluation.peers.run import bench_peer
 from lidarcodec.settings import StreamSettings
+from tests.packets import LOWER, UPPER
+from tests.sources.captures import frame as on_the_wire
+from tests.sources.captures import pcap
 
 SOURCE = "sim:city?frames=2"
 FINEST = {"packets": 0.0, "ranges": 0.0, "x y z": 0.02}
@@ -78,3 +84,35 @@ def test_a_package_that_is_not_there_is_named(monkeypatch):
 def test_an_unknown_peer_is_told_the_known_ones():
     with pytest.raises(UnknownNameError, match="peer:draco"):
         table.peer("peer:gpcc")
+
+
+@pytest.fixture
+def no_return(tmp_path):
+    """A capture of one frame in which nothing came back: an empty cloud."""
+    block = b"".join(struct.pack("<HH", flag, 0) + bytes(96) for flag in (UPPER, LOWER) * 6)
+    path = tmp_path / "fog.pcap"
+    path.write_bytes(pcap([on_the_wire(block + bytes(4) + b"H\x00")] * 348))
+    return path
+
+
+@pytest.mark.parametrize("name", table.names())
+def test_a_frame_without_a_return_is_measured_or_refused_by_name(name, no_return):
+    found = peer(name)
+    try:
+        result = bench_peer(no_return, name, found.values[0], metrics="all")
+    except DecodeError as refused:
+        assert name in str(refused)  # noqa: PT017 (either is right)
+    else:
+        assert (result["points"], result["rmse_m"], result["bits_per_point"]["total"]) == (0, None, None)
+
+
+def test_a_peer_that_fails_is_left_out_unless_it_was_asked_for(no_return, capsys, tmp_path):
+    peer("peer:draco")
+    picture = tmp_path / "nothing.png"
+    command.run(str(no_return), "zstd", [], 1, 0, None, None, picture, True, peers=True, as_curve=True)
+    assert picture.exists()
+    shown = capsys.readouterr()
+    names = {entry["codec"] for entry in json.loads(shown.out)}
+    assert {"zstd", "peer:xz-rows"} <= names
+    for line in shown.err.splitlines():
+        assert line.startswith("left out: peer:")

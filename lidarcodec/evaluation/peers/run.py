@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.evaluation.bench import Metrics, MoreErrors, frames_and_payloads, kbps_at_10hz
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
 from lidarcodec.evaluation.metrics import PEAK_M, RangeErrors, times_ms
@@ -50,7 +50,7 @@ def bench_peer(
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for a peer.
 
-    Raises UnknownNameError, MissingExtraError, SourceError.
+    Raises UnknownNameError, MissingExtraError, SourceError, and DecodeError when the peer fails on a frame.
     """
     found = peer(name)
     run = _Run(name, found, value, MoreErrors() if metrics == "all" else None)
@@ -124,6 +124,18 @@ class _Run:
     def frame(self, frame: Frame, payloads: list[bytes]) -> None:
         """Code, decode and compare one frame."""
         given = self._given(frame, payloads)
+        try:
+            data, back = self._there_and_back(given)
+        except Exception as error:  # what other people's code raises is theirs to choose
+            what = f"{self.name} {self.peer.knob}={self.value:g} failed on frame {frame.index}"
+            raise DecodeError(f"{what}: {type(error).__name__}: {error}") from error
+        self.frames += 1
+        self.packets += len(payloads)
+        self.points += frame.points
+        self.size += len(data)
+        self._compare(frame, given, back)
+
+    def _there_and_back(self, given: Any) -> tuple[bytes, Any]:
         if not self.frames:  # libraries load on first use, and that is not a peer's time
             warm = self.peer.make(self.value)
             warm.decode(warm.encode(given))
@@ -133,11 +145,7 @@ class _Run:
         back = self.coder.decode(data)
         self.decoding.append(perf_counter() - between)
         self.encoding.append(between - started)
-        self.frames += 1
-        self.packets += len(payloads)
-        self.points += frame.points
-        self.size += len(data)
-        self._compare(frame, given, back)
+        return data, back
 
     def _given(self, frame: Frame, payloads: list[bytes]) -> Any:
         if self.peer.feed == "packets":
