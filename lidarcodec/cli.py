@@ -359,6 +359,15 @@ def serve(
     ] = False,
     metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
     max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    max_viewers: Annotated[
+        int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
+    ] = None,
+    recordings: Annotated[
+        Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
+    ] = None,
+    recordings_gb: Annotated[
+        float | None, _option("--recordings-gb", min=0.001, metavar="N", help="Size of that folder; default: 64.")
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
@@ -370,7 +379,9 @@ def serve(
     command.run(
         (connect or [], listen or [], zenoh_config),
         host=host, port=port, database_url=database_url, tls_certificate=tls_certificate, tls_key=tls_key,
-        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams,
+        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
+        recordings=recordings,
+        max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
     )  # fmt: skip
 
 

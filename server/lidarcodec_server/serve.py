@@ -14,6 +14,7 @@ import uvicorn
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.live.protocol import ViewerProtocol
 from lidarcodec_server.store import Store
 from lidarcodec_server.tokens import TokenBook
 
@@ -41,7 +42,7 @@ def run(config: ServerConfig) -> None:
         uvicorn.Config(
             app,
             http="h11",  # it bounds headers
-            ws="websockets-sansio",
+            ws=ViewerProtocol,
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,

@@ -22,6 +22,7 @@ from lidarcodec.transport import Transport
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.live.protocol import ViewerProtocol
 from tests.apps.streams import Loop
 from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
@@ -81,7 +82,7 @@ def running(folder: Path, transport: Transport | None = None, **options: Any) ->
         uvicorn.Config(
             app,
             port=0,
-            ws="websockets-sansio",
+            ws=ViewerProtocol,
             ws_per_message_deflate=False,
             log_level="error",
             timeout_graceful_shutdown=2,

@@ -170,23 +170,26 @@ def test_a_playback_ends_with_its_recording_and_takes_no_name_that_is_in_use(ser
     assert eventually(lambda: client.get(f"{ALL}/{made['id']}").json()["playing"] is None)
 
 
-@pytest.mark.parametrize(
-    "body",
-    [{"vehicle": "a/b"}, {"rate": 0}, {"settings": {"codec": "mp3"}}, {"settings": {"colour": 1}}, {"colour": 1}],
-)
-def test_a_playback_that_cannot_be_is_refused(server, client, body):
+def test_a_playback_that_cannot_be_is_refused(server, client):
     made = recorded(client, server, 1)
-    assert client.post(f"{ALL}/{made['id']}/play", json=body).status_code == 422
+    for body in (
+        {"vehicle": "a/b"},
+        {"rate": 0},
+        {"settings": {"codec": "mp3"}},
+        {"settings": {"colour": 1}},
+        {"to": 1},
+    ):
+        assert client.post(f"{ALL}/{made['id']}/play", json=body).status_code == 422, body
     assert client.get(f"{ALL}/{made['id']}").json()["playing"] is None
 
 
-@pytest.mark.parametrize("name", ["..", "%2e%2e", "..%2f..%2fetc", "notes", "20260101T000000Z-ABCDEF", "x" * 60])
-def test_no_id_leads_out_of_the_folder(server, client, name, tmp_path):
+def test_no_id_leads_out_of_the_folder(server, client, tmp_path):
     shelf = Shelf(tmp_path / "recordings")
-    with pytest.raises(MissingRecordingError):
-        shelf.path(name)
-    for method, path in (("GET", ""), ("DELETE", ""), ("POST", "/play"), ("DELETE", "/play")):
-        assert client.request(method, f"{ALL}/{name}{path}").status_code in (404, 405, 307)
+    for name in ("..", "%2e%2e", "..%2f..%2fetc", "notes", "20260101T000000Z-ABCDEF", "x" * 60):
+        with pytest.raises(MissingRecordingError):
+            shelf.path(name)
+        for method, path in (("GET", ""), ("DELETE", ""), ("POST", "/play"), ("DELETE", "/play")):
+            assert client.request(method, f"{ALL}/{name}{path}").status_code in (404, 405, 307), name
 
 
 def test_recording_a_stream_that_was_never_seen_is_a_404(client):

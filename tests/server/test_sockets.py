@@ -17,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import peek, unpack
+from lidarcodec_server.tokens import create_token
 from tests.server.live import client_module, event, frame, running
 from tests.transport.test_contract import eventually
 
@@ -26,7 +27,7 @@ STREAM = "vehicle/lidar"
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    with running(tmp_path_factory.mktemp("server"), max_viewers=12, ack_limit_s=3.0) as one:
+    with running(tmp_path_factory.mktemp("server"), max_viewers=12, ack_limit_s=60.0) as one:
         one.hub.linger_s = 0.3
         yield one
 
@@ -96,16 +97,16 @@ async def test_ten_viewers_one_decoder_and_the_slow_one_costs_the_others_nothing
                 await socket.send("ack")
 
     async def look_on() -> None:
-        await asyncio.sleep(2.0)
+        await asyncio.sleep(1.5)
         assert len(decoders()) == 1
 
-    await asyncio.gather(look_on(), *(look(number, 5.0) for number in range(10)))
+    await asyncio.gather(look_on(), *(look(number, 3.5) for number in range(10)))
     slow, fast = watched.pop(0), list(watched.values())
     span = max(max(seen) for seen in fast) - min(min(seen) for seen in fast) + 1
     for seen in fast:
         assert seen == sorted(set(seen))
         assert len(seen) > 0.5 * span
-    assert len(slow) <= 7
+    assert len(slow) <= 5
     assert np.diff(slow).min() > 5, "the slow one gets the newest, not the next"
 
 
@@ -203,7 +204,8 @@ async def test_a_rate_is_kept(server, vehicle):
         assert 1.6 < time.monotonic() - begin < 20
 
 
-async def test_who_never_acknowledges_is_sent_away_with_a_reason(server, vehicle):
+async def test_who_never_acknowledges_is_sent_away_with_a_reason(server, vehicle, monkeypatch):
+    monkeypatch.setattr(server.hub, "ack_limit_s", 1.0)
     async with server.socket(f"{STREAM}/cloud") as socket:
         code, reason = await ending(socket)
     assert code == 4408
@@ -224,8 +226,9 @@ async def test_a_viewer_that_sends_anything_else_is_sent_away(server, vehicle, s
 async def test_a_flood_of_acknowledgements_is_ended(server, vehicle):
     async with server.socket(f"{STREAM}/cloud?max_points=10") as socket:
         with contextlib.suppress(ConnectionClosed):
-            for _ in range(100_000):
+            for _ in range(10_000):
                 await socket.send("999999999")
+                await asyncio.sleep(0)
         assert (await ending(socket))[0] == 1008
 
 
@@ -234,7 +237,7 @@ async def test_viewers_that_vanish_leave_nothing_behind(server, vehicle):
         socket = await server.socket(f"{STREAM}/cloud?max_points=10")
         await frame(socket)
         socket.transport.abort()
-    assert eventually(lambda: server.hub.state()["viewers"] == 0)
+    assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 0)
 
 
 @pytest.mark.parametrize(
@@ -304,3 +307,53 @@ def _keys(vehicle: str):
     from lidarcodec.transport.keys import StreamKeys
 
     return StreamKeys(vehicle, "lidar")
+
+
+async def test_a_receiver_that_fails_is_replaced_and_the_viewers_stay(server, vehicle):
+    async with server.socket(f"{STREAM}/cloud?form=range") as socket:
+        await frame(socket)
+        (watch,) = server.hub.watches().values()
+        broken = watch.receiver
+
+        def fail(data: bytes) -> None:
+            raise RuntimeError("a fault in the receiver's thread")
+
+        watch.tap(fail)
+        assert await asyncio.to_thread(eventually, lambda: broken.failure is not None)
+        watch.untap(fail)
+        assert await asyncio.to_thread(eventually, lambda: watch.receiver is not broken)
+        for _ in range(3):
+            await socket.send("ack")
+            await frame(socket)
+        assert server.hub.counts["receivers failed"] == 1
+
+
+async def test_prometheus_is_told_of_viewers(server, vehicle):
+    async with httpx.AsyncClient(base_url=server.url, timeout=30) as client:
+        async with server.socket(f"{STREAM}/cloud") as socket:
+            await frame(socket)
+            text = (await client.get("/metrics")).text
+            assert 'lidarcodec_viewers{kind="cloud",sensor="lidar",vehicle="vehicle"} 1.0' in text
+        text = (await client.get("/metrics")).text
+        (sent,) = [line for line in text.splitlines() if line.startswith('lidarcodec_viewer_sent_total{kind="cloud"}')]
+        assert float(sent.rpartition(" ")[2]) >= 1.0
+        assert "lidarcodec_viewer_pack_p99_seconds" in text
+        assert "lidarcodec_recordings_running 0.0" in text
+
+
+async def test_a_token_that_is_revoked_ends_its_sockets(tmp_path, monkeypatch):
+    monkeypatch.setattr("lidarcodec_server.live.session.CHECK_S", 0.2)
+    with running(tmp_path) as server, server.publisher():
+        assert server.seen()
+        store = server.app.state.service.store
+        async with server.socket(f"{STREAM}/cloud?max_points=10") as nobody:
+            token = create_token(store, "screen", "viewer")
+            assert (await ending(nobody))[0] == 4401, "from the first token on everybody needs one"
+        with pytest.raises(InvalidStatus) as caught:
+            await server.socket(f"{STREAM}/cloud")
+        assert caught.value.response.status_code == 401
+        protocols = ["lidarcodec", f"lidarcodec.token.{token}"]
+        async with server.socket(f"{STREAM}/cloud?max_points=10", subprotocols=protocols) as socket:
+            await frame(socket)
+            store.revoke_token("screen")
+            assert (await ending(socket))[0] == 4401

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from lidarcodec.apps.picture import perspective_of, png_of, range_strip_of
+from lidarcodec.apps.timings import Timings
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
@@ -25,6 +27,7 @@ LINGER_S: Final = 2.0
 """A receiver stays so long when the last viewer went: a page that is loaded again finds it running."""
 ACK_LIMIT_S: Final = 15.0
 PICTURE_AGE_S: Final = 1.0
+MEND_S: Final = 1.0
 PICTURE_WAIT_S: Final = 2.5
 THREADS: Final = 2
 """For making frames ready and for opening and closing receivers; pictures have one of their own."""
@@ -53,7 +56,7 @@ class LiveHub:
     max_viewers: sockets at once;  linger_s: how long a receiver outlives its last viewer
     ack_limit_s: how long a viewer may leave a frame without an acknowledgement
     counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
-    `bytes` of viewers that are gone, by kind
+    `sent_bytes` of viewers that are gone, by kind;  pack_ms: time to make a frame ready, once for all viewers
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class LiveHub:
     ) -> None:
         self.max_viewers, self.linger_s, self.ack_limit_s = max_viewers, linger_s, ack_limit_s
         self.counts: Counter[str] = Counter()
+        self.pack_ms = Timings()
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._places: dict[StreamKeys, _Place] = {}
@@ -117,8 +121,15 @@ class LiveHub:
                 self.counts[f"{viewer.kind} {name}"] += getattr(viewer, name)
 
     def work(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
-        """Run a function in a thread."""
-        return self._loop.run_in_executor(self._workers, make)
+        """Run a function in a thread, and note how long it takes."""
+
+        def timed() -> bytes:
+            start = time.perf_counter()
+            made = make()
+            self.pack_ms.add(1e3 * (time.perf_counter() - start))
+            return made
+
+        return self._loop.run_in_executor(self._workers, timed)
 
     async def snapshot(self, keys: StreamKeys, view: View) -> bytes | None:
         """The newest frame as PNG; None when no frame comes in time. Made once for each frame.
@@ -156,7 +167,7 @@ class LiveHub:
         watch = Watch(keys, self._transport(), self._loop)
         await self._loop.run_in_executor(self._openers, watch.receiver.start)
         logger.info("%s is watched", keys.prefix)
-        place.watch, place.ticker = watch, self._loop.create_task(_tick(watch))
+        place.watch, place.ticker = watch, self._loop.create_task(self._tick(watch))
         return watch
 
     async def _close_later(self, keys: StreamKeys, place: _Place) -> None:
@@ -180,14 +191,27 @@ class LiveHub:
             if not place.users and self._places.get(keys) is place:
                 del self._places[keys]
 
+    async def _tick(self, watch: Watch) -> None:
+        while True:
+            await asyncio.sleep(TICK_S)
+            watch.tick()
+            if watch.receiver.failure is not None:
+                await self._mend(watch)
+
+    async def _mend(self, watch: Watch) -> None:
+        """Another receiver instead of one that failed; the viewers stay."""
+        self.counts["receivers failed"] += 1
+        logger.warning("%s: receiving begins again: %s", watch.keys.prefix, watch.receiver.failure)
+        await self._loop.run_in_executor(self._openers, watch.receiver.close)
+        await asyncio.sleep(MEND_S)
+        try:
+            watch.renew(self._transport())
+            await self._loop.run_in_executor(self._openers, watch.receiver.start)
+        except Exception as error:  # whatever it is, the next look tries again
+            logger.debug("%s: still not: %s", watch.keys.prefix, error)
+
     def _paint(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
         return self._loop.run_in_executor(self._painter, make)
-
-
-async def _tick(watch: Watch) -> None:
-    while True:
-        await asyncio.sleep(TICK_S)
-        watch.tick()
 
 
 def _picture(view: FrameView, what: View) -> bytes:

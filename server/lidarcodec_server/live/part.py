@@ -12,6 +12,7 @@ from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.memory import MemoryTransport
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.hub import LiveHub
+from lidarcodec_server.live.metrics import LiveMetrics
 from lidarcodec_server.live.recordings import Limits, Recordings
 from lidarcodec_server.live.shelf import Shelf
 from lidarcodec_server.service import Service
@@ -27,9 +28,12 @@ async def live(app: FastAPI) -> AsyncIterator[None]:
     limits = Limits(config.max_recording_s, config.max_recording_bytes)
     recordings = Recordings(shelf, hub, _opener(config, service), limits)
     app.state.hub, app.state.recordings = hub, recordings
+    metrics = LiveMetrics(hub, recordings)
+    service.metrics.registry.register(metrics)
     try:
         yield
     finally:
+        service.metrics.registry.unregister(metrics)
         await recordings.close()
         await hub.close()
 

@@ -126,6 +126,16 @@ class Recordings:
         active.stop.set()
         return await asyncio.shield(active.task)
 
+    @property
+    def running(self) -> int:
+        """How many recordings run."""
+        return len(self._active)
+
+    @property
+    def played(self) -> int:
+        """How many recordings are played."""
+        return len(self._playing)
+
     def of(self, keys: StreamKeys) -> Recording | None:
         """The recording of a stream that runs now."""
         active = self._active.get(keys)

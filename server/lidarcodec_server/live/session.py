@@ -8,8 +8,10 @@ import json
 import logging
 import struct
 import time
+from collections.abc import Callable
 from typing import Any, Final
 
+from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from lidarcodec.errors import TransportError
@@ -26,8 +28,10 @@ MAX_CLIENT_RATE: Final = 200
 """Messages a second that a viewer may send, over two seconds."""
 CLOSE_LIMIT_S: Final = 2.0
 WATCHDOG_S: Final = 0.25
+CHECK_S: Final = 5.0
 
 GOING_AWAY, NOT_UNDERSTOOD, TOO_LONG, FAILED = 1001, 1008, 1009, 1011
+NOT_ALLOWED: Final = 4401
 NO_ACKNOWLEDGEMENT: Final = 4408
 _INDEX: Final = struct.Struct("<Q")
 
@@ -47,9 +51,11 @@ async def run(
     viewer: CloudViewer | FramesViewer,
     *,
     subprotocol: str | None = None,
+    allowed: Callable[[], bool] = lambda: True,
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
+    allowed: whether it may still look; asked in a thread, every few seconds
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
@@ -57,7 +63,12 @@ async def run(
         await websocket.accept(subprotocol)
         tasks = [
             asyncio.create_task(work)
-            for work in (_read(websocket, viewer), _write(websocket, hub, viewer), _watch(viewer, hub.ack_limit_s))
+            for work in (
+                _read(websocket, viewer),
+                _write(websocket, hub, viewer),
+                _watch(viewer, hub.ack_limit_s),
+                _check(allowed),
+            )
         ]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -124,6 +135,12 @@ async def _watch(viewer: Viewer, ack_limit_s: float) -> None:
     while viewer.waited_s <= ack_limit_s:
         await asyncio.sleep(WATCHDOG_S)
     raise _EndError(NO_ACKNOWLEDGEMENT, f"no acknowledgement within {ack_limit_s:g} s", "slow")
+
+
+async def _check(allowed: Callable[[], bool]) -> None:
+    while await run_in_threadpool(allowed):
+        await asyncio.sleep(CHECK_S)
+    raise _EndError(NOT_ALLOWED, "the token does not work any more", "revoked")
 
 
 async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: BaseException | None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
 from lidarcodec_server.live.cloud_format import Facts, packed
 from lidarcodec_server.live.options import Encoding
@@ -31,11 +30,3 @@ class FrameView:
         if future is None or future.cancelled():
             future = self._bytes[what] = work(make)
         return await asyncio.shield(future)  # one who gives up takes nothing from the others
-
-
-class ViewTimings:
-    """Milliseconds that frames take to be made ready, for metrics."""
-
-    def __init__(self) -> None:
-        self.pack_ms = Timings()
-        self.picture_ms = Timings()

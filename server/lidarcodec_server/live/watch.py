@@ -45,19 +45,29 @@ class Watch:
         self.viewers: set[Viewer] = set()
         self.last: FrameView | None = None
         self.last_at = float("-inf")
-        self.receiver = Receiver(
-            keys, SERVER_RECEIVER, self._decoded, self._came, lambda: None, transport=transport, decoding=False
-        )
         self._loop = loop
+        self._decoders = 0
+        self.renew(transport)
         self._taps: tuple[Tap, ...] = ()
         self._waiting: set[asyncio.Future[FrameView]] = set()
-        self._decoders = 0
         self._stream_id: int | None = None
         self._heard_at = time.monotonic()
         self._stale_told = float("-inf")
         self._slow_key_at = float("-inf")
         self._told: dict[str, Any] = {}
         self._passes_on = False
+
+    def renew(self, transport: Transport) -> None:
+        """Have a new receiver; it is not started."""
+        self.receiver = Receiver(
+            self.keys,
+            SERVER_RECEIVER,
+            self._decoded,
+            self._came,
+            lambda: None,
+            transport=transport,
+            decoding=self._decoders > 0,
+        )
 
     # --- for the hub ------------------------------------------------------------------------------------------------
 

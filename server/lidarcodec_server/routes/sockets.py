@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, WebSocket
 
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.auth import Viewer, subprotocol_of
+from lidarcodec_server.auth import Viewer, require_viewer, subprotocol_of
 from lidarcodec_server.live import session
 from lidarcodec_server.live.hub import LiveHub, TooManyViewersError
 from lidarcodec_server.live.options import CloudOptions, FramesOptions
@@ -29,7 +29,14 @@ async def frames(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -
 
 
 async def _serve(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, viewer: CloudViewer | FramesViewer) -> None:
+    def allowed() -> bool:
+        try:
+            require_viewer(websocket)
+        except ProblemError:
+            return False
+        return True
+
     try:
-        await session.run(websocket, hub, keys, viewer, subprotocol=subprotocol_of(websocket))
+        await session.run(websocket, hub, keys, viewer, subprotocol=subprotocol_of(websocket), allowed=allowed)
     except TooManyViewersError as error:
         raise ProblemError(503, str(error), "viewers", {"Retry-After": "10"}) from None
