@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 import lidarcodec
+from benchmarks.link_ends import looped
 from lidarcodec.settings import settings_from
 from tests.apps.streams import Loop
 
@@ -24,10 +25,17 @@ def say(**values: Any) -> None:
     os.write(1, json.dumps(values).encode() + b"\n")
 
 
-def publish(*, frames: int | None = None, rate: float | str = 10.0, settings: dict[str, Any], **where: Any) -> None:
-    publisher = lidarcodec.Publisher(
-        Loop(frames), settings_from(settings), rate=rate, endpoints=lidarcodec.Endpoints.of(**where)
-    )
+def publish(
+    *,
+    frames: int | None = None,
+    source: str | None = None,
+    rate: float | str = 10.0,
+    settings: dict[str, Any],
+    **where: Any,
+) -> None:
+    packets = Loop(frames) if source is None else looped(source)
+    endpoints = lidarcodec.Endpoints.of(**where)
+    publisher = lidarcodec.Publisher(packets, settings_from(settings), rate=rate, endpoints=endpoints)
     signal.signal(signal.SIGTERM, lambda *_: publisher.interrupt())
     with publisher:
         say(stream=publisher.stream_id)

@@ -10,7 +10,7 @@ from tests.transport.conftest import free_port
 
 pytestmark = pytest.mark.timeout(180)
 
-PARTS = ((12_000.0, 3.0), (2_500.0, 5.0), (12_000.0, 5.0))
+PARTS = ((12_000.0, 2.5), (2_500.0, 4.0), (12_000.0, 4.0))
 """Kbit/s and seconds: as the 20, 4 and 20 Mbit/s of benchmarks/adaptive.py, for a machine that others use too."""
 
 

@@ -1,0 +1,126 @@
+"""An operator changes codec and bitrate of a vehicle that drives, and back: nobody loses a frame by it.
+
+A vehicle in a process of its own sends a real drive at 10 Hz; this process receives and decodes every frame, and asks.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from itertools import pairwise
+
+import pytest
+
+from lidarcodec.apps.receiver import Receiver
+from lidarcodec.codecs import table
+from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import unpack
+from tests.apps.test_processes import End
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
+
+pytestmark = [pytest.mark.timeout(240), pytest.mark.data]
+
+CHANGES = (
+    {"codec": "jxl", "target_kbps": 4000, "intensity": "off"},
+    {"codec": "jpeg", "target_kbps": 3000},
+    {"codec": "jpeg-layered", "target_kbps": None},
+    {"codec": "h264", "intensity": "levels=16", "key_interval": 20},
+    {"codec": "h264-log", "intensity": "off"},
+    {"codec": "zstd", "target_kbps": 6000, "framing": "revolution"},
+    {"codec": "pcodec", "target_kbps": "auto", "framing": "packets"},
+    {"codec": "pcodec", "target_kbps": None, "max_error_m": 0.0, "intensity": "lossless"},
+)
+REFUSED = (
+    {"codec": "h265"},
+    {"codec": "raw", "target_kbps": 3000},
+    {"codec": "jxl", "codec_settings": {"quality": 500}, "intensity": "lossless"},
+    {"target_kbps": 2000, "max_error_m": -1},
+)
+KEYS = StreamKeys()
+
+
+class Viewer:
+    """Receives every frame; what came, in order."""
+
+    def __init__(self, port: int) -> None:
+        self.decoded: list[int] = []
+        self.messages: list[tuple[float, int, int, bool]] = []  # when, first frame, codec, key
+        self.receiver = Receiver(
+            KEYS,
+            "viewer",
+            lambda frame: self.decoded.append(frame.index),
+            self._message,
+            lambda: None,
+            endpoints=Endpoints.of(loopback_port=port),
+        )
+
+    def _message(self, data: bytes) -> None:
+        message = unpack(data)
+        self.messages.append((time.monotonic(), message.frame_index, message.codec, message.key))
+
+    def first_of(self, codec: int, since: float) -> tuple[float, int] | None:
+        """When the first message of a codec came after a time, and its frame."""
+        return next(((at, index) for at, index, of, _ in list(self.messages) if of == codec and at >= since), None)
+
+
+def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
+    port = free_port()
+    car = End("publish", loopback_port=port, source=str(data_file("kitti_sfnd_f000-049.pcap.xz")), settings={})
+    viewer, transport = Viewer(port), open_transport(Endpoints.of(loopback_port=port))
+    viewer.receiver.start()
+    try:
+        assert eventually(lambda: len(viewer.decoded) > 5, 60)
+
+        def ask(changes: dict) -> dict:
+            return json.loads(transport.ask(KEYS.control_set, json.dumps(changes).encode(), 20.0))
+
+        def told() -> dict:
+            return json.loads(transport.ask(KEYS.control_get, b"", 20.0))
+
+        for changes in CHANGES:
+            before, asked = told()["settings"], time.monotonic()
+            answer = ask(changes)
+            applied = answer["applied"]
+            assert {name: applied[name] for name in changes} == changes
+            assert told()["settings"] == applied, "what was answered is what is in force"
+            codec = table.codec_id(changes["codec"])
+            if changes["codec"] != before["codec"]:
+                assert answer["key"]
+                assert eventually(lambda codec=codec, asked=asked: viewer.first_of(codec, asked), 30)
+                at, index = viewer.first_of(codec, asked)
+                assert index >= answer["first_frame"] - ("framing" in changes)
+                print(f"{changes['codec']:13s} answered and first message after {at - asked:.3f} s")
+            begin = max(viewer.decoded)
+            assert eventually(lambda begin=begin: max(viewer.decoded) > begin + 8, 60)
+        in_force = told()["settings"]
+        for changes in REFUSED:
+            answer = ask(changes)
+            assert answer["error"]
+            assert answer["field"]
+        assert told()["settings"] == in_force, "a refused change changes nothing"
+        begin = max(viewer.decoded)
+        assert eventually(lambda: max(viewer.decoded) > begin + 3, 60)
+    finally:
+        car.end()
+        assert eventually(lambda: not viewer.receiver.alive, 30)
+        viewer.receiver.close()
+        transport.close()
+    status = car.status
+    # what was sent was decoded, in order, and every gap was a frame that gave way before it was encoded
+    assert viewer.receiver.errors == {}
+    assert status["errors"] == {}
+    assert status["messages"] - len(viewer.messages) <= 1
+    assert viewer.decoded == sorted(set(viewer.decoded))
+    gaps = sum(later - earlier - 1 for earlier, later in pairwise(viewer.decoded))
+    assert gaps <= status["replaced"]
+    codecs = [codec for *_, codec, _ in viewer.messages]
+    turns = [codec for earlier, codec in pairwise([0, *codecs]) if codec != earlier]
+    names = ["pcodec", *(changes["codec"] for changes in CHANGES)]
+    assert [table.codec_name(codec) for codec in turns] == [a for a, b in pairwise([*names, ""]) if a != b]
+    for (_, earlier, before, _), (_, later, after, key) in pairwise(viewer.messages):
+        if before != after:
+            assert key, "whoever joins at the change can decode"
+            if not status["replaced"]:
+                print(f"{table.codec_name(before)} up to {earlier}, {table.codec_name(after)} from {later}")
