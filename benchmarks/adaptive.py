@@ -32,7 +32,7 @@ ADAPTING_S = 2.0
 READY_S = 60.0
 BACK = 0.9
 COMMON = {"codec": "pcodec", "intensity": "off"}
-FIXED = COMMON | {"max_error_m": 0.0}
+FIXED = COMMON | {"max_error_m": 0.0, "key_interval": 10}
 POLICIES: dict[str, dict[str, Any]] = {
     "auto": COMMON | {"target_kbps": "auto"},
     "one in flight": FIXED,

@@ -1,8 +1,9 @@
 """End-to-end latency over loopback, two processes: host time of a frame's last packet to the decoded frame.
 
-    python -m benchmarks.latency [--source sim:city] [--rate 10] [--seconds 30] [--codec pcodec] [--set KEY=VALUE]...
+    python -m benchmarks.latency [--source sim:city] [--rate 10] [--seconds 30] [--codec CODEC|all] [--set KEY=VALUE]...
 
-Prints one JSON object: latency, and what it is made of, in milliseconds (p50 and p99 over the newest 600 frames).
+Prints one JSON object: latency, and what it is made of, in milliseconds (p50 and p99 over the newest 600 frames). With
+`--codec all` a table: every codec with its own default settings. A file is played over and over.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import lidarcodec
+from benchmarks.link_ends import looped
+from lidarcodec.codecs import table
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.sources import open_source
 
@@ -37,7 +40,8 @@ def free_port() -> int:
 
 def publish(options: argparse.Namespace) -> None:
     """The publisher's process; its last line is its status."""
-    with open_source(options.source) as source:
+    simulated = options.source.startswith(("sim:", "udp:"))
+    with open_source(options.source) if simulated else looped(options.source) as source:
         publisher = lidarcodec.Publisher(
             source,
             one_setting(options.codec, options.set),
@@ -95,6 +99,29 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def row(codec: str, found: dict[str, Any]) -> str:
+    """A line of the table of all codecs."""
+    latency, parts = found["latency_ms"] or {}, ("encode_ms", "arrive_ms", "decode_ms")
+    spent = " | ".join(f"{found[part]['p50']:.1f}" for part in parts)
+    return (
+        f"| `{codec}` | {latency.get('p50')} | {latency.get('p99')} | {spent} "
+        f"| {found['kbps'] / 1e3:.1f} | {found['replaced']} |"
+    )
+
+
+def every_codec(options: argparse.Namespace) -> bool:
+    """Measure each codec and print a table; whether all of them gave frames."""
+    print(
+        "| codec | p50 ms | p99 ms | encode | arrive | decode | Mbit/s | replaced |\n|---|---|---|---|---|---|---|---|"
+    )
+    good = True
+    for codec in table.names():
+        found = measure(argparse.Namespace(**vars(options) | {"codec": codec, "port": free_port()}))
+        good &= bool(found["frames"]) and not found["errors"]
+        print(row(codec, found), flush=True)
+    return good
+
+
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.latency", description=__doc__.splitlines()[0])
@@ -109,6 +136,8 @@ def main() -> int:
     if options.publish:
         publish(options)
         return 0
+    if options.codec == "all":
+        return 0 if every_codec(options) else 1
     options.port = options.port or free_port()
     found = measure(options)
     print(json.dumps(found, indent=2))

@@ -8,6 +8,7 @@ every frame as it comes, at a fixed quality, with one of the library's answers t
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -23,6 +24,7 @@ import zenoh
 
 import lidarcodec
 from lidarcodec.apps.live_stats import last_packet_ns
+from lidarcodec.errors import MissingReferenceError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
@@ -142,8 +144,9 @@ def receive_plain(connect: str, originals: list[np.ndarray], stop: threading.Eve
             if sample is None:
                 time.sleep(0.001)
                 continue
-            for frame in decoder.decode(unpack(sample.payload.to_bytes())):
-                tell(frame, originals, [(time.time_ns() - last_packet_ns(frame)) / 1e6])
+            with contextlib.suppress(MissingReferenceError):  # until the first key frame
+                for frame in decoder.decode(unpack(sample.payload.to_bytes())):
+                    tell(frame, originals, [(time.time_ns() - last_packet_ns(frame)) / 1e6])
 
 
 def tell(frame: Frame, originals: list[np.ndarray], late: list[float]) -> None:

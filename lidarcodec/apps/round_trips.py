@@ -13,10 +13,10 @@ from typing import Final
 
 from lidarcodec.apps.clocks import Clock, LatencyClock
 
-EVERY_S: Final = 2.0
+EVERY_S: Final = 1.0
 AGAIN_S: Final = 0.3
 """After an answer that had to wait, or when a clock was seen to jump."""
-REMEMBERED: Final = 8
+REMEMBERED: Final = 5
 QUESTION: Final = b'{"ping":0}'
 
 
@@ -31,9 +31,10 @@ class RoundTrips:
 
     @property
     def rtt_ms(self) -> float | None:
-        """Shortest of the last round trips; of those that met no message, if there are any."""
-        known = list(self._free) or list(self._any)
-        return round(min(known), 3) if known else None
+        """The usual one of the last round trips that met no message; as long as there is none, the shortest of all."""
+        if self._free:
+            return round(sorted(self._free)[(len(self._free) - 1) // 2], 3)
+        return round(min(self._any), 3) if self._any else None
 
     @property
     def due_s(self) -> float:

@@ -49,6 +49,10 @@ CAUTION_S: Final = 20.0
 GROWTH_PER_S: Final = 1.5
 """For so long after a cut the capacity is believed to grow by no more than that: five times as much takes 4 s. A
 bucket of tokens that lets any burst through and then stands would else be filled and hit again and again."""
+SMALLER: Final = 0.7
+WORSE: Final = 1.1
+IN_VAIN: Final = 0.5
+"""A message of which half of the time has nothing to do with its size is not made quicker by making it smaller."""
 SETTLING: Final = 3
 """Measurements of a new path that are taken as they are, on the way up; the first one on the way down as well. A path
 that stood still is new: the message that was under way at its end took long, the next ones are as fast as ever."""
@@ -85,7 +89,7 @@ class PathState:
     settling: measurements that are still believed whole, because the path is new or stood still
     share: of the capacity that is used; burst: size of a key frame over that of the others, inter_bits: mean of those
     slow: whether the last message was clearly slower, before_bps: the capacity before it
-    caution_s: how long growth is still limited
+    began: bits and seconds of the first of several slow messages in a row; caution_s: how long growth is still limited
     bits, send_s, since_s: messages taken together for the next measurement
     """
 
@@ -96,6 +100,7 @@ class PathState:
     inter_bits: float | None = None
     slow: bool = False
     before_bps: float | None = None
+    began: tuple[float, float] | None = None
     caution_s: float = 0.0
     bits: float = 0.0
     send_s: float = 0.0
@@ -149,6 +154,8 @@ def _measured(state: PathState, noise_s: float) -> PathState:
         capacity = found
     elif found < before:
         slow = sure and found < SLOW * before
+        if slow and (otherwise := _in_vain(state)) is not None:
+            found = min(max(otherwise, found), state.before_bps or before)
         believed = state.slow or state.send_s >= HICCUP_S
         time_s = DOWN_S if believed else FIRST_DOWN_S
         capacity = before if not sure else before + (found - before) * (1.0 - math.exp(-max(step_s, 0.1) / time_s))
@@ -162,6 +169,7 @@ def _measured(state: PathState, noise_s: float) -> PathState:
         state,
         capacity_bps=capacity,
         before_bps=(state.before_bps if state.slow else before) if slow else None,
+        began=_began(state) if slow else None,
         settling=max(state.settling - 1, 0),
         slow=slow,
         caution_s=caution_s,
@@ -169,6 +177,26 @@ def _measured(state: PathState, noise_s: float) -> PathState:
         send_s=0.0,
         since_s=0.0,
     )
+
+
+def _began(state: PathState) -> tuple[float, float]:
+    """Bits and seconds with which the messages became slow; anew when it gets worse."""
+    if state.began is None or state.send_s > WORSE * state.began[1]:
+        return state.bits, state.send_s
+    return state.began
+
+
+def _in_vain(state: PathState) -> float | None:
+    """Bits per second, when messages became smaller and hardly quicker: it is not their bits that take the time, and
+    fewer would not help. So a round trip that grew, before it is known, does not take the target down to nothing.
+
+    A delay and a capacity follow from two messages of different size; None when the delay is not the larger part.
+    """
+    if state.began is None or state.bits > SMALLER * state.began[0] or state.send_s > WORSE * state.began[1]:
+        return None
+    fewer, quicker_s = state.began[0] - state.bits, max(state.began[1] - state.send_s, 1e-4)
+    delay_s = state.send_s - quicker_s * state.bits / fewer
+    return fewer / quicker_s if delay_s > IN_VAIN * state.send_s else None
 
 
 def _stalled(state: PathState, landing: Landing) -> PathState:

@@ -20,6 +20,8 @@ class Relay:
 
     BUFFER = 32 * 1024
     PIECE = 4096
+    LATE_S = 0.01
+    """A thread that is woken late on a busy machine may make up for so much; else the path were slower than said."""
 
     def __init__(self, target_port: int, *, kbit: float, delay_s: float = 0.0) -> None:
         self._target, self.kbit, self._delay_s = ("127.0.0.1", target_port), kbit, delay_s
@@ -86,7 +88,7 @@ class _Line:
             if data and self._relay is not None:
                 while not self._relay.kbit and not self._relay.closed:
                     time.sleep(0.01)
-                free = max(free, time.monotonic()) + len(data) / (max(self._relay.kbit, 1.0) * 125.0)
+                free = max(free, time.monotonic() - Relay.LATE_S) + len(data) / (max(self._relay.kbit, 1.0) * 125.0)
                 while (left := free - time.monotonic()) > 0 and not self._relay.closed:
                     time.sleep(min(left, 0.1))
             with self._condition:

@@ -44,3 +44,18 @@ def test_auto_follows_a_link_down_and_up(link):
     assert narrow["fps"] > 5
     assert narrow["latency_p50_ms"] < 400  # at the quality of the wide link a frame would take half a second
     assert publisher.said[-1]["final"]["errors"] == {}
+
+
+def test_what_was_held_up_by_a_stall_is_left_out_and_the_newest_is_shown():
+    """Nothing goes through for three seconds; then three old frames come at once, and the stream goes on as before."""
+    with Relayed(8_000.0, free_port=free_port) as link:
+        parts = ((8_000.0, 2.0), (0.0, 3.0), (8_000.0, 4.0))
+        times, publisher, receiver = play(link, "auto", "sim:city?frames=10", parts)
+    frames = [one for one in receiver.said if "index" in one]
+    summary = receiver.said[-1]["summary"]
+    assert summary["stale"] >= 1
+    assert summary["errors"] == {}
+    after = [one for one in frames if one["at"] > times[2]]
+    assert len(after) > 10, "frames come again"
+    assert min(one["latency_ms"] for one in after[-10:]) < 500
+    assert publisher.said[-1]["final"]["flight"]["timeouts"] >= 1

@@ -28,8 +28,15 @@ class Shown:
 class Path:
     """Carries `kbps(t)`; a bucket of tokens lets a burst through at once."""
 
-    def __init__(self, kbps: Callable[[float], float], rtt_s: float = 0.0, bucket_bits: float = 0.0) -> None:
-        self.kbps, self.rtt_s, self.bucket_bits = kbps, rtt_s, bucket_bits
+    def __init__(
+        self,
+        kbps: Callable[[float], float],
+        rtt_s: float = 0.0,
+        bucket_bits: float = 0.0,
+        unknown_s: Callable[[float], float] = lambda t: 0.0,
+    ) -> None:
+        """unknown_s: what the round trip is longer than anybody knows yet."""
+        self.kbps, self.rtt_s, self.bucket_bits, self.unknown_s = kbps, rtt_s, bucket_bits, unknown_s
         self.free_s, self._tokens, self._tokens_at = 0.0, bucket_bits, 0.0
 
     def send(self, put_s: float, bits: float) -> float:
@@ -82,7 +89,7 @@ def stream(
         wanted = 1e3 * target_kbps(state) * FRAME_S * (key_factor if key else 1.0)
         bits = min(max(wanted * (1.0 + noise * rng.standard_normal()), least_bits, 1e3), most_bits)
         done = path.send(put, bits)
-        report = done + path.rtt_s + abs(jitter_s * rng.standard_normal())
+        report = done + path.rtt_s + path.unknown_s(done) + abs(jitter_s * rng.standard_normal())
         if report - put > LIMIT_S and window == 1:
             landing = Landing(bits, LIMIT_S, LIMIT_S, path.rtt_s, key, left_out, landed=False)
             under_way.append((put + LIMIT_S, landing))

@@ -67,6 +67,14 @@ def test_several_in_flight_are_not_taken_for_a_slow_path():
     assert late_s(shown, 3.0, 12.0) < 0.3
 
 
+def test_a_round_trip_that_grew_unnoticed_does_not_take_the_quality_down_to_nothing():
+    """Another cell, another route: 0.1 s more, and until it has been measured all of it looks like slow sending."""
+    path = Path(lambda t: 10_000, 0.02, unknown_s=lambda t: 0.1 if t > 5.0 else 0.0)
+    shown = stream(path, 20.0)
+    assert sent_kbps(shown, 10.0, 20.0) > 0.15 * 10_000
+    assert late_s(shown, 7.0, 20.0) < 0.25
+
+
 def test_key_frames_that_are_much_larger_do_not_lag_either():
     shown = stream(Path(lambda t: 5_000), 20.0, key_every=10, key_factor=4.0)
     assert max(one.late_s for one in shown if one.at_s > 5.0) < 0.3
