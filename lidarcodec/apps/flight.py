@@ -21,6 +21,9 @@ LIMIT_S = 1.0
 """How long a receiver may leave a message without a report before the next one goes all the same."""
 FORGET_S = 10.0
 """A receiver without a liveliness token that reported nothing for so long is gone."""
+NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
+"""The same for the first messages of another codec, whose decoder may have to be started: the report of the second one
+waits for that, and what went meanwhile would be replaced on the receiver's side, though later messages may need it."""
 MAX_IN_FLIGHT = 4
 SHORT_PATH_S = 0.010
 """Below this round trip one message in flight leaves no link idle that matters."""
@@ -59,6 +62,7 @@ class Flight:
         self._last_free = self._last_landing = float("-inf")
         self._send_s: list[float] = []
         self._rtt_s: dict[str, float] = {}
+        self._patient = 0
         self.timeouts = self.switches = 0
         self.arrive_ms = Timings()
 
@@ -104,6 +108,11 @@ class Flight:
                 self._rtt_s[name] = rtt_s
                 self._condition.notify_all()
 
+    def new_codec(self) -> None:
+        """The next messages may need a decoder that is not there yet: have patience with their reports."""
+        with self._condition:
+            self._patient = NEW_CODEC_MESSAGES
+
     def sent(self, index: int, size: int = 0, *, key: bool = False) -> None:
         """A message of so many bytes is put now."""
         with self._condition:
@@ -129,7 +138,7 @@ class Flight:
                 self._alive[name] = now
             if name != self._following() or index not in self._sent:
                 return
-            sent = self._sent[index]
+            sent, self._patient = self._sent[index], max(self._patient - 1, 0)
             self.arrive_ms.add(1e3 * (now - sent.at_s))
             rtt = self._rtt_s.get(name, 0.0)
             held_s = min(max(held_s, 0.0), now - sent.at_s)
@@ -249,5 +258,6 @@ class Flight:
 
     def _due(self) -> float:
         """When the oldest message under way has waited long enough; a path that needs long for one gets longer."""
-        limit = max(self._limit_s, 3 * (percentile(sorted(self._send_s), 0.5) or 0.0))
+        usual = percentile(sorted(self._send_s), 0.5) or 0.0
+        limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
         return min((self._sent[one].at_s for one in self._open), default=float("-inf")) + limit

@@ -251,6 +251,8 @@ class Publisher:
             wanted = settings_with(self.settings, changes)
             self._prepare(wanted)
             with self._encoding:
+                if wanted.codec != self.settings.codec:
+                    self._flight.new_codec()
                 framing = wanted.framing != self.settings.framing
                 key = self._encoder.apply(wanted)
                 first = self._feed.reframe(wanted.framing) if framing else self.next_index

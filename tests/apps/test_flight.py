@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.apps.flight import FORGET_S, LIMIT_S, MAX_RECEIVERS, REMEMBERED, Flight
+from lidarcodec.apps.flight import FORGET_S, LIMIT_S, MAX_RECEIVERS, NEW_CODEC_MESSAGES, REMEMBERED, Flight
 
 
 class Clock:
@@ -252,3 +252,18 @@ def test_another_receiver_is_another_path(clock):
     assert flight.switches == before + 1
     flight.reported("server", 0)
     assert flight.landings() == [], "it may have come in the middle of the message"
+
+
+def test_a_decoder_that_has_to_be_started_gets_the_time_for_it(clock):
+    """Else messages would go on, the receiver would keep only the newest, and miss what it needs."""
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.new_codec()
+    for index in range(NEW_CODEC_MESSAGES):
+        flight.sent(index)
+        clock.now += 3.0
+        assert not flight.wait(0)
+        flight.reported("office", index)
+    flight.sent(9)
+    clock.now += 10.0
+    assert flight.wait(0)
