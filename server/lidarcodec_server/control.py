@@ -32,6 +32,8 @@ GET_S = 1.0
 AGAIN_S = 2.0
 """When a vehicle that is there and does not answer is asked again."""
 WORKERS = 4
+CLOSE_S = 2.0
+"""How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
 MAX_REASON = 500
 
 
@@ -96,9 +98,10 @@ class Control:
         with self._wake:
             self._stopped = True
             self._wake.notify_all()
+        end = time.monotonic() + CLOSE_S
         for thread in self._threads:
             if thread.is_alive():
-                thread.join(self._answer_s + TURN_S)
+                thread.join(max(0.0, end - time.monotonic()))
 
     # --- what operators ask -----------------------------------------------------------------------------------------
 

@@ -24,6 +24,7 @@ from lidarcodec_server.migrations import StoreError, configuration, upgrade
 from lidarcodec_server.store import Store
 from lidarcodec_server.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
+from tests.server.conftest import until
 
 CAR = StreamKeys("car-7", "roof")
 POSTGRES_FOLDERS = ("/usr/lib/postgresql/15/bin", "/usr/local/bin", "/usr/bin")
@@ -240,6 +241,22 @@ def test_tokens_that_were_known_work_on_while_the_database_is_away(store, monkey
     assert book.needed
     with pytest.raises(StoreError):
         TokenBook(store).needed  # noqa: B018
+
+
+async def test_the_server_works_the_same_on_either_database(serving, vehicle, url):
+    path = "/api/v1/streams/car-7/roof"
+    async with serving(database_url=url) as client:
+        assert (await client.patch(f"{path}/settings", json={"codec": "zstd"})).status_code == 202
+        car = vehicle()
+
+        async def follows():
+            return car.settings.codec == "zstd"
+
+        assert await until(follows)
+        assert (await client.patch(f"{path}/settings", json={"intensity": "off"})).status_code == 200
+        audit_log = (await client.get(f"{path}/audit")).json()
+        assert [entry["result"] for entry in audit_log] == ["applied", "applied", "stored"]
+        assert (await client.get(f"{path}/settings")).json()["operator"] == {"codec": "zstd", "intensity": "off"}
 
 
 async def test_a_store_that_fails_is_a_problem_and_nothing_reaches_the_vehicle(serving, vehicle, monkeypatch):
