@@ -9,6 +9,7 @@ NB_MODULE(_native, m) {
   bind_images(m);
   bind_mask(m);
   bind_intensity(m);
+  bind_predictive(m);
   bind_entropy(m);
   bind_simulator(m);
   bind_assembly(m);

@@ -36,5 +36,6 @@ void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);
 void bind_intensity(nb::module_& m);
+void bind_predictive(nb::module_& m);
 void bind_entropy(nb::module_& m);
 void bind_receiver(nb::module_& m);

@@ -15,16 +15,18 @@ inline constexpr std::int64_t kTurn = 628318531;  // full turn, steps of 1e-8 ra
 constexpr std::int64_t floor_div(std::int64_t a, std::int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
 
 // A row of n cells that may be read from -kMargin to n + kMargin - 1.
-class PaddedRow {
+template <class Cell>
+class PaddedRowOf {
  public:
   static constexpr std::ptrdiff_t kMargin = 8;
-  explicit PaddedRow(std::size_t width) : cells_(width + 2 * kMargin) {}
-  std::uint8_t* cells() { return cells_.data() + kMargin; }
-  const std::uint8_t* cells() const { return cells_.data() + kMargin; }
+  explicit PaddedRowOf(std::size_t width) : cells_(width + 2 * kMargin) {}
+  Cell* cells() { return cells_.data() + kMargin; }
+  const Cell* cells() const { return cells_.data() + kMargin; }
 
  private:
-  std::vector<std::uint8_t> cells_;
+  std::vector<Cell> cells_;
 };
+using PaddedRow = PaddedRowOf<std::uint8_t>;
 
 // For each half, its fired columns, and how its cells are found from those of the other.
 class MaskLayout {
@@ -65,14 +67,15 @@ class MaskLayout {
 
   // Fills `out`, margins too, with row `above` as seen from `row`. Beyond its ends a row goes on as it ends; a row
   // without cells, like the one above the first, is all returns.
-  void align(const std::uint8_t* above_cells, std::size_t above, std::size_t row, std::int64_t shift,
-             PaddedRow& out) const {
+  template <class Cell>
+  void align(const Cell* above_cells, std::size_t above, std::size_t row, std::int64_t shift,
+             PaddedRowOf<Cell>& out) const {
     const auto n = static_cast<std::ptrdiff_t>(cells(row));
     const auto have = static_cast<std::ptrdiff_t>(cells(above));
-    std::uint8_t* to = out.cells();
-    constexpr std::ptrdiff_t margin = PaddedRow::kMargin;
+    Cell* to = out.cells();
+    constexpr std::ptrdiff_t margin = PaddedRowOf<Cell>::kMargin;
     if (have == 0) {
-      std::fill(to - margin, to + n + margin, std::uint8_t{1});
+      std::fill(to - margin, to + n + margin, Cell{1});
     } else if (half(above) == half(row)) {
       copy_clamped(above_cells, have, shift - margin, to - margin, n + 2 * margin);
     } else {
@@ -103,16 +106,18 @@ class MaskLayout {
   }
 
  private:
-  static void pad(PaddedRow& row, std::ptrdiff_t n) {
-    std::uint8_t* cells = row.cells();
+  template <class Cell>
+  static void pad(PaddedRowOf<Cell>& row, std::ptrdiff_t n) {
+    constexpr std::ptrdiff_t margin = PaddedRowOf<Cell>::kMargin;
+    Cell* cells = row.cells();
     if (n == 0) return;
-    std::fill(cells - PaddedRow::kMargin, cells, cells[0]);
-    std::fill(cells + n, cells + n + PaddedRow::kMargin, cells[n - 1]);
+    std::fill(cells - margin, cells, cells[0]);
+    std::fill(cells + n, cells + n + margin, cells[n - 1]);
   }
 
   // to[i] = from[clamp(i + first)] for i < n.
-  static void copy_clamped(const std::uint8_t* from, std::ptrdiff_t have, std::ptrdiff_t first, std::uint8_t* to,
-                           std::ptrdiff_t n) {
+  template <class Cell>
+  static void copy_clamped(const Cell* from, std::ptrdiff_t have, std::ptrdiff_t first, Cell* to, std::ptrdiff_t n) {
     const std::ptrdiff_t before = std::clamp<std::ptrdiff_t>(-first, 0, n);
     const std::ptrdiff_t middle = std::clamp<std::ptrdiff_t>(have - first, before, n);
     std::fill(to, to + before, from[0]);

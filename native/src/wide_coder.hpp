@@ -59,6 +59,19 @@ class WideEncoder {
     }
   }
 
+  // `bits` equally likely bits, 0 to 16 of them, as three decisions. `make_room` comes first.
+  void encode_plain(WideInterval& interval, std::uint32_t value, std::uint32_t bits) {
+    interval.range >>= bits;
+    const std::uint64_t skipped = interval.range * value;
+    interval.at += skipped;
+    if (interval.at < skipped) [[unlikely]] carry();
+    if (interval.range < kWideMove) {
+      push(interval.at, 4);
+      interval.at <<= 32;
+      interval.range <<= 32;
+    }
+  }
+
   // Takes memory for so many more decisions.
   void make_room(std::size_t decisions) { out_.resize(written_ + 2 * decisions + 8); }
 
@@ -99,7 +112,7 @@ class WideDecoder {
     interval.at = static_cast<std::uint64_t>(next()) << 32;
     interval.at |= next();
     if (interval.at == ~std::uint64_t{0})
-      throw Error(ErrorCode::Section, "a stream of intensities cannot begin with eight bytes of 255");
+      throw Error(ErrorCode::Section, "a coded stream cannot begin with eight bytes of 255");
     return interval;
   }
 
@@ -117,11 +130,24 @@ class WideDecoder {
     return bit;
   }
 
+  // Raises Truncated as `decode`, Section if no encoder can have written it.
+  std::uint32_t decode_plain(WideInterval& interval, std::uint32_t bits) {
+    interval.range >>= bits;
+    const std::uint64_t value = interval.at / interval.range;
+    if (value >> bits != 0) throw Error(ErrorCode::Section, "a stream beyond its last interval");
+    interval.at -= value * interval.range;
+    if (interval.range < kWideMove) {
+      interval.at = interval.at << 32 | next();
+      interval.range <<= 32;
+    }
+    return static_cast<std::uint32_t>(value);
+  }
+
   // Raises Section unless the stream ends here, in the bytes that `WideEncoder::finish` writes.
   void finish(const WideInterval& interval) const {
     const WideEnd end(window_ - interval.at, interval.range);
     if (window_ != end.value || size_ != read_ - 8 + end.bytes)
-      throw Error(ErrorCode::Section, "a stream of intensities does not end as its decisions say", size_);
+      throw Error(ErrorCode::Section, "a coded stream does not end as its decisions say", size_);
   }
 
  private:
@@ -131,7 +157,7 @@ class WideDecoder {
     if (read_ + 4 <= size_) {
       for (std::size_t i = 0; i < 4; ++i) word = word << 8 | data_[read_ + i];
     } else {
-      if (read_ >= size_ + 8) throw Error(ErrorCode::Truncated, "a stream of intensities ends too early", size_);
+      if (read_ >= size_ + 8) throw Error(ErrorCode::Truncated, "a coded stream ends too early", size_);
       for (std::size_t i = 0; i < 4; ++i) word = word << 8 | (read_ + i < size_ ? data_[read_ + i] : 0u);
     }
     read_ += 4;

@@ -1,0 +1,73 @@
+#include "bindings.hpp"
+#include "error.hpp"
+#include "geometry.hpp"
+#include "predictive_coder.hpp"
+
+namespace {
+
+using lidarcodec::kMaskRows;
+using lidarcodec::MaskGeometry;
+using lidarcodec::PredictiveCoder;
+
+template <class T>
+void expect_image(const In<T, 2>& image, const MaskGeometry& geometry) {
+  if (image.shape(0) != kMaskRows || image.shape(1) != geometry.width)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "ranges and returns are (64, W), as wide as what fired");
+}
+
+lidarcodec::RangeCells cells_of(std::uint32_t step, const In<std::int32_t, 1>& level) {
+  if (level.shape(0) != kMaskRows)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "levels are (64,)");
+  lidarcodec::RangeCells cells;
+  cells.step = step;
+  for (std::size_t row = 0; row < kMaskRows; ++row) cells.level[row] = level.data()[row];
+  return cells;
+}
+
+}  // namespace
+
+void bind_predictive(nb::module_& m) {
+  nb::class_<PredictiveCoder>(m, "PredictiveCoder")
+      .def(nb::init<>())
+      .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
+      .def(
+          "encode",
+          [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
+             In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+             In<std::int32_t, 1> rotation, std::uint32_t turn) {
+            const MaskGeometry geometry = geometry_of(fired, half, rotation);
+            expect_image(ranges, geometry);
+            expect_image(returns, geometry);
+            const lidarcodec::RangeCells cells = cells_of(step, level);
+            std::vector<std::uint8_t> data;
+            {
+              nb::gil_scoped_release release;
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn);
+            }
+            return give_bytes(data);
+          },
+          nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
+          nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
+          nb::arg("rotation").noconvert(), nb::arg("turn"),
+          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
+      .def(
+          "decode",
+          [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,
+             In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+             In<std::int32_t, 1> rotation) {
+            const MaskGeometry geometry = geometry_of(fired, half, rotation);
+            expect_image(returns, geometry);
+            const lidarcodec::RangeCells cells = cells_of(step, level);
+            const std::uint8_t* bytes = data_of(data);
+            const std::size_t size = data.size();
+            std::vector<std::uint16_t> ranges;
+            {
+              nb::gil_scoped_release release;
+              ranges = coder.decode(bytes, size, returns.data(), cells, geometry);
+            }
+            return give(std::move(ranges), {kMaskRows, geometry.width});
+          },
+          nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
+          nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
+          "(64, W) uint16, 0 outside of the returns.");
+}

@@ -1,0 +1,178 @@
+#include "predictive_coder.hpp"
+
+#include "error.hpp"
+#include "mask_align.hpp"
+#include "mask_rows.hpp"
+#include "predictive_rows.hpp"
+
+namespace lidarcodec {
+namespace {
+
+constexpr std::size_t kHeadBytes = 6;  // turn u16, bytes of the first stream u32
+constexpr std::int32_t kMaxLevel = 1000;
+constexpr std::int32_t kMaxRange = 65535;
+
+void check(const RangeCells& cells) {
+  if (cells.step % 2 == 0 || cells.step > 65535) throw Error(ErrorCode::Section, "a step that is not odd, or too long");
+  for (const std::int32_t level : cells.level)
+    if (level < 0 || level > kMaxLevel) throw Error(ErrorCode::Section, "a row's level beyond the limits");
+}
+
+// Ranges and differences of the row above, as filled in where there are no returns.
+struct FilledRow {
+  std::vector<std::int32_t> ranges;
+  std::vector<std::uint32_t> sizes;
+  explicit FilledRow(std::size_t width) : ranges(width + 1), sizes(width + 1) {}
+
+  // No returns take what is to their left, those at the start the first return's.
+  void fill(const std::vector<std::uint32_t>& returns, std::size_t count, std::size_t n) {
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t end = i + 1 < count ? returns[i + 1] : n;
+      const std::int32_t range = ranges[returns[i]];
+      const std::uint32_t size = sizes[returns[i]];
+      for (; at < end; ++at) {
+        ranges[at] = range;
+        sizes[at] = size;
+      }
+    }
+  }
+};
+
+// Codes all rows of an image, (64, W); only returns are looked at, or written.
+template <class Coder, class Image>
+void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
+               const ClosedRows& returned, std::size_t width, typename PredictiveRows<Coder>::Halves& halves,
+               Image* image) {
+  const auto step = static_cast<std::int32_t>(cells.step);
+  PredictiveRows<Coder> coder(model, cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  FilledRow here(width), before(width), earlier(width);
+  PaddedRowOf<std::int32_t> above(width), upper(width);
+  PaddedRowOf<std::uint32_t> sizes(width);
+  PaddedRow mask(width), above_mask(width), below_mask(width);
+  std::vector<std::uint32_t> returns(width + 1);
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    const std::size_t n = layout.cells(row);
+    const std::uint8_t* is_return = returned.cells.data() + row * width;
+    const auto seen = [&](std::size_t other, const auto* from, auto& to) {
+      layout.align(from, other, row, layout.shift(other, row, turn), to);
+    };
+    layout.align(is_return, row, row, 0, mask);
+    RowSurroundings about{mask.cells(), above_mask.cells(), below_mask.cells(), nullptr, nullptr, sizes.cells()};
+    if (row >= 1) {
+      seen(row - 1, is_return - width, above_mask);
+      seen(row - 1, before.ranges.data(), above);
+      seen(row - 1, before.sizes.data(), sizes);
+      about.above = above.cells();
+    } else {
+      std::fill(above_mask.cells() - 8, above_mask.cells() + n + 8, std::uint8_t{1});
+      std::fill(sizes.cells() - 8, sizes.cells() + n + 8, coder.start());
+    }
+    if (row >= 2) {
+      seen(row - 2, earlier.ranges.data(), upper);
+      about.upper = upper.cells();
+    }
+    if (row + 1 < kMaskRows) {
+      seen(row + 1, is_return + width, below_mask);
+    } else {
+      std::fill(below_mask.cells() - 8, below_mask.cells() + n + 8, std::uint8_t{1});
+    }
+
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      returns[count] = static_cast<std::uint32_t>(k);
+      count += is_return[k];
+    }
+    const std::vector<std::uint32_t>& columns = layout.columns(row);
+    Image* const of_row = image + row * width;
+    const std::int32_t level = cells.level[row];
+    if constexpr (!PredictiveRows<Coder>::kReads) {
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::int32_t range = of_row[columns[returns[i]]];
+        if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
+        here.ranges[returns[i]] = (range + level + step / 2) / step;
+      }
+    }
+    coder.code(about, returns, count, here.ranges.data(), here.sizes.data());
+    if constexpr (PredictiveRows<Coder>::kReads) {
+      for (std::size_t i = 0; i < count; ++i) {
+        const std::int32_t range = here.ranges[returns[i]] * step - level;
+        of_row[columns[returns[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, kMaxRange));
+      }
+    }
+    if (count != 0) {
+      here.fill(returns, count, n);
+    } else if (row >= 1) {
+      std::copy_n(above.cells(), n, here.ranges.begin());
+      std::copy_n(sizes.cells(), n, here.sizes.begin());
+    } else {
+      std::fill(here.ranges.begin(), here.ranges.end(), coder.first());
+      std::fill(here.sizes.begin(), here.sizes.end(), coder.start());
+    }
+    std::swap(earlier, before);
+    std::swap(before, here);
+  }
+}
+
+void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
+  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+}
+
+std::size_t take(const std::uint8_t* from, int bytes) {
+  std::size_t value = 0;
+  for (int i = bytes - 1; i >= 0; --i) value = value << 8 | from[i];
+  return value;
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
+                                                  const RangeCells& cells, const MaskGeometry& geometry,
+                                                  std::uint32_t turn) {
+  check(cells);
+  if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
+  const std::size_t width = geometry.width;
+  const MaskLayout layout(geometry);
+  const ClosedRows returned(returns, layout, width);
+  if (returned.returns == 0) return {};
+  if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
+  std::array<PredictiveHalf<WideEncoder>, 2> halves;
+  code_rows<WideEncoder>(model_, cells, turn, layout, returned, width, halves, ranges);
+  const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
+  const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
+  std::vector<std::uint8_t> out;
+  out.reserve(kHeadBytes + first.size() + second.size());
+  put(out, turn, 2);
+  put(out, first.size(), 4);
+  out.insert(out.end(), first.begin(), first.end());
+  out.insert(out.end(), second.begin(), second.end());
+  return out;
+}
+
+std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std::size_t size,
+                                                   const std::uint8_t* returns, const RangeCells& cells,
+                                                   const MaskGeometry& geometry) {
+  check(cells);
+  const std::size_t width = geometry.width;
+  const MaskLayout layout(geometry);
+  const ClosedRows returned(returns, layout, width);
+  std::vector<std::uint16_t> image(kMaskRows * width);
+  if (returned.returns == 0) {
+    if (size != 0) throw Error(ErrorCode::Section, "ranges where there are no returns");
+    return image;
+  }
+  if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
+  const auto turn = static_cast<std::uint32_t>(take(data, 2));
+  const std::size_t first = take(data + 2, 4), rest = size - kHeadBytes;
+  if (first > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
+  const std::uint8_t* streams = data + kHeadBytes;
+  std::array<PredictiveHalf<WideDecoder>, 2> halves = {
+      PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
+      PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
+  for (auto& half : halves) half.interval = half.coder.start();
+  code_rows<WideDecoder>(model_, cells, turn, layout, returned, width, halves, image.data());
+  for (const auto& half : halves) half.coder.finish(half.interval);
+  return image;
+}
+
+}  // namespace lidarcodec

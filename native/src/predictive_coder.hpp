@@ -1,0 +1,42 @@
+// Predictive coder: the ranges of the returns of a frame, by adaptive models of their neighbours. No weights.
+// The format is docs/wire-format-predictive.md.
+//
+// Rows are coded from the top. The two halves of a row are coded at the same time, each with a range coder of its own and
+// both with the same models, so that a core has something to do while one of them waits for its next decision.
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "mask_coder.hpp"
+#include "predictive_model.hpp"
+
+namespace lidarcodec {
+
+// What turns ranges into cells: (range + level of its row + step / 2) / step.
+struct RangeCells {
+  std::uint32_t step = 1;                        // odd, 1 to 65535
+  std::array<std::int32_t, kMaskRows> level{};   // 0 to 1000, range steps
+};
+
+// What one frame taught stays for the next one, until `reset`. After an error only `reset` may be called.
+class PredictiveCoder {
+ public:
+  // Forgets everything.
+  void reset() { model_.reset(); }
+
+  // Ranges of the cells set in `returns`; both (64, W). `turn`: columns in a full turn, up to 65535; 0: found from the
+  // mask. Raises Section if a cell is set in a block that did not fire, or has no range.
+  std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
+                                   const MaskGeometry& geometry, std::uint32_t turn);
+
+  // (64, W), within half a step, 0 outside of `returns`. Raises Section or Truncated.
+  std::vector<std::uint16_t> decode(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
+                                    const RangeCells& cells, const MaskGeometry& geometry);
+
+ private:
+  PredictiveModel model_;
+};
+
+}  // namespace lidarcodec
