@@ -136,9 +136,7 @@ class IntraDecoder(ABC):
             raise SectionError(f"a message of {message.frame_count} frames of a codec that sends one each")
         sensor = self._sensors.sensor_of(message)
         planes = self._planes(message, sensor)
-        ranges = np.zeros(planes.valid.shape, np.uint16)
-        ranges[planes.valid] = self._returns(message.section(SectionType.RANGE), planes.valid, sensor)
-        frame = frame_of(message, sensor, planes, ranges)
+        frame = frame_of(message, sensor, planes, self._ranges(message, planes, sensor))
         if message.needs is None:
             self._history, self._unseen = MaskHistory(), []
         self._unseen.append((planes, sensor))
@@ -161,6 +159,22 @@ class IntraDecoder(ABC):
             self._history.remember(planes.valid, planes.azimuth, of)
         self._unseen = []
         return decode_planes(message, sensor, self._history)
+
+    @abstractmethod
+    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+        """(64, W) uint16, the ranges of a message: not 0 where `planes.valid`, 0 elsewhere.
+
+        Raises SectionError.
+        """
+
+
+class ReturnsDecoder(IntraDecoder):
+    """The decoder of a codec that writes the ranges of returns one after another."""
+
+    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+        ranges = np.zeros(planes.valid.shape, np.uint16)
+        ranges[planes.valid] = self._returns(message.section(SectionType.RANGE), planes.valid, sensor)
+        return ranges
 
     @abstractmethod
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lidarcodec.codecs.base import Codec, own_settings
 from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.jpeg_file import BLOCK, read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.rate_knob import quality_knob
@@ -38,7 +38,7 @@ class JpegEncoder(IntraEncoder):
         return samples + head + jpeg
 
 
-class JpegDecoder(IntraDecoder):
+class JpegDecoder(ReturnsDecoder):
     """Decoder of `jpeg`."""
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

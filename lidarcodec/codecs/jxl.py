@@ -14,7 +14,7 @@ from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
 from lidarcodec.codecs.holes import filled_predicted
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
@@ -54,7 +54,7 @@ class JxlEncoder(IntraEncoder):
         return with_step(step, head + write_jxl(filled, own_settings(JxlSettings, self.settings).effort))
 
 
-class JxlDecoder(IntraDecoder):
+class JxlDecoder(ReturnsDecoder):
     """Decoder of `jxl`."""
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

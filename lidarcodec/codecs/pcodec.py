@@ -19,7 +19,7 @@ from pydantic import Field
 
 from lidarcodec.codecs.activity import ACTIVITIES, Groups
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
@@ -114,7 +114,7 @@ class PcodecEncoder(IntraEncoder):
         return with_step(step, compress_groups(returns, level) if len(returns) else b"")
 
 
-class PcodecDecoder(IntraDecoder):
+class PcodecDecoder(ReturnsDecoder):
     """Decoder of `pcodec`."""
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.holes import filled_left
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
@@ -107,7 +107,7 @@ class PngEncoder(IntraEncoder):
         return with_step(step, bytes(imagecodecs.png_encode(filled, level=level, filter=_ONLY_SUB)))
 
 
-class PngDecoder(IntraDecoder):
+class PngDecoder(ReturnsDecoder):
     """Decoder of `png`."""
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.base import Codec, CodecSettings
 from lidarcodec.codecs.intensity import LOSSLESS_LEVELS, intensity_of, level_of
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.planes import Planes, check_side, check_unfired, decode_pose, fired_cells, pose_sections
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
@@ -104,7 +104,7 @@ class RawEncoder(IntraEncoder):
         return np.where(valid, frame.range, np.uint16(0)).astype("<u2").tobytes()
 
 
-class RawDecoder(IntraDecoder):
+class RawDecoder(ReturnsDecoder):
     """Decoder of `raw`."""
 
     def _planes(self, message: Message, sensor: SensorModel) -> Planes:

@@ -24,8 +24,9 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "jpeg-layered": (7, "lidarcodec.codecs.jpeg_layered"),
     "h264": (8, "lidarcodec.codecs.h264"),
     "h264-log": (9, "lidarcodec.codecs.h264_log"),
+    "predictive": (11, "lidarcodec.codecs.predictive"),
 }
-"""Name: number in messages, never given to another codec; module. 10 and 11 are promised in docs/wire-format.md."""
+"""Name: number in messages, never given to another codec; module. 10 is promised in docs/wire-format.md."""
 
 
 def names() -> tuple[str, ...]:

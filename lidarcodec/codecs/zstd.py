@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
+from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
@@ -55,7 +55,7 @@ class ZstdEncoder(IntraEncoder):
         return with_step(step, compress(folded_differences(quantise(frame.range[valid], step)), level))
 
 
-class ZstdDecoder(IntraDecoder):
+class ZstdDecoder(ReturnsDecoder):
     """Decoder of `zstd`."""
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:

@@ -1,4 +1,4 @@
-"""Entropy coding: adaptive binary range coder, and the coders of mask, azimuth, intensity and side information."""
+"""Entropy coding: adaptive binary range coder; the coders of mask, azimuth, range, intensity and side information."""
 
 from lidarcodec.entropy.azimuth_coder import (
     RotationRuns,
@@ -10,9 +10,11 @@ from lidarcodec.entropy.azimuth_coder import (
 )
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
+from lidarcodec.entropy.predictive_coder import PredictiveCoder
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
 __all__ = [
+    "PredictiveCoder",
     "RotationRuns",
     "columns_in_turn",
     "decode_azimuth",

@@ -1,7 +1,7 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
 Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_azimuth`,
-`reference_intensity`.
+`reference_intensity`, `reference_predictive`.
 """
 
 from __future__ import annotations
@@ -84,6 +84,48 @@ def decode_intensity(
         data, returns.view(np.uint8), fired.view(np.uint8), half, rotation
     )
     return values
+
+
+class NativePredictiveCoder:
+    """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,); turn 0: find it."""
+
+    def __init__(self) -> None:
+        self._coder = _native.PredictiveCoder()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._coder.reset()
+
+    def encode(
+        self,
+        ranges: npt.NDArray[np.uint16],
+        returns: npt.NDArray[np.bool_],
+        step: int,
+        levels: npt.NDArray[np.int32],
+        fired: npt.NDArray[np.bool_],
+        half: npt.NDArray[np.uint8],
+        rotation: npt.NDArray[np.int32],
+        turn: int,
+    ) -> bytes:
+        """Bytes of (64, W) ranges. Raises SectionError."""
+        geometry = (fired.view(np.uint8), half, rotation)
+        return cast(bytes, self._coder.encode(ranges, returns.view(np.uint8), step, levels, *geometry, turn))
+
+    def decode(
+        self,
+        data: bytes,
+        returns: npt.NDArray[np.bool_],
+        step: int,
+        levels: npt.NDArray[np.int32],
+        fired: npt.NDArray[np.bool_],
+        half: npt.NDArray[np.uint8],
+        rotation: npt.NDArray[np.int32],
+    ) -> npt.NDArray[np.uint16]:
+        """(64, W) uint16. Raises SectionError or TruncatedError."""
+        ranges: npt.NDArray[np.uint16] = self._coder.decode(
+            data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation
+        )
+        return ranges
 
 
 def encode_azimuth(azimuth: npt.NDArray[np.uint16], fired: npt.NDArray[np.bool_]) -> bytes:

@@ -44,11 +44,10 @@ def encode_intensity(
 
     Raises SectionError if shapes do not fit, or a cell is set in a half that did not fire.
     """
-    _check(returns, fired)
+    check_returns(returns, fired)
     if values.dtype != np.uint8 or values.shape != returns.shape:
         raise SectionError(f"intensities are {values.dtype}{values.shape}, not uint8{returns.shape}")
-    if turn is not None and not 0 < turn <= _LONGEST_TURN:
-        raise SectionError(f"a turn of {turn} columns: the limits are 1 and {_LONGEST_TURN}")
+    check_turn(turn)
     arrays = (np.ascontiguousarray(values), np.ascontiguousarray(returns), np.ascontiguousarray(fired))
     return fast.encode_intensity(*arrays, *row_geometry(sensor), turn or 0)
 
@@ -62,13 +61,26 @@ def decode_intensity(
 
     Raises SectionError or TruncatedError.
     """
-    _check(returns, fired)
+    check_returns(returns, fired)
     return fast.decode_intensity(
         data, np.ascontiguousarray(returns), np.ascontiguousarray(fired), *row_geometry(sensor)
     )
 
 
-def _check(returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
+def check_turn(turn: int | None) -> None:
+    """Refuses a number of columns that no turn has.
+
+    Raises SectionError.
+    """
+    if turn is not None and not 0 < turn <= _LONGEST_TURN:
+        raise SectionError(f"a turn of {turn} columns: the limits are 1 and {_LONGEST_TURN}")
+
+
+def check_returns(returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
+    """Refuses arrays that are not (64, W) and (2, W) bool, or wider than a frame can be.
+
+    Raises SectionError.
+    """
     width = fired.shape[-1] if fired.ndim == 2 else -1
     if width > MAX_COLUMNS:
         raise SectionError(f"a frame of {width} columns: the limit is {MAX_COLUMNS}")

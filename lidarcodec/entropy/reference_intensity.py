@@ -54,6 +54,14 @@ class WideWriter:
             self._value, self._words, self._range = self._value << 32, self._words + 1, self._range << 32
         return bit
 
+    def plain(self, value: int, bits: int) -> int:
+        """Write equally likely bits."""
+        self._range >>= bits
+        self._value += self._range * value
+        if self._range < MOVE:
+            self._value, self._words, self._range = self._value << 32, self._words + 1, self._range << 32
+        return value
+
     def finish(self) -> bytes:
         """All bytes."""
         value, count = end_of(self._value, self._range)
@@ -69,7 +77,7 @@ class WideReader:
         self._next()
         self._code = self._window
         if self._code == WINDOW - 1:
-            raise SectionError("a stream of intensities cannot begin with eight bytes of 255")
+            raise SectionError("a coded stream cannot begin with eight bytes of 255")
 
     def bit(self, _: int, probability: int) -> int:
         """Read one decision."""
@@ -84,15 +92,26 @@ class WideReader:
             self._code, self._range = self._code << 32 | self._next(), self._range << 32
         return bit
 
+    def plain(self, _: int, bits: int) -> int:
+        """Read equally likely bits."""
+        self._range >>= bits
+        value = self._code // self._range
+        if value >> bits:
+            raise SectionError("a coded stream beyond its last interval")
+        self._code -= value * self._range
+        if self._range < MOVE:
+            self._code, self._range = self._code << 32 | self._next(), self._range << 32
+        return value
+
     def finish(self) -> None:
         """Raises SectionError unless the stream ends here, in the bytes that the writer writes."""
         value, count = end_of((self._window - self._code) % WINDOW, self._range)
         if self._window != value % WINDOW or len(self._data) != self._read - 8 + count:
-            raise SectionError("a stream of intensities does not end as its decisions say", len(self._data))
+            raise SectionError("a coded stream does not end as its decisions say", len(self._data))
 
     def _next(self) -> int:
         if self._read >= len(self._data) + 8:
-            raise TruncatedError("a stream of intensities ends too early", len(self._data))
+            raise TruncatedError("a coded stream ends too early", len(self._data))
         word = int.from_bytes(self._data[self._read : self._read + 4].ljust(4, b"\0"), "big")
         self._read += 4
         self._window = (self._window << 32 | word) % WINDOW

@@ -8,7 +8,8 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kHeadBytes = 6;  // turn u16, bytes of the first stream u32
+constexpr std::uint8_t kAlone = 1;     // kind: contexts of this frame only
+constexpr std::size_t kHeadBytes = 7;  // kind, turn u16, bytes of the first stream u32
 constexpr std::int32_t kMaxLevel = 1000;
 constexpr std::int32_t kMaxRange = 65535;
 
@@ -142,6 +143,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + first.size() + second.size());
+  put(out, kAlone, 1);
   put(out, turn, 2);
   put(out, first.size(), 4);
   out.insert(out.end(), first.begin(), first.end());
@@ -162,8 +164,9 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     return image;
   }
   if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
-  const auto turn = static_cast<std::uint32_t>(take(data, 2));
-  const std::size_t first = take(data + 2, 4), rest = size - kHeadBytes;
+  if (data[0] != kAlone) throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
+  const std::size_t first = take(data + 3, 4), rest = size - kHeadBytes;
   if (first > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
   const std::uint8_t* streams = data + kHeadBytes;
   std::array<PredictiveHalf<WideDecoder>, 2> halves = {

@@ -62,14 +62,14 @@ struct Context {
 };
 inline constexpr std::array<Context, 9> kContextsOfFeatures = {{
     {kLast3, kLast4},
-    {kLast5, kUpRightPlain},
-    {kUpperSlopeOn, kUpperSlope},
     {kUpPlain, kMeanSize},
     {kLast2, kLast5},
     {kMask, kSlopeOn, kUpRight2},
-    {kSlopeMean, kUpLeft, kScale},
-    {kUpRightPlain, kMask, kUpSize},
     {kScale, kLast2},
+    {kUpperRight, kMask, kLast3},
+    {kUpperSlopeOn, kUpRightPlain},
+    {kSlopeMeanOn3, kLast2},
+    {kLastLeaf, kLastSize, kLast5},
 }};
 inline constexpr std::size_t kFixedContexts = 4;  // scale; last two leaves; mask; level above and scale
 inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfFeatures.size();

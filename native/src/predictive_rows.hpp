@@ -44,7 +44,7 @@ struct PredictiveHalf {
 };
 
 // How fast a context learns, by how often it was seen: less than 6, 24, 96 times, and more.
-inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {601, 383, 251, 180};
+inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {720, 460, 320, 230};
 inline constexpr auto kRateOfCount = [] {
   std::array<std::uint8_t, 97> rate{};
   for (std::size_t n = 0; n < rate.size(); ++n) rate[n] = static_cast<std::uint8_t>((n >= 6) + (n >= 24) + (n >= 96));

@@ -134,7 +134,7 @@ class WideDecoder {
   std::uint32_t decode_plain(WideInterval& interval, std::uint32_t bits) {
     interval.range >>= bits;
     const std::uint64_t value = interval.at / interval.range;
-    if (value >> bits != 0) throw Error(ErrorCode::Section, "a stream beyond its last interval");
+    if (value >> bits != 0) throw Error(ErrorCode::Section, "a coded stream beyond its last interval");
     interval.at -= value * interval.range;
     if (interval.range < kWideMove) {
       interval.at = interval.at << 32 | next();

@@ -1,18 +1,19 @@
-"""Writes native/src/predictive_tables.hpp: what the `predictive` coder knows before it has seen anything.
+"""What the `predictive` coder knows before it has seen anything; also writes it as native/src/predictive_tables.hpp.
 
-A scale class c stands for a mean difference of w = 2 ** ((c - 6.5) / 2) cells from one return to the next. For each class:
+A scale class c stands for a mean difference of w = 2 ** ((c - 6.5) / 2) cells from one return to the next. For each:
 
 - widths of the leaves, from the return before outwards: powers of two near .28 .32 .35 .45 .6 1 2 times w;
 - limits between positions: .2 .5 .9 1.4 2.2 3.6 7 times w, in quarters of a cell;
 - log odds of the decisions of a tree of 16 leaves under 0.8 logistic(0.6 w + 0.1) + 0.2 Laplace(3 w).
 
 The C++ compiler and libm of a machine have no part in it, so that all machines agree.
-    python tools/predictive_tables.py > native/src/predictive_tables.hpp
+    python -m lidarcodec.entropy.predictive_tables > native/src/predictive_tables.hpp
 """
 
 from __future__ import annotations
 
 import math
+import sys
 
 CLASSES = 32
 LEAVES = 16
@@ -73,26 +74,29 @@ def log_odds(c: int) -> list[int]:
     return cells
 
 
-def rows(name: str, kind: str, values: list[list[int]]) -> str:
-    """A two-dimensional constant array."""
+def _array(name: str, kind: str, values: list[list[int]]) -> str:
     lines = ["    {" + ", ".join(map(str, row)) + "}," for row in values]
     head = f"inline constexpr {kind} {name}[{len(values)}][{len(values[0])}] = {{"
     return "\n".join([head, *lines, "};"])
 
 
-def main() -> None:
-    """Print the header."""
+def header() -> str:
+    """The C++ header."""
     classes = range(CLASSES)
-    print("// Made by tools/predictive_tables.py, which says what these are. Not to be edited.")
-    print("// clang-format off")
-    print("#pragma once\n#include <cstdint>\n\nnamespace lidarcodec {\n")
-    print(f"inline constexpr std::uint32_t kScaleClasses = {CLASSES};")
-    print(rows("kLeafBits", "std::uint8_t", [width_bits(c) for c in classes]))
-    print(f"inline constexpr std::uint8_t kBeyondBits[] = {{{', '.join(str(beyond_bits(c)) for c in classes)}}};")
-    print(rows("kPositionLimits", "std::int16_t", [limits(c) for c in classes]))
-    print(rows("kFirstLogOdds", "std::int16_t", [log_odds(c) for c in classes]))
-    print("\n}  // namespace lidarcodec")
+    beyond = ", ".join(str(beyond_bits(c)) for c in classes)
+    parts = [
+        "// Made by lidarcodec/entropy/predictive_tables.py, which says what these are. Not to be edited.",
+        "// clang-format off",
+        "#pragma once\n#include <cstdint>\n\nnamespace lidarcodec {\n",
+        f"inline constexpr std::uint32_t kScaleClasses = {CLASSES};",
+        _array("kLeafBits", "std::uint8_t", [width_bits(c) for c in classes]),
+        f"inline constexpr std::uint8_t kBeyondBits[] = {{{beyond}}};",
+        _array("kPositionLimits", "std::int16_t", [limits(c) for c in classes]),
+        _array("kFirstLogOdds", "std::int16_t", [log_odds(c) for c in classes]),
+        "\n}  // namespace lidarcodec\n",
+    ]
+    return "\n".join(parts)
 
 
 if __name__ == "__main__":
-    main()
+    sys.stdout.write(header())

@@ -1,0 +1,94 @@
+"""Predictive coder: the ranges of returns, in about 6.1 bit a return lossless and 2.8 within a centimetre on KITTI.
+
+A range is coded as its difference from the last one of its row. What is likely is the sum of what thirteen small
+contexts have learned: where the returns around lie as seen from the last one, measured by how much ranges differ here.
+There are no weights: all is learned in the frame itself, or goes on from the frame before. The format is
+docs/wire-format-predictive.md; `reference_predictive` is the same in plain Python.
+
+>>> from lidarcodec.sensor_model import Calibration, SensorModel
+>>> sensor = SensorModel("HDL-64E S2", Calibration.from_values({"vert_correction_rad": np.linspace(0.03, -0.43, 64)}))
+>>> ranges = (5000 + np.arange(64 * 10) % 50).astype(np.uint16).reshape(64, 10)
+>>> returns, fired, levels = ranges > 5006, np.ones((2, 10), bool), np.zeros(64, np.int32)
+>>> data = PredictiveCoder().encode(ranges, returns, fired, sensor, 1, levels)
+>>> came = PredictiveCoder().decode(data, returns, fired, sensor, 1, levels)
+>>> bool((came == np.where(returns, ranges, 0)).all())
+True
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.entropy import fast
+from lidarcodec.entropy.intensity_coder import check_returns, check_turn
+from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.errors import SectionError
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.units import LASERS
+
+
+class PredictiveCoder:
+    """Codes the ranges of one frame after another; what one taught stays for the next, until `reset`.
+
+    A decoder has to see the same frames as the encoder since the last `reset`. After an error only `reset` helps.
+    """
+
+    def __init__(self) -> None:
+        self._native = fast.NativePredictiveCoder()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._native.reset()
+
+    def encode(
+        self,
+        ranges: npt.NDArray[np.uint16],
+        returns: npt.NDArray[np.bool_],
+        fired: npt.NDArray[np.bool_],
+        sensor: SensorModel,
+        step: int,
+        levels: npt.NDArray[np.int32],
+        *,
+        turn: int | None = None,
+    ) -> bytes:
+        """Bytes of the ranges of the cells set in `returns`; 9 ms for 120,000 of them, less in longer steps.
+
+        ranges: (64, W) uint16, range steps; returns: (64, W) bool, which decoding needs; fired: (2, W) bool
+        step: odd, range steps in a cell; levels: (64,) int32, what is added to each row, 0 to 1000 range steps
+        turn: columns in a full turn (`columns_in_turn`), 1 to 65535; by default found from the returns
+
+        Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
+        """
+        check_returns(returns, fired)
+        check_turn(turn)
+        if ranges.dtype != np.uint16 or ranges.shape != returns.shape:
+            raise SectionError(f"ranges are {ranges.dtype}{ranges.shape}, not uint16{returns.shape}")
+        geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
+        rows = _levels(levels)
+        return self._native.encode(
+            np.ascontiguousarray(ranges), np.ascontiguousarray(returns), step, rows, *geometry, turn or 0
+        )
+
+    def decode(
+        self,
+        data: bytes,
+        returns: npt.NDArray[np.bool_],
+        fired: npt.NDArray[np.bool_],
+        sensor: SensorModel,
+        step: int,
+        levels: npt.NDArray[np.int32],
+    ) -> npt.NDArray[np.uint16]:
+        """(64, W) uint16 ranges within half a step of what they were, 0 outside of `returns`.
+
+        All else as the encoder was given. Raises SectionError or TruncatedError.
+        """
+        check_returns(returns, fired)
+        geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
+        return self._native.decode(data, np.ascontiguousarray(returns), step, _levels(levels), *geometry)
+
+
+def _levels(levels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    if levels.dtype != np.int32 or levels.shape != (LASERS,):
+        raise SectionError(f"levels are {levels.dtype}{levels.shape}, not int32({LASERS},)")
+    return np.ascontiguousarray(levels)

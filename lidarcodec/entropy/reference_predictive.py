@@ -1,0 +1,337 @@
+"""The predictive coder in pure Python: same bytes as native/src/predictive_*.hpp, for reading and for tests.
+
+The turn is the encoder's choice and not part of the format: here it is given.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.entropy import predictive_tables as tables
+from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
+from lidarcodec.entropy.reference_mask import ROWS, Layout, padded
+from lidarcodec.errors import SectionError, TruncatedError
+
+ALONE: Final = 1
+HEAD_BYTES: Final = 7
+MAX_LEVEL: Final = 1000
+MAX_RANGE: Final = 65535
+MAX_DIFFERENCE: Final = 1 << 20
+RATES: Final = (720, 460, 320, 230)
+OFFSET_RATE: Final = 655
+DEPTH: Final = 3
+MARGIN: Final = 8
+
+LAST, LEVELLED, PLAIN, SLOPE, MEAN, UPPER, STEP, UPPER_SLOPE = range(0, 32, 4)
+SCALE, MASK, MEAN_SIZE, LAST_SIZE, UP_SIZE, LAST_LEAF = range(32, 38)
+CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
+    (LAST + 1, LAST + 2),
+    (PLAIN + 1, MEAN_SIZE),
+    (LAST, LAST + 3),
+    (MASK, SLOPE + 1, LEVELLED + 3),
+    (SCALE, LAST),
+    (UPPER + 2, MASK, LAST + 1),
+    (UPPER_SLOPE + 1, PLAIN + 2),
+    (MEAN + 3, LAST),
+    (LAST_LEAF, LAST_SIZE, LAST + 3),
+)
+"""Features of each context, of 16 classes where there are two of them, else of 8."""
+
+LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
+LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
+FIRST_LOG_ODDS: Final = [tables.log_odds(c) for c in range(tables.CLASSES)]
+
+Coder = WideWriter | WideReader
+Image = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.uint8]
+
+
+def half_octaves(x: int) -> int:
+    """2 log2 of a number, rounded down; 0 for 0."""
+    octave = max(x.bit_length() - 1, 0)
+    return 2 * octave + (x * x >> (2 * octave + 1) & 1)
+
+
+def scale_class(mean: int) -> int:
+    """Class of a mean difference, sixteenths of a cell."""
+    return min(max(half_octaves(mean + 2) - 1, 0), tables.CLASSES - 1)
+
+
+def leaf_start(scale: int, leaf: int) -> int:
+    """Distance from the last return at which a leaf begins."""
+    return sum(1 << bits for bits in LEAF_BITS[scale][:leaf])
+
+
+def position(difference: int, scale: int) -> int:
+    """Position, 0 to 15, of a difference in quarters of a cell."""
+    d = max(-32767, min(32767, difference))
+    n = sum(abs(d) >= limit for limit in LIMITS[scale])
+    return 7 - n if d < 0 else 8 + n
+
+
+class Model:
+    """What contexts have learned. Cells are log odds; a context also counts how often it was seen."""
+
+    def __init__(self) -> None:
+        self.cells: dict[tuple[int, ...], list[int]] = {}
+        self.offsets: dict[tuple[object, ...], int] = {}
+
+    def slot(self, context: tuple[int, ...]) -> list[int]:
+        """16 cells: how often the context was seen, and the nodes of its tree."""
+        if context not in self.cells:
+            self.cells[context] = list(FIRST_LOG_ODDS[context[1]]) if context[0] == 0 else [0] * 16
+        return self.cells[context]
+
+
+class Half:
+    """One half of each row: its coder, and what is known from the returns before."""
+
+    def __init__(self, coder: Coder) -> None:
+        self.coder = coder
+
+    def begin(self, start: int) -> None:
+        """Begin a row."""
+        self.last: list[int] = []
+        self.size1 = self.size2 = self.mean = start
+        self.level, self.leaves = 0, (8, 8)
+
+
+class Place:
+    """What is known of a return before it is coded."""
+
+    def __init__(self, half: Half, about: Surroundings, k: int, first: int) -> None:
+        at = k + MARGIN
+        above, upper, sizes = about.above, about.upper, about.sizes
+        self.cell = k
+        self.base = half.last[0] if half.last else above[at] if above else first
+        up = above[at - 1 : at + 5] if above else [self.base] * 6
+        upper_up = upper[at - 1 : at + 5] if upper else [self.base] * 6
+        last = half.last[1:5] if half.last else [self.base] * 4
+        mean = 5 * half.size1 + 3 * half.size2 + 3 * sizes[at] + sizes[at - 1] + 2 * (sizes[at + 1] + sizes[at + 2])
+        self.scale = scale_class(mean // 16)
+        level = half.level >> 2
+        differences = [
+            [4 * (x - self.base) for x in last],
+            [4 * (x - self.base) + level for x in up[:4]],
+            [4 * (x - self.base) for x in up[:4]],
+            [4 * (up[i + 1] - up[i]) for i in range(4)],
+            [2 * (up[i + 2] - up[i]) for i in range(4)],
+            [4 * (x - self.base) for x in upper_up[:4]],
+            [4 * (upper_up[i] - up[i]) for i in range(4)],
+            [4 * (upper_up[i + 1] - upper_up[i]) for i in range(4)],
+        ]
+        of = [position(d, self.scale) for group in differences for d in group]
+        m, a, b = about.mask, about.above_mask, about.below_mask
+        of += [self.scale // 2, m[at + 1] | b[at] << 1 | a[at] << 2 | m[at - 1] << 3]
+        of += [self._relative(size) for size in (half.mean, half.size1, sizes[at])] + [half.leaves[0]]
+        near = (m[at - 1], m[at - 2], m[at + 1], m[at + 2], b[at], b[at - 1], b[at + 1], a[at], a[at + 1])
+        self.contexts = [(0, self.scale), (1, *half.leaves), (2, *near), (3, of[LEVELLED + 1], self.scale)]
+        for number, features in enumerate(CONTEXTS):
+            shift = len(features) - 2
+            self.contexts.append((4 + number, *(of[feature] >> shift for feature in features)))
+        levelled = up[1] + (half.level >> 4)
+        self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
+
+    def _relative(self, size: int) -> int:
+        return max(0, min(15, scale_class(size) - self.scale + 7))
+
+
+class Surroundings:
+    """The rows around as seen from a row, cell k at k + 8."""
+
+    def __init__(
+        self,
+        mask: list[int],
+        above_mask: list[int],
+        below_mask: list[int],
+        above: list[int],
+        upper: list[int],
+        sizes: list[int],
+    ) -> None:
+        self.mask, self.above_mask, self.below_mask = mask, above_mask, below_mask
+        self.above, self.upper, self.sizes = above, upper, sizes
+
+
+class RowCoder:
+    """Codes rows of ranges, the two halves of a row in turns."""
+
+    def __init__(self, model: Model, step: int, coders: tuple[Coder, Coder]) -> None:
+        self._model, self._halves = model, [Half(coder) for coder in coders]
+        self.start, self.first = 480 // step + 5, 2500 // step
+        self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
+
+    def code(self, about: Surroundings, cells: list[int], row: list[int], sizes: list[int]) -> None:
+        """Code the ranges of a row in place. cells: its returns; sizes: takes what each differs by."""
+        for half in self._halves:
+            half.begin(self.start)
+        middle = (len(cells) + 1) // 2
+        for i in range(middle):
+            turn = [(self._halves[0], cells[i])]
+            if middle + i < len(cells):
+                turn.append((self._halves[1], cells[middle + i]))
+            places = [Place(half, about, k, self.first) for half, k in turn]
+            walked = [self._walk(turn[h][0], place, row[place.cell]) for h, place in enumerate(places)]
+            for (half, k), place, (leaf, learned) in zip(turn, places, walked, strict=True):
+                self._learn(place, learned)
+                distance = self._offset(half, place, leaf, row[k])
+                row[k] = place.base + (-1 - distance if leaf < 8 else distance)
+                if not 0 <= row[k] <= self._limit:
+                    raise SectionError("a range beyond what the sensor can give")
+                self._settle(half, about, place, row[k], leaf)
+                sizes[k] = half.size1
+
+    def _walk(self, half: Half, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
+        d = value - place.base
+        away = -1 - d if d < 0 else d
+        leaf = sum(away >= leaf_start(place.scale, n) for n in range(1, 8))
+        wanted = 7 - leaf if d < 0 else 8 + leaf
+        node, learned = 1, []
+        slots = [self._model.slot(context) for context in place.contexts]
+        for level in (3, 2, 1, 0):
+            odds = slots[0][node]
+            for slot in slots[1:]:
+                odds = clamp16(odds + slot[node])
+            p = probability_of(odds)
+            bit = half.coder.bit(wanted >> level & 1, p)
+            learned.append((node, p, bit))
+            node = 2 * node + bit
+        return node - 16, learned
+
+    def _learn(self, place: Place, learned: list[tuple[int, int, int]]) -> None:
+        for context in place.contexts:
+            slot = self._model.slot(context)
+            rate = RATES[sum(slot[0] >= seen for seen in (6, 24, 96))]
+            for node, p, bit in learned:
+                slot[node] = clamp16(slot[node] + (((ONE if bit else 0) - p) * rate + 0x8000 >> 16))
+            slot[0] += slot[0] < 96
+
+    def _decide(self, half: Half, a: tuple[object, ...], b: tuple[object, ...], start: int, bit: bool) -> int:
+        offsets = self._model.offsets
+        p = probability_of(clamp16(offsets.get(a, 0) + offsets.get(b, 0) + start))
+        came = half.coder.bit(int(bit), p)
+        by = ((ONE if came else 0) - p) * OFFSET_RATE + 0x8000 >> 16
+        for cell in (a, b):
+            offsets[cell] = clamp16(offsets.get(cell, 0) + by)
+        return came
+
+    def _offset(self, half: Half, place: Place, came: int, value: int) -> int:
+        down, d = came < 8, value - place.base
+        leaf, away = (7 - came if down else came - 8), (-1 - d if d < 0 else d)
+        begin, scale = leaf_start(place.scale, leaf), place.scale
+        left = LEAF_BITS[scale][leaf] if leaf < 7 else tables.beyond_bits(scale)
+        near = [-1 - (x - place.base) if down else x - place.base for x in place.near]
+        octave = 0
+        while leaf == 7:
+            if octave >= 16 or begin > self._limit:
+                raise SectionError("a range beyond what the sensor can give")
+            end = begin + (1 << left)
+            here, beyond = [begin <= x < end for x in near], [end <= x for x in near]
+            who = (here[0], here[1], here[2], here[3], beyond[0], beyond[1], beyond[3])
+            if not self._decide(half, ("more", octave, who), ("more", octave, scale), 2730, away >= end):
+                break
+            begin, left, octave = end, left + 1, octave + 1
+        for depth in range(min(left, DEPTH)):
+            left -= 1
+            middle = begin + (1 << left)
+            says: tuple[bool, bool] | None = None
+            for i, x in enumerate(near):
+                if begin <= x < middle + (1 << left):
+                    says = (x >= middle, i == 0)
+                    break
+            side = (leaf, down if leaf < 7 else None)
+            if self._decide(half, ("near", says, depth, side), ("leaf", scale, leaf, depth), 0, away >= middle):
+                begin = middle
+        return begin + half.coder.plain(away - begin, left)
+
+    def _settle(self, half: Half, about: Surroundings, place: Place, value: int, leaf: int) -> None:
+        size = min(abs(value - place.base) << 4, MAX_DIFFERENCE)
+        half.size2, half.size1 = (half.size2 + half.size1) // 2, size
+        apart = size - half.mean
+        half.mean += apart // 8 if apart >= 0 else -(-apart // 8)
+        half.leaves = (leaf, half.leaves[0])
+        above = about.above[place.cell + MARGIN] if about.above else place.base
+        apart = (value - above) * 16 - half.level
+        if not half.last or abs(apart) > 4 * LIMITS[place.scale][5]:
+            half.level += apart
+        else:
+            half.level += apart * 11 // 32 if apart >= 0 else -(-apart * 11 // 32)
+        half.last = [value, *half.last[:4]] if half.last else [value] * 5
+
+
+def filled(values: list[int], cells: list[int]) -> list[int]:
+    """A row in which no returns have what is to their left, those at the start what the first return has."""
+    out, at = [], 0
+    for k in range(len(values)):
+        if at + 1 < len(cells) and cells[at + 1] <= k:
+            at += 1
+        out.append(values[cells[at]])
+    return out
+
+
+def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn: int, coder: RowCoder) -> None:
+    """Code all rows of ranges in place, in cells. mask: closed-up rows."""
+    ranges: list[list[int]] = []
+    sizes: list[list[int]] = []
+    for row in range(ROWS):
+        n = len(rows[row])
+        none = [1] * (n + 2 * MARGIN)
+        above = layout.above(ranges, row - 1, row, turn) if row >= 1 else []
+        of_above = layout.above(sizes, row - 1, row, turn) if row >= 1 else [coder.start] * (n + 2 * MARGIN)
+        about = Surroundings(
+            padded(mask[row]) if n else none,
+            layout.above(mask, row - 1, row, turn) if row >= 1 else none,
+            layout.above(mask, row + 1, row, turn) if row + 1 < ROWS else none,
+            above,
+            layout.above(ranges, row - 2, row, turn) if row >= 2 else [],
+            of_above,
+        )
+        cells = [k for k in range(n) if mask[row][k]]
+        taken = [0] * n
+        coder.code(about, cells, rows[row], taken)
+        seen = slice(MARGIN, MARGIN + n)
+        ranges.append(filled(rows[row], cells) if cells else above[seen] if above else [coder.first] * n)
+        sizes.append(filled(taken, cells) if cells else of_above[seen])
+
+
+def encode(values: Image, returns: Mask, layout: Layout, step: int, levels: list[int], turn: int, model: Model) -> bytes:
+    """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
+    mask, rows = closed_up(returns, layout), closed_up(values, layout)
+    if sum(map(sum, mask)) != int(returns.sum()):
+        raise SectionError("a mask is set in a block that did not fire")
+    if not returns.any():
+        return b""
+    cells = [[(x + levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
+    coders = WideWriter(), WideWriter()
+    code_rows(layout, mask, cells, turn, RowCoder(model, step, coders))
+    first, second = (coder.finish() for coder in coders)
+    sizes = [(ALONE, 1), (turn, 2), (len(first), 4)]
+    return b"".join(value.to_bytes(size, "little") for value, size in sizes) + first + second
+
+
+def decode(data: bytes, returns: Mask, layout: Layout, step: int, levels: list[int], model: Model) -> Image:
+    """(64, W) uint16. Raises SectionError or TruncatedError."""
+    image, mask = np.zeros((ROWS, layout.width), np.uint16), closed_up(returns, layout)
+    if not returns.any():
+        if data:
+            raise SectionError("ranges where there are no returns")
+        return image
+    if len(data) < HEAD_BYTES:
+        raise TruncatedError("ranges end within their header", len(data))
+    if data[0] != ALONE:
+        raise SectionError("ranges of an unknown kind")
+    turn, first = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:7], "little")
+    if HEAD_BYTES + first > len(data):
+        raise TruncatedError("ranges end before their streams do", len(data))
+    coders = WideReader(data[HEAD_BYTES : HEAD_BYTES + first]), WideReader(data[HEAD_BYTES + first :])
+    rows = [[0] * len(row) for row in mask]
+    code_rows(layout, mask, rows, turn, RowCoder(model, step, coders))
+    for coder in coders:
+        coder.finish()
+    for row in range(ROWS):
+        columns = np.array(layout.columns[layout.half[row]], np.intp)
+        came = np.clip(np.array(rows[row], np.int64) * step - levels[row], 1, MAX_RANGE)
+        image[row, columns] = came * np.array(mask[row], np.int64)
+    return image

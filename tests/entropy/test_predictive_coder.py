@@ -1,0 +1,189 @@
+"""Ranges: lossless means the very steps of the sensor and a bound means a bound, on anything, on every machine."""
+
+from __future__ import annotations
+
+import doctest
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarcodec.entropy import PredictiveCoder, predictive_coder, predictive_tables, reference_predictive
+from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.errors import SectionError, TruncatedError
+from lidarcodec.sensor_model import SensorModel
+from tests.entropy.frames import all_fired, mask, one_in_three, sensor
+from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calibration
+
+SENSOR = sensor()
+LEVELS = (np.arange(64) * 37 % 130).astype(np.int32)
+STEPS = [1, 3, 11, 51, 501, 20001]
+NATIVE = Path(__file__).parents[2] / "native" / "src"
+
+
+def scene(width: int, seed: int = 1) -> np.ndarray:
+    """(64, W) uint16: surfaces that rise and fall, with noise, edges, and a few wild values at both ends."""
+    rng = np.random.default_rng(seed)
+    surface = rng.choice([900, 4000, 9000, 30000], (8, width // 20 + 1)).repeat(8, axis=0).repeat(20, axis=1)[:, :width]
+    ranges = surface + np.cumsum(rng.normal(0, 8, (64, width)), axis=1) + rng.normal(0, 4, (64, width))
+    wild = rng.random((64, width)) < 0.02
+    ranges[wild] = rng.choice([1, 2, 65534, 65535], int(wild.sum()))
+    return np.rint(ranges).clip(1, 65535).astype(np.uint16)
+
+
+def coded(ranges, returns, fired, of, step: int, levels=LEVELS) -> bytes:
+    """What a fresh coder writes."""
+    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels)
+
+
+def decoded(data: bytes, returns, fired, of, step: int, levels=LEVELS) -> np.ndarray:
+    """What a fresh coder reads."""
+    return PredictiveCoder().decode(data, returns, fired, of, step, levels)
+
+
+def check_bound(came: np.ndarray, ranges: np.ndarray, returns: np.ndarray, step: int) -> None:
+    """Every return within half a step, none of them 0; nothing elsewhere."""
+    assert not came[~returns].any()
+    assert came[returns].all()
+    assert np.abs(came.astype(int) - ranges)[returns].max(initial=0) <= step // 2
+
+
+@st.composite
+def cases(draw: st.DrawFn):
+    """Ranges, returns, fired, sensor, step, levels."""
+    width, seed = draw(st.integers(0, 20)), draw(st.integers(0, 2**32))
+    rng = np.random.default_rng(seed)
+    fired = rng.random((2, width)) < draw(st.sampled_from([0.0, 0.4, 1.0]))
+    of = sensor(seed) if draw(st.booleans()) else SensorModel("HDL-64E", random_calibration(rng))
+    returns = (rng.random((64, width)) < draw(st.sampled_from([0.0, 0.02, 0.5, 0.9, 1.0]))) & fired[row_geometry(of)[0]]
+    noise = rng.integers(1, draw(st.sampled_from([2, 300, 65536])), (64, width)).astype(np.uint16)
+    ranges = noise if draw(st.booleans()) else scene(width, seed)
+    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), rng.integers(0, 1001, 64).astype(np.int32)
+
+
+@settings(max_examples=40, deadline=None)
+@given(cases())
+def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
+    ranges, returns, fired, of, step, levels = case
+    data = coded(ranges, returns, fired, of, step, levels)
+    came = decoded(data, returns, fired, of, step, levels)
+    check_bound(came, ranges, returns, step)
+
+    layout, cells, rows = layout_of(fired, of), returns.view(np.uint8), levels.tolist()
+    again = reference_predictive.decode(data, cells, layout, step, rows, reference_predictive.Model())
+    np.testing.assert_array_equal(again, came)
+    turn = int.from_bytes(data[1:3], "little")
+    assert data == reference_predictive.encode(
+        ranges, cells, layout, step, rows, turn, reference_predictive.Model()
+    )
+
+
+@pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
+@pytest.mark.parametrize("fired_of", [all_fired, one_in_three])
+@pytest.mark.parametrize("step", [1, 11, 20001])
+def test_frames_of_all_sizes_and_steps(width: int, fired_of, step: int) -> None:
+    fired = fired_of(width)
+    returns, ranges = mask(width) & fired[row_geometry(SENSOR)[0]], scene(width)
+    data = coded(ranges, returns, fired, SENSOR, step)
+    check_bound(decoded(data, returns, fired, SENSOR, step), ranges, returns, step)
+    assert data == coded(ranges, returns, fired, SENSOR, step)
+
+
+def test_what_a_frame_taught_makes_the_next_one_smaller() -> None:
+    fired, returns, encoder, decoder = all_fired(300), mask(300), PredictiveCoder(), PredictiveCoder()
+    sizes = []
+    for seed in range(3):
+        ranges = scene(300, seed)
+        data = encoder.encode(ranges, returns, fired, SENSOR, 11, LEVELS)
+        check_bound(decoder.decode(data, returns, fired, SENSOR, 11, LEVELS), ranges, returns, 11)
+        sizes.append(len(data))
+        if seed:
+            assert len(data) < len(coded(ranges, returns, fired, SENSOR, 11))
+    encoder.reset()
+    assert encoder.encode(scene(300, 0), returns, fired, SENSOR, 11, LEVELS) == coded(
+        scene(300, 0), returns, fired, SENSOR, 11
+    )
+
+
+@pytest.mark.parametrize("width", [0, 1, 2088])
+def test_no_returns_cost_nothing(width: int) -> None:
+    fired, returns = all_fired(width), np.zeros((64, width), np.bool_)
+    assert coded(scene(width), returns, fired, SENSOR, 1) == b""
+    assert not decoded(b"", returns, fired, SENSOR, 1).any()
+    with pytest.raises(SectionError, match="no returns"):
+        decoded(b"\1", returns, fired, SENSOR, 1)
+
+
+def test_arrays_that_do_not_fit_are_refused() -> None:
+    fired, returns, ranges = all_fired(5), np.ones((64, 5), np.bool_), scene(5)
+    coder = PredictiveCoder()
+    with pytest.raises(SectionError, match="ranges are"):
+        coder.encode(ranges[:, :4], returns, fired, SENSOR, 1, LEVELS)
+    with pytest.raises(SectionError, match="ranges are"):
+        coder.encode(ranges.astype(np.int32), returns, fired, SENSOR, 1, LEVELS)  # type: ignore[arg-type]
+    with pytest.raises(SectionError, match="without a range"):
+        coder.encode(ranges * np.uint16(0), returns, fired, SENSOR, 1, LEVELS)
+    with pytest.raises(SectionError, match="did not fire"):
+        coder.encode(ranges, returns, fired & False, SENSOR, 1, LEVELS)
+    for step in (0, 2, 65537):
+        with pytest.raises(SectionError, match="step"):
+            coder.encode(ranges, returns, fired, SENSOR, step, LEVELS)
+    for levels in (LEVELS - 1, LEVELS + 1000):
+        with pytest.raises(SectionError, match="level"):
+            coder.encode(ranges, returns, fired, SENSOR, 1, levels)
+    with pytest.raises(SectionError, match="levels are"):
+        coder.encode(ranges, returns, fired, SENSOR, 1, LEVELS[:3])
+    with pytest.raises(SectionError, match="turn"):
+        coder.encode(ranges, returns, fired, SENSOR, 1, LEVELS, turn=70000)
+
+
+def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error() -> None:
+    fired, returns, ranges = all_fired(40), mask(40), scene(40)
+    data = coded(ranges, returns, fired, SENSOR, 11)
+    damaged = [data[:cut] for cut in range(len(data))]
+    refused = 0
+    rng = np.random.default_rng(3)
+    for _ in range(600):
+        changed = bytearray(data)
+        for at in rng.integers(0, len(data), int(rng.integers(1, 4))):
+            changed[at] = int(rng.integers(256))
+        damaged.append(bytes(changed))
+    for one in damaged:
+        try:
+            came = decoded(one, returns, fired, SENSOR, 11)
+        except (TruncatedError, SectionError):
+            refused += 1
+        else:
+            assert not came[~returns].any()
+            assert came[returns].all()
+    assert refused > 0.9 * len(damaged)
+    with pytest.raises((TruncatedError, SectionError)):
+        decoded(data + b"\0", returns, fired, SENSOR, 11)
+
+
+def golden_case() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ranges, returns and what fired, from arithmetic alone."""
+    row, column = np.mgrid[0:64, 0:60]
+    wave = (row * 7 + column * column // 9 + column * row // 13) % 23
+    fired = np.array([np.ones(60), np.arange(60) % 3 > 0], np.bool_)
+    ranges = 1500 + 90 * row + wave * 3 + np.where(column > 30, 4000, 0) + (wave == 7) * 20000
+    return ranges.astype(np.uint16), (wave > 3) & fired[(row >= 32).astype(int), column], fired
+
+
+def test_bytes_are_the_same_on_every_machine() -> None:
+    ranges, returns, fired = golden_case()
+    coder, digest = PredictiveCoder(), hashlib.sha256()
+    for step in (1, 11, 51):
+        digest.update(coder.encode(ranges, returns, fired, golden_sensor(), step, LEVELS))
+    assert digest.hexdigest() == "cfda0973caef9cc3df3e98b5f7a0cc3040d0ffb4ce9b3f10c3039be81ddcc307"
+
+
+def test_the_tables_of_the_core_are_those_of_the_generator() -> None:
+    assert (NATIVE / "predictive_tables.hpp").read_text() == predictive_tables.header()
+
+
+def test_the_example_in_the_module_runs() -> None:
+    assert doctest.testmod(predictive_coder).failed == 0
