@@ -1,9 +1,9 @@
-"""`predictive`: what is likely is learned while coding, from returns around each return. No weights, any sensor.
+"""`predictive`: what is likely is learned while coding, from the returns around each return. No weights, any sensor.
 
-Half a bit to two thirds of a bit a return less than `pcodec` and twice the time: 6.1 bits lossless, 2.8 within a
-centimetre, 1.5 within five on KITTI, in about 10 ms each way. With `memory`, on by default, a frame goes on from what the one before
-taught, which saves 0.06 bit, and masks refer to those of the last turn; a lost message then costs all frames up to the
-next key frame.
+Half a bit to two thirds of a bit a return less than `pcodec`, and twice the time: 6.1 bits lossless, 2.8 within a
+centimetre, 1.5 within five on KITTI, about 10 ms each way. With `memory`, on by default, a frame goes on from what the
+one before taught, which saves 0.06 bit, and masks refer to those of the last turn; a lost message then costs all frames
+up to the next key frame.
 
 A RANGE section is the step u16, then the bytes of docs/wire-format-predictive.md. A message that needs no other begins
 from nothing; one that does goes on from where that left off.
@@ -83,20 +83,20 @@ class PredictiveDecoder(IntraDecoder):
 
 KNOB = bound_knob(
     (
-        (20, 0.094),
-        (10, 0.161),
-        (5, 0.239),
-        (2.5, 0.329),
-        (1, 0.518),
-        (0.5, 0.722),
-        (0.25, 0.988),
-        (0.1, 1.48),
-        (0.05, 1.99),
-        (0.02, 2.85),
-        (0.01, 3.61),
-        (0.004, 4.66),
-        (0.002, 5.38),
-        (0, 6.96),
+        (20, 0.055),
+        (10, 0.091),
+        (5, 0.147),
+        (2.5, 0.213),
+        (1, 0.369),
+        (0.5, 0.536),
+        (0.25, 0.753),
+        (0.1, 1.19),
+        (0.05, 1.66),
+        (0.02, 2.45),
+        (0.01, 3.18),
+        (0.004, 4.23),
+        (0.002, 4.96),
+        (0, 6.55),
     )
 )
 """Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""

@@ -296,7 +296,9 @@ def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn
         sizes.append(filled(taken, cells) if cells else of_above[seen])
 
 
-def encode(values: Image, returns: Mask, layout: Layout, step: int, levels: list[int], turn: int, model: Model) -> bytes:
+def encode(
+    values: Image, returns: Mask, layout: Layout, step: int, levels: list[int], turn: int, model: Model
+) -> bytes:
     """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
     mask, rows = closed_up(returns, layout), closed_up(values, layout)
     if sum(map(sum, mask)) != int(returns.sum()):
