@@ -76,9 +76,7 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
     again = reference_predictive.decode(data, cells, layout, step, rows, reference_predictive.Model())
     np.testing.assert_array_equal(again, came)
     turn = int.from_bytes(data[1:3], "little")
-    assert data == reference_predictive.encode(
-        ranges, cells, layout, step, rows, turn, reference_predictive.Model()
-    )
+    assert data == reference_predictive.encode(ranges, cells, layout, step, rows, turn, reference_predictive.Model())
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])

@@ -1,0 +1,78 @@
+// Any bytes as ranges, and any ranges there and back. The input's first bytes say width, firings, sensor and step.
+#include <cstdlib>
+#include <vector>
+
+#include "error.hpp"
+#include "fuzz_input.hpp"
+#include "predictive_coder.hpp"
+
+using lidarcodec::kMaskRows;
+using lidarcodec::MaskGeometry;
+using lidarcodec::PredictiveCoder;
+
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+using Ranges = std::vector<std::uint16_t>;
+
+// What a coder that has seen a frame before writes and reads.
+void check_round_trip(const Ranges& image, const Bytes& returns, const lidarcodec::RangeCells& cells,
+                      const MaskGeometry& geometry, std::uint32_t turn) {
+  PredictiveCoder encoder, decoder;
+  for (int frame = 0; frame < 2; ++frame) {
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn);
+    const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, geometry);
+    for (std::size_t i = 0; i < image.size(); ++i) {
+      const int apart = returns[i] != 0 ? std::abs(int{came[i]} - int{image[i]}) : came[i];
+      if (apart > static_cast<int>(cells.step / 2) || (returns[i] != 0 && came[i] == 0)) std::abort();
+    }
+  }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  FuzzInput input(data, size);
+  const std::size_t width = input.below(48);
+  const std::uint8_t pattern = input.byte(), holes = input.byte(), turned = input.byte(), kind = input.byte();
+  const std::uint32_t turn = input.below(65536);  // 0: found from the returns
+  lidarcodec::RangeCells cells;
+  cells.step = kind & 8u ? 2 * input.below(32768) + 1 : 1 + 2 * (input.byte() % 32u);
+
+  Bytes fired(2 * width);
+  for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
+  MaskGeometry geometry;
+  geometry.width = width;
+  geometry.fired = fired.data();
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    geometry.half[row] = (kind & 4u) ? row % 3 == 0 : row >= 32;
+    geometry.rotation[row] = static_cast<std::int32_t>(static_cast<std::uint32_t>(turned * row) * 40503001u);
+    cells.level[row] = static_cast<std::int32_t>(turned * row % 1001);
+  }
+  Bytes returns(kMaskRows * width);
+  for (std::size_t i = 0; i < returns.size(); ++i)
+    returns[i] = fired[geometry.half[i / width] * width + i % width] && (i * 2654435761u >> 7) % 256 >= holes;
+
+  const Bytes rest = input.rest();
+  try {
+    Bytes coded = rest;
+    if (kind & 1u) {  // a sound head
+      const auto first = static_cast<std::uint8_t>(rest.size() * pattern / 256);
+      coded = {1, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), first, 0, 0, 0};
+      coded.insert(coded.end(), rest.begin(), rest.end());
+    }
+    PredictiveCoder coder;
+    check_round_trip(coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry), returns, cells,
+                     geometry, turn);
+  } catch (const lidarcodec::Error&) {
+  }
+  if (kind & 2u && !returns.empty() && rest.size() > 1) {
+    Ranges image(returns.size());
+    for (std::size_t i = 0; i < image.size(); ++i) {
+      const std::size_t at = i % (rest.size() - 1);
+      image[i] = static_cast<std::uint16_t>(std::max(1, rest[at] << 8 | rest[at + 1]));
+    }
+    check_round_trip(image, returns, cells, geometry, turn);
+  }
+  return 0;
+}
