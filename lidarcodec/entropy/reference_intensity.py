@@ -293,7 +293,7 @@ def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn
         filled.append(seen)
 
 
-def closed_up(image: Image, layout: Layout) -> list[list[int]]:
+def closed_up(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], layout: Layout) -> list[list[int]]:
     """The fired cells of each row."""
     return [[int(image[row, column]) for column in layout.columns[layout.half[row]]] for row in range(ROWS)]
 
