@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import ExitStack
+from typing import Any
 
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.transport import Transport, open_transport
@@ -111,6 +112,13 @@ class Service:
         seen = {stream.keys for stream in found}
         found += [Stream(keys) for keys in kept if keys not in seen]
         return sorted(found, key=lambda one: (one.keys.vehicle, one.keys.sensor))
+
+    def note(self, keys: StreamKeys, who: str, action: str, about: dict[str, Any]) -> None:
+        """Enter something that was done into the audit log; a log that cannot be written undoes nothing."""
+        try:
+            self.store.begin(keys, who, action, about, None, result="done")
+        except StoreError as error:
+            self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, keys.prefix, who, error)
 
     # --- the network ------------------------------------------------------------------------------------------------
 

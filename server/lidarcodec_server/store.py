@@ -148,6 +148,7 @@ class Store:
         changes: dict[str, Any],
         old: dict[str, Any] | None,
         wanted: dict[str, Any] | None = None,
+        result: str = "sent",
     ) -> int:
         """Enter into the audit log what is about to happen, and keep what is wanted from now on, if it is given; the
         entry's id. An empty `wanted` forgets what was kept.
@@ -156,13 +157,13 @@ class Store:
         """
         now = time.time_ns()
         values = {"vehicle": keys.vehicle, "sensor": keys.sensor, "at_ns": now, "who": who[:64], "action": action}
-        values |= {"changes": changes, "old": sa.null() if old is None else old, "result": "sent"}
+        values |= {"changes": changes, "old": sa.null() if old is None else old, "result": result}
         with self._writing() as connection:
             if wanted is not None:
                 self._keep(connection, keys, wanted, now)
-            result = connection.execute(sa.insert(audit).values(values))
+            made = connection.execute(sa.insert(audit).values(values))
             self._prune(connection)
-            return int(cast(Any, result.inserted_primary_key)[0])
+            return int(cast(Any, made.inserted_primary_key)[0])
 
     def finish(
         self,

@@ -159,6 +159,22 @@ def test_a_recording_is_played_as_a_stream_of_its_own(server, client):
     assert client.get(f"{ALL}/{made['id']}").json()["playing"] is None
 
 
+def test_who_recorded_played_and_deleted_is_in_the_audit_log(server, client):
+    made = recorded(client, server, 2)
+    play = f"{ALL}/{made['id']}/play"
+    assert client.post(play, json={"vehicle": "again", "loop": True}).status_code == 201
+    assert client.delete(play).status_code == 204
+    assert client.delete(f"{ALL}/{made['id']}").status_code == 204
+    for path, actions in (
+        (STREAM, ["record-delete", "record-stop", "record"]),
+        ("/api/v1/streams/again/lidar", ["play-stop", "play"]),
+    ):
+        entries = client.get(f"{path}/audit").json()
+        assert [entry["action"] for entry in entries] == actions
+        for entry in entries:
+            assert (entry["who"], entry["changes"]) == ("127.0.0.1", {"recording": made["id"]})
+
+
 def test_a_playback_ends_with_its_recording_and_takes_no_name_that_is_in_use(server, client):
     made = recorded(client, server, 3)
     with server.publisher():

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Path
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.settings import NAME_PATTERN, settings_from
@@ -27,6 +28,8 @@ from lidarcodec_server.live.shelf import (
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream
 from lidarcodec_server.routes.live import Known, TheRecordings
+from lidarcodec_server.service import Service
+from lidarcodec_server.tokens import Client
 
 router = APIRouter(prefix="/api/v1", tags=["recordings"])
 
@@ -115,6 +118,7 @@ class RecordingAnswer(BaseModel):
 
 @router.post("/streams/{vehicle}/{sensor}/recording", status_code=201, responses={**NO_SUCH, **BUSY, **FULL})
 async def start(
+    service: TheService,
     known: Known,
     recordings: TheRecordings,
     client: Operator,
@@ -123,7 +127,9 @@ async def start(
     """Record a stream on the server, as the vehicle sends it, until it is stopped or a limit is reached."""
     limits = None if body is None else Limits(body.max_seconds, body.max_bytes)
     with _problems():
-        return RecordingAnswer.of(await recordings.start(known.keys, client.name, limits), None)
+        started = await recordings.start(known.keys, client.name, limits)
+    await _note(service, known.keys, client, "record", started.id)
+    return RecordingAnswer.of(started, None)
 
 
 @router.get("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
@@ -136,10 +142,12 @@ async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) ->
 
 
 @router.delete("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
-async def stop(recordings: TheRecordings, keys: TheStream, client: Operator) -> RecordingAnswer:
+async def stop(service: TheService, recordings: TheRecordings, keys: TheStream, client: Operator) -> RecordingAnswer:
     """End the recording of a stream; answered when everything is on the disk."""
     with _problems():
-        return RecordingAnswer.of(await recordings.stop(keys), None)
+        ended = await recordings.stop(keys)
+    await _note(service, keys, client, "record-stop", ended.id)
+    return RecordingAnswer.of(ended, None)
 
 
 @router.get("/recordings", responses=FULL)
@@ -157,10 +165,12 @@ async def one_recording(recordings: TheRecordings, id: Id, client: Viewer) -> Re
 
 
 @router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})
-async def remove(recordings: TheRecordings, id: Id, client: Operator) -> None:
+async def remove(service: TheService, recordings: TheRecordings, id: Id, client: Operator) -> None:
     """Delete a recording for good."""
     with _problems():
+        gone = await recordings.one(id)
         await recordings.remove(id)
+    await _note(service, StreamKeys(gone.vehicle, gone.sensor), client, "record-delete", id)
 
 
 @router.post("/recordings/{id}/play", status_code=201, responses={**NO_SUCH, **BUSY})
@@ -180,14 +190,24 @@ async def play(
         if there is not None and there.alive:
             raise BusyRecordingError(f"there is a stream {keys.vehicle}/{keys.sensor}: give another name")
         request = PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
-        return PlayingAnswer.of(await recordings.play(id, request))
+        playing = await recordings.play(id, request)
+    await _note(service, keys, client, "play", id)
+    return PlayingAnswer.of(playing)
 
 
 @router.delete("/recordings/{id}/play", status_code=204, responses=NO_SUCH)
-async def stop_playing(recordings: TheRecordings, id: Id, client: Operator) -> None:
+async def stop_playing(service: TheService, recordings: TheRecordings, id: Id, client: Operator) -> None:
     """End a playback."""
     with _problems():
+        played = recordings.playing(id)
         await recordings.stop_playing(id)
+    if played is not None:
+        await _note(service, StreamKeys(played["vehicle"], played["sensor"]), client, "play-stop", id)
+
+
+async def _note(service: Service, keys: StreamKeys, client: Client, action: str, recording: str) -> None:
+    """Enter what was done into the audit log of the stream."""
+    await run_in_threadpool(service.note, keys, client.name, action, {"recording": recording})
 
 
 @contextmanager
