@@ -6,7 +6,7 @@ import logging
 from itertools import islice
 from pathlib import Path
 
-from lidarcodec.commands.outputs import Output, check_output, open_output
+from lidarcodec.commands.outputs import Opened, check_output, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
@@ -21,7 +21,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
     check_output(out)
     check_not_input(out, recording)
     recorded = RecordedFrames(recording)
-    output: Output | None = None
+    output: Opened | None = None
     count = points = 0
     try:
         with progress("decoding", frames) as tick, stoppable() as stopped:
@@ -32,9 +32,12 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
                 tick()
                 if stopped():
                     break
-    finally:
         if output is not None:
             output.close()
+    except BaseException:
+        if output is not None:
+            output.leave()
+        raise
     for text in recorded.warnings():
         log.warning("%s", text)
     if not count and stopped():

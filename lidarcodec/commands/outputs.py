@@ -5,6 +5,7 @@ All of them take frame after frame, so that a long recording needs no more memor
 
 from __future__ import annotations
 
+import contextlib
 import json
 import zipfile
 from collections.abc import Callable
@@ -31,6 +32,13 @@ class Output(Protocol):
 
     def close(self) -> None:
         """Finish the file."""
+
+
+class Opened(Output, Protocol):
+    """An output that can be left as it is."""
+
+    def leave(self) -> None:
+        """Something went wrong: keep what there is, as what it is."""
 
 
 class PcapOutput:
@@ -192,6 +200,34 @@ class KittiOutput:
     def close(self) -> None:
         (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
 
+    def leave(self) -> None:
+        """Each file of the folder is whole already; have their times beside them if that can be written."""
+        with contextlib.suppress(OSError):
+            self.close()
+
+
+class WholeFile:
+    """A file that gets its name when it is whole; until then it is `NAME.part.SUFFIX` beside it.
+
+    So whoever sees the name sees all of it, and what had the name before stays until then.
+    """
+
+    def __init__(self, path: Path, make: Callable[[Path], Output]) -> None:
+        self._path, self._beside = path, path.with_name(f"{path.stem}.part{path.suffix}")
+        self._inner = make(self._beside)
+
+    def write(self, frame: Frame) -> None:
+        self._inner.write(frame)
+
+    def close(self) -> None:
+        self._inner.close()
+        self._beside.replace(self._path)
+
+    def leave(self) -> None:
+        """Something went wrong: keep what was written under the other name."""
+        with contextlib.suppress(OSError, ValueError):
+            self._inner.close()
+
 
 OUTPUTS: Final[dict[str, Callable[[Path], Output]]] = {
     ".pcap": PcapOutput,
@@ -215,10 +251,11 @@ def check_output(path: Path) -> None:
         )
 
 
-def open_output(path: Path) -> Output:
+def open_output(path: Path) -> Opened:
     """The output that the end of a path asks for; a path without one is a folder of KITTI .bin files.
 
     Raises SettingsError for any other, OSError when it cannot be written.
     """
     check_output(path)
-    return OUTPUTS[_suffix(path)](path)
+    make = OUTPUTS[_suffix(path)]
+    return WholeFile(path, make) if _suffix(path) else KittiOutput(path)

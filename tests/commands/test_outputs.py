@@ -103,3 +103,19 @@ def test_a_folder_gets_a_scan_for_each_frame_as_kitti_orders_them(written, frame
 def test_an_ending_that_nobody_writes_is_refused_before_anything_is_read(tmp_path):
     with pytest.raises(SettingsError, match=r"\.las"):
         check_output(tmp_path / "cloud.obj")
+
+
+@pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las"])
+def test_a_file_has_its_name_when_it_is_whole_and_not_before(frames, tmp_path, name):
+    path = tmp_path / name
+    path.write_text("what was there before")
+    broken = open_output(path)
+    broken.write(frames[0])
+    broken.leave()
+    assert path.read_text() == "what was there before"
+    output = open_output(path)
+    output.write(frames[0])
+    assert path.read_text() == "what was there before"
+    output.close()
+    assert [one.name for one in tmp_path.iterdir()] == [name]
+    assert path.stat().st_size > 1000
