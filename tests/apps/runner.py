@@ -31,11 +31,12 @@ def publish(
     source: str | None = None,
     rate: float | str = 10.0,
     settings: dict[str, Any],
+    record: str | None = None,
     **where: Any,
 ) -> None:
     packets = Loop(frames) if source is None else looped(source)
     endpoints = lidarcodec.Endpoints.of(**where)
-    publisher = lidarcodec.Publisher(packets, settings_from(settings), rate=rate, endpoints=endpoints)
+    publisher = lidarcodec.Publisher(packets, settings_from(settings), rate=rate, record=record, endpoints=endpoints)
     signal.signal(signal.SIGTERM, lambda *_: publisher.interrupt())
     with publisher:
         say(stream=publisher.stream_id)
@@ -59,6 +60,7 @@ def subscribe(*, work_s: float = 0.0, settings: dict[str, Any], **options: Any) 
                 sha256=digest,
                 since_s=time.monotonic() - begin,
                 stamp_ns=frame.stamp_ns,
+                latency_ms=(time.time_ns() - frame.stamp_ns - int(frame.side.packet_ns[-1])) / 1e6,
             )
             time.sleep(work_s)
         summary = live.summary()

@@ -26,7 +26,11 @@ class End:
 
     def __init__(self, role: str, **options) -> None:
         command = [sys.executable, "-m", "tests.apps.runner", role, json.dumps(options)]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        self._follow(subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True))
+
+    def _follow(self, process: subprocess.Popen) -> None:
+        """Read what a process says."""
+        self.process = process
         self.said: list[dict] = []
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -34,10 +38,14 @@ class End:
     def _read(self) -> None:
         for line in self.process.stdout:
             if line.startswith("{"):  # the network library also logs here
-                self.said.append(json.loads(line))
+                self.said.append(json.loads(line) | {"at_s": time.monotonic()})
 
     def all(self, word: str) -> list:
         return [one[word] for one in list(self.said) if word in one]
+
+    def all_at(self, word: str) -> list[float]:
+        """When the lines with a word came, on the monotonic clock."""
+        return [one["at_s"] for one in list(self.said) if word in one]
 
     @property
     def frames(self) -> list[dict]:

@@ -1,0 +1,16 @@
+"""Faults made on purpose: each row of the table in docs/operations.md is one file here, measured by running it."""
+
+ROWS = (
+    "publisher_killed",
+    "subscriber_killed",
+    "router_killed",
+    "link_slowed",
+    "link_cut",
+    "messages_dropped",
+    "disk_full",
+    "server_restarted",
+    "clock_jumped",
+    "hostile_rest",
+    "hostile_zenoh",
+)
+"""Modules, in the order of the table."""
