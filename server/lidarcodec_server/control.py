@@ -20,6 +20,7 @@ from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.desired import in_step, overlaid, wanted_with
 from lidarcodec_server.fleet import Fleet, known_settings, read_status
+from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store import Store
 
 logger = logging.getLogger(__name__)
@@ -30,7 +31,8 @@ TURN_S = 10.0
 """How long a change waits for those before it."""
 GET_S = 1.0
 AGAIN_S = 2.0
-"""When a vehicle that is there and does not answer is asked again."""
+RARELY_S = 60.0
+"""When a vehicle that is there and does not answer is asked again: at first, and after it never did."""
 WORKERS = 4
 CLOSE_S = 2.0
 """How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
@@ -83,6 +85,8 @@ class Control:
         self._wake = threading.Condition()
         self._stopped = False
         self._refusals: dict[StreamKeys, str] = {}
+        self._tries: dict[StreamKeys, int] = {}
+        self._warnings = SparseLog(logger)
         self._threads = [
             threading.Thread(target=self._look_after, name=f"lidarcodec server control {number}", daemon=True)
             for number in range(WORKERS)
@@ -170,6 +174,8 @@ class Control:
 
     def look_after(self, keys: StreamKeys, in_s: float = 0.0) -> None:
         """See soon whether a vehicle follows what is wanted, and send it if not."""
+        if not in_s:
+            self._tries.pop(keys, None)
         with self._wake:
             due = time.monotonic() + in_s
             self._due[keys] = min(due, self._due.get(keys, due))
@@ -178,13 +184,18 @@ class Control:
     def _look_after(self) -> None:
         while (keys := self._next()) is not None:
             try:
-                if not self._settle(keys):
-                    self.look_after(keys, AGAIN_S)
+                settled = self._settle(keys)
             except LidarCodecError as error:
-                logger.warning("%s: settings cannot be sent, tried again: %s", keys.prefix, error)
-                self.look_after(keys, AGAIN_S)
+                self._warnings.warning("%s: settings cannot be sent, tried again: %s", keys.prefix, error)
+                settled = False
             except Exception:
                 logger.exception("%s: settings cannot be sent", keys.prefix)
+                settled = True
+            if settled:
+                self._tries.pop(keys, None)
+            else:
+                tries = self._tries[keys] = self._tries.get(keys, 0) + 1
+                self.look_after(keys, min(AGAIN_S * 2 ** min(tries - 1, 10), RARELY_S))
 
     def _next(self) -> StreamKeys | None:
         with self._wake:
@@ -210,17 +221,19 @@ class Control:
             if in_step(wanted, current):
                 self._refusals.pop(keys, None)
                 return True
-            entry = self._store.begin(keys, SERVER, "settings", wanted, current.model_dump())
             try:
                 applied = self._send(keys, wanted)
             except RefusedError as error:
                 logger.warning("%s refuses what operators set: %s", keys.prefix, error)
                 self._refusals[keys] = str(error)
+                entry = self._store.begin(keys, SERVER, "settings", wanted, current.model_dump())
                 self._store.finish(entry, "refused", reason=str(error))
                 return True
+            if applied is None:  # nothing for the audit log: it would be filled by a vehicle that may not be changed
+                return False
             self._refusals.pop(keys, None)
-            self._finish(keys, entry, applied)
-            return applied is not None
+            self._finish(keys, self._store.begin(keys, SERVER, "settings", wanted, current.model_dump()), applied)
+            return True
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
         """Enter what came of a change. What the vehicle did stays done, should the store fail now."""

@@ -9,6 +9,7 @@ import pytest
 
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server import control
 from tests.server.conftest import STREAM, until
 
 
@@ -212,6 +213,25 @@ async def test_a_vehicle_that_does_not_answer_gets_the_change_later(serving, net
             token.close()
             vehicle()
             await applied(client, codec="zstd")
+
+
+async def test_a_vehicle_that_never_answers_does_not_fill_the_audit_log(serving, network, monkeypatch):
+    monkeypatch.setattr(control, "AGAIN_S", 0.01)
+    monkeypatch.setattr(control, "RARELY_S", 0.01)
+    keys, asked = StreamKeys("car-7", "roof"), []
+    with network.transport() as car:
+        car.answer(keys.control_get, lambda data: json.dumps({"settings": StreamSettings().model_dump()}).encode())
+        car.answer(keys.control_set, asked.append)
+        car.token(keys.alive)
+        async with serving() as client:
+            await there(client)
+            assert (await client.patch(f"{STREAM}/settings", json={"codec": "zstd"})).status_code == 202
+
+            async def often():
+                return len(asked) > 10
+
+            await until(often)
+            assert [entry["result"] for entry in await audit(client)] == ["stored"]
 
 
 async def test_changes_of_one_stream_go_one_after_the_other(serving, vehicle):
