@@ -65,7 +65,7 @@ class Receiver:
     failure:    what ended it, if it did not end as it should
     decoding:   whether messages are decoded; may change at any time. Without it they are only counted, reported as
                 arrived and handed to on_message, and key frames are asked for only by `request_key`
-    codec:      number of the codec of the message that was decoded last
+    decoded:    the message whose frames on_frame is given
     stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
     """
 
@@ -87,7 +87,7 @@ class Receiver:
         """Raises SettingsError for an unknown choice of `isolate`."""
         self.keys, self.name = keys, name
         self.decoding = decoding
-        self.codec: int | None = None
+        self.decoded: Message | None = None
         self.stats = ReceiverStats(clock)
         self.stats.clocks.unsure = self._ask_time
         self._clock, self._round_trips = clock, RoundTrips(clock, self.stats.clocks)
@@ -253,7 +253,7 @@ class Receiver:
                 self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
             return []
         start = time.perf_counter()
-        self.codec = message.codec
+        self.decoded = message
         try:
             if not message.key and message.stream_id != self._joined:
                 self.stats.count("before_key")

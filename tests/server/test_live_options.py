@@ -3,7 +3,9 @@
 import pytest
 
 from lidarcodec.errors import SettingsError
+from lidarcodec.transport import Endpoints
 from lidarcodec_server.live.options import CloudOptions, FramesOptions
+from lidarcodec_server.live.part import beside
 
 
 @pytest.mark.parametrize(
@@ -33,3 +35,17 @@ def test_the_frames_socket_has_a_window_and_nothing_else():
     assert FramesOptions.of({"window": "3"}).window == 3
     with pytest.raises(SettingsError):
         FramesOptions.of({"rate": "5"})
+
+
+@pytest.mark.parametrize(
+    ("given", "listen", "connect"),
+    [
+        (Endpoints(listen=("tcp/0.0.0.0:7447",)), (), ("tcp/127.0.0.1:7447",)),
+        (Endpoints(listen=("tcp/[::]:7447",), connect=("tcp/a:1",), mode="router"), (), ("tcp/a:1", "tcp/[::1]:7447")),
+        (Endpoints(connect=("tcp/a:1",)), (), ("tcp/a:1",)),
+        (Endpoints(), (), ()),
+    ],
+)
+def test_a_playback_s_session_finds_that_of_the_server(given, listen, connect):
+    session = beside(given)
+    assert (session.listen, session.connect) == (listen, connect)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket as plain_socket
 import struct
 import threading
 import time
@@ -191,6 +192,44 @@ async def test_viewers_are_told_of_a_restart_of_settings_and_of_silence(server):
                     assert int(told["restarted"]["stream_id"], 16) == again.stream_id
             finally:
                 await socket.close()
+
+
+async def test_viewers_are_told_that_the_source_has_ended(server):
+    with server.publisher(40):
+        assert server.seen()
+        async with server.socket(f"{STREAM}/cloud?max_points=10") as socket:
+            await event(socket, "ended", 60)
+
+
+async def test_what_a_client_does_not_read_is_not_kept_for_ever(server, vehicle, monkeypatch):
+    monkeypatch.setattr(server.hub, "ack_limit_s", 0.5)
+    monkeypatch.setattr("lidarcodec_server.live.protocol.ABORT_S", 0.5)
+    monkeypatch.setattr("lidarcodec_server.live.session.CLOSE_LIMIT_S", 0.5)
+    deaf = plain_socket.socket()
+    deaf.setsockopt(plain_socket.SOL_SOCKET, plain_socket.SO_RCVBUF, 4096)
+    with deaf:
+        deaf.connect(("127.0.0.1", server.port))
+        deaf.sendall(
+            f"GET /api/v1/streams/{STREAM}/cloud?window=8 HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+            "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+        )
+        connections = server.server.server_state.connections
+        assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 1)
+        assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 0)
+        assert await asyncio.to_thread(eventually, lambda: not connections)
+
+
+async def test_frames_that_come_in_groups_are_shown_one_by_one(server):
+    with server.publisher(settings=StreamSettings(codec="jpeg-layered"), rate=10.0):
+        assert server.seen()
+        async with server.socket(f"{STREAM}/cloud?form=range") as socket:
+            indices = []
+            while len(indices) < 16:
+                indices.append(index_of(await frame(socket)))
+                await socket.send("ack")
+        assert indices == sorted(set(indices))
+        assert np.count_nonzero(np.diff(indices) == 1) >= 7, "not one of each group"
 
 
 async def test_a_rate_is_kept(server, vehicle):

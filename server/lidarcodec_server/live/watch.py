@@ -15,6 +15,7 @@ from typing import Any, Final
 from lidarcodec.apps.receiver import Receiver
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import SERVER_RECEIVER, StreamKeys
 from lidarcodec_server.live.chain import coded
@@ -30,6 +31,9 @@ TICK_S: Final = 0.25
 STALE_S: Final = 2.0
 """A stream that brought nothing for so long is stale."""
 STALE_AGAIN_S: Final = 5.0
+GROUP_PACE: Final = 0.95
+"""Frames of a group come all at once and are shown one after the other, a little faster than they were taken."""
+MAX_GROUP_S: Final = 5.0
 SLOW_KEY_S: Final = 2.0
 """Key frames for viewers that fell behind are asked for at most so often: each of them costs all viewers."""
 
@@ -55,6 +59,11 @@ class Watch:
         self._stale_told = float("-inf")
         self._slow_key_at = float("-inf")
         self._told: dict[str, Any] = {}
+        self._group: Message | None = None
+        self._group_ns = 0
+        self._shown_group: Message | None = None
+        self._shown_from = 0.0
+        self._later: list[asyncio.TimerHandle] = []
         self._passes_on = False
 
     def renew(self, transport: Transport) -> None:
@@ -145,10 +154,17 @@ class Watch:
     # --- in the receiver's threads ----------------------------------------------------------------------------------
 
     def _decoded(self, frame: Frame) -> None:
-        stats, now_ns = self.receiver.stats, time.time_ns()
+        stats, message, now_ns = self.receiver.stats, self.receiver.decoded, time.time_ns()
         latency_ms = stats.decoded(frame, now_ns)
-        facts = Facts(stats.stream_id or 0, self.receiver.codec or 0, stats.counts["missing"], latency_ms, now_ns)
-        self._call(self._show, FrameView(frame, facts))
+        codec = 0 if message is None else message.codec
+        facts = Facts(stats.stream_id or 0, codec, stats.counts["missing"], latency_ms, now_ns)
+        view = FrameView(frame, facts)
+        if message is None or message.frame_count == 1:
+            self._call(self._show_now, view)
+            return
+        if message is not self._group:
+            self._group, self._group_ns = message, frame.stamp_ns
+        self._call(self._show_later, view, message, (frame.stamp_ns - self._group_ns) / 1e9)
 
     def _came(self, data: bytes) -> None:
         for tap in self._taps:
@@ -160,6 +176,23 @@ class Watch:
             self._loop.call_soon_threadsafe(function, *values)
 
     # --- in the event loop ------------------------------------------------------------------------------------------
+
+    def _show_later(self, view: FrameView, group: Message, after_s: float) -> None:
+        """Show the frames of a group as far apart as they were taken. When the next group is there they give way."""
+        if group is not self._shown_group:
+            self._shown_group, self._shown_from = group, self._loop.time()
+            self._cancel()
+        at = self._shown_from + GROUP_PACE * min(max(after_s, 0.0), MAX_GROUP_S)
+        self._later.append(self._loop.call_at(at, self._show, view))
+
+    def _show_now(self, view: FrameView) -> None:
+        self._cancel()
+        self._show(view)
+
+    def _cancel(self) -> None:
+        for handle in self._later:
+            handle.cancel()
+        self._later.clear()
 
     def _show(self, view: FrameView) -> None:
         self.last, self.last_at = view, time.monotonic()
@@ -196,7 +229,8 @@ class Watch:
         if status is not None:
             settings = status.get("settings")
             self._tell_change("settings", settings, {"event": "settings", "settings": settings})
-            ended = status.get("ended") is True and status.get("stream_id") == receiver.stats.stream_id
+            now = receiver.stats.stream_id
+            ended = status.get("ended") is True and now is not None and status.get("stream_id") == f"{now:016x}"
             self._tell_change("ended", ended, {"event": "ended"} if ended else None)
         errors = dict(receiver.errors)
         self._tell_change("errors", errors, {"event": "errors", "counts": errors} if errors else None)
