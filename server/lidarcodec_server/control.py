@@ -154,8 +154,7 @@ class Control:
         with self._turn(keys):
             before = self._store.desired(keys)
             if before:
-                entry = self._store.begin(keys, who, "forget", {}, before, {})
-                self._store.finish(entry, "done")
+                self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
                 self._refusals.pop(keys, None)
         return self.state(keys)
 
@@ -221,18 +220,20 @@ class Control:
             if in_step(wanted, current):
                 self._refusals.pop(keys, None)
                 return True
+            old = current.model_dump()
             try:
                 applied = self._send(keys, wanted)
             except RefusedError as error:
                 logger.warning("%s refuses what operators set: %s", keys.prefix, error)
                 self._refusals[keys] = str(error)
-                entry = self._store.begin(keys, SERVER, "settings", wanted, current.model_dump())
-                self._store.finish(entry, "refused", reason=str(error))
+                self._store.note(keys, SERVER, "settings", wanted, old, result="refused", reason=str(error))
                 return True
             if applied is None:  # nothing for the audit log: it would be filled by a vehicle that may not be changed
                 return False
             self._refusals.pop(keys, None)
-            self._finish(keys, self._store.begin(keys, SERVER, "settings", wanted, current.model_dump()), applied)
+            new = applied.settings.model_dump()
+            outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}
+            self._store.note(keys, SERVER, "settings", wanted, old, **outcome)
             return True
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:

@@ -116,7 +116,7 @@ class Service:
     def note(self, keys: StreamKeys, who: str, action: str, about: dict[str, Any]) -> None:
         """Enter something that was done into the audit log; a log that cannot be written undoes nothing."""
         try:
-            self.store.begin(keys, who, action, about, None, result="done")
+            self.store.note(keys, who, action, about, result="done")
         except StoreError as error:
             self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, keys.prefix, who, error)
 

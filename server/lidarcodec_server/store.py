@@ -148,22 +148,29 @@ class Store:
         changes: dict[str, Any],
         old: dict[str, Any] | None,
         wanted: dict[str, Any] | None = None,
-        result: str = "sent",
     ) -> int:
         """Enter into the audit log what is about to happen, and keep what is wanted from now on, if it is given; the
         entry's id. An empty `wanted` forgets what was kept.
 
         Raises SettingsError when settings are kept for as many streams as are allowed.
         """
-        now = time.time_ns()
-        values = {"vehicle": keys.vehicle, "sensor": keys.sensor, "at_ns": now, "who": who[:64], "action": action}
-        values |= {"changes": changes, "old": sa.null() if old is None else old, "result": result}
         with self._writing() as connection:
             if wanted is not None:
-                self._keep(connection, keys, wanted, now)
-            made = connection.execute(sa.insert(audit).values(values))
-            self._prune(connection)
-            return int(cast(Any, made.inserted_primary_key)[0])
+                self._keep(connection, keys, wanted, time.time_ns())
+            return self._enter(connection, keys, who, action, changes, old, result="sent")
+
+    def note(
+        self,
+        keys: StreamKeys,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None = None,
+        **outcome: Any,
+    ) -> None:
+        """Enter into the audit log what has happened; outcome: `result`, and `new`, `reason`, `first_frame`."""
+        with self._writing() as connection:
+            self._enter(connection, keys, who, action, changes, old, **outcome)
 
     def finish(
         self,
@@ -213,6 +220,24 @@ class Store:
                 connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
         except IntegrityError:  # another server was quicker
             connection.execute(sa.update(desired).where(*_of(keys)).values(values))
+
+    def _enter(
+        self,
+        connection: Connection,
+        keys: StreamKeys,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None,
+        new: dict[str, Any] | None = None,
+        **outcome: Any,
+    ) -> int:
+        values = {"vehicle": keys.vehicle, "sensor": keys.sensor, "at_ns": time.time_ns(), "who": who[:64]}
+        values |= {"action": action, "changes": changes, **outcome}
+        values |= {"old": sa.null() if old is None else old, "new": sa.null() if new is None else new}
+        made = connection.execute(sa.insert(audit).values(values))
+        self._prune(connection)
+        return int(cast(Any, made.inserted_primary_key)[0])
 
     def _prune(self, connection: Connection) -> None:
         self._written += 1
