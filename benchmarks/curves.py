@@ -3,7 +3,7 @@
     python -m benchmarks.curves --measure [--scene NAME]...    writes benchmarks/curves.json
     python -m benchmarks.curves --write docs/evaluation.md     tables between the marks, pictures beside the page
 
-One scene by hand: `lidarcodec bench SOURCE --codec pcodec,png,jxl,jpeg,jpeg-layered,h264,h264-log --curve
+One scene by hand: `lidarcodec bench SOURCE --codec pcodec,predictive,png,jxl,jpeg,h264 --curve
 --set intensity=off --skip 40 --frames 48 --json --plot curves.png`, and the peers with `--peers --metrics all`.
 
 Frames of a scene follow each other, because `jpeg-layered` and the video codecs live on that: 48 are six groups of
@@ -31,9 +31,15 @@ from lidarcodec.evaluation.peers import table as peers
 from lidarcodec.evaluation.peers.run import bench_peer
 
 RESULTS = HERE / "curves.json"
-CODECS = "pcodec,png,jxl,jpeg,jpeg-layered,h264,h264-log"
+CODECS = "pcodec,predictive,png,jxl,jpeg,jpeg-layered,h264,h264-log"
 PEER_FRAMES = 4
-FIVE_CM = {"pcodec": "max_error_m=0.086", "jpeg": "quality=79", "h264": "crf=0", "h264-log": "crf=1"}
+FIVE_CM = {
+    "pcodec": "max_error_m=0.086",
+    "predictive": "max_error_m=0.086",
+    "jpeg": "quality=79",
+    "h264": "crf=0",
+    "h264-log": "crf=1",
+}
 """Settings with an RMSE of about 5 cm, whose errors are shown by range."""
 BEGIN, END = "<!-- curves: python -m benchmarks.curves --write docs/evaluation.md -->", "<!-- end of curves -->"
 
@@ -110,7 +116,7 @@ def _measured(run: Run, spec: str) -> dict[str, Any]:
     out |= {"points_per_frame": result["points_per_frame"], "results": found, "peers": [], "ours": [], "by_range": []}
     if run.peers:
         some: dict[str, Any] = common | {"frames": PEER_FRAMES, "metrics": "all"}
-        for settings in sweep("pcodec,jxl", ["intensity=off", "max_error_m=0,0.01,0.05,0.2"]):
+        for settings in sweep("pcodec,predictive,jxl", ["intensity=off", "max_error_m=0,0.01,0.05,0.2"]):
             out["ours"].append(_kept(bench(spec, settings, **some), MORE))
         for codec, pair in FIVE_CM.items():
             result = bench(
