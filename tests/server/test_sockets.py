@@ -29,7 +29,7 @@ STREAM = "vehicle/lidar"
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     with running(tmp_path_factory.mktemp("server"), max_viewers=12, ack_limit_s=60.0) as one:
-        one.hub.linger_s = 0.3
+        one.hub.linger_s = 0.1
         yield one
 
 
@@ -154,13 +154,13 @@ async def test_a_slow_viewer_of_a_chain_of_messages_gets_only_what_it_can_decode
                 return count
 
             other = asyncio.create_task(keep_up())
-            for _ in range(4):
+            for _ in range(3):
                 message = unpack(await frame(slow))
                 indices += [one.index for one in decoder.decode(message)]
                 await asyncio.sleep(0.5)
                 await slow.send("ack")
             assert indices == sorted(set(indices))
-            assert indices[-1] - indices[0] > 8, "it skips"
+            assert indices[-1] - indices[0] > 6, "it skips"
             await quick.close()
             assert await other > 2 * len(indices)
     assert eventually(lambda: not server.hub.watches())
@@ -233,14 +233,14 @@ async def test_frames_that_come_in_groups_are_shown_one_by_one(server):
 
 
 async def test_a_rate_is_kept(server, vehicle):
-    async with server.socket(f"{STREAM}/cloud?form=range&rate=4") as socket:
+    async with server.socket(f"{STREAM}/cloud?form=range&rate=5") as socket:
         await frame(socket)
         await socket.send("ack")
         begin = time.monotonic()
-        for _ in range(8):
+        for _ in range(5):
             await frame(socket)
             await socket.send("ack")
-        assert 1.6 < time.monotonic() - begin < 20
+        assert 0.8 < time.monotonic() - begin < 20
 
 
 async def test_who_never_acknowledges_is_sent_away_with_a_reason(server, vehicle, monkeypatch):

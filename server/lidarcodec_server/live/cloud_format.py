@@ -41,7 +41,7 @@ class Facts(NamedTuple):
 
 
 def packed(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
-    """Bytes of a frame; 2.5 ms for 120,000 points, 0.2 ms as a range image."""
+    """Bytes of a frame; 2.5 to 4 ms for 120,000 points, 0.1 ms as a range image."""
     if encoding.form == "range":
         return _range_image(frame, facts, encoding)
     chosen = np.flatnonzero(frame.valid.T)
