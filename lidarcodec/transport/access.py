@@ -1,7 +1,8 @@
 """Who may do what on the keys of a stream, as Zenoh's access control wants it said.
 
 A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
-reports under its own name only. An operator is a viewer who may also change settings. What is not allowed is denied.
+reports under its own name only. An operator is a viewer who may also change settings, and play recordings as vehicles
+named `playback-...`. What is not allowed is denied.
 
 Two things about that access control decide the form of these rules. It holds on links, so it belongs to whoever accepts
 connections: routers, and vehicles that listen themselves. And a rule covers what it contains: who is allowed
@@ -10,7 +11,7 @@ rules: `ingress` is what the other side sends.
 
 >>> people = People(vehicles=("car-7",), viewers=("anna",))
 >>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
-[['routers'], ['vehicle car-7'], ['viewers', 'operators'], ['operators'], ['receiver anna']]
+[['routers'], ['vehicle car-7'], ['viewers', 'operators'], ['operators'], ['operators'], ['receiver anna']]
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from lidarcodec.transport.keys import PREFIX
 
 ROUTER = "router"
 """Name that all routers of a deployment share, in their certificates or as a user."""
+PLAYBACK = "playback-$*"
+"""Vehicles that a server, which is an operator, makes of recordings."""
 Auth = Literal["certificate", "password", "none"]
 ANY = f"{PREFIX}/*/*"
 WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
@@ -55,7 +58,7 @@ class _Rules:
         """Let subjects do what (messages, flows, keys) say."""
         names: list[str] = []
         for messages, flows, keys in rules:
-            names.append(f"{', '.join(subjects)}: rule {len(names) + 1}")
+            names.append(f"{', '.join(subjects)}: {len(self.rules) + 1}")
             rule = {"id": names[-1], "permission": "allow", "messages": messages, "flows": flows, "key_exprs": keys}
             self.rules.append(rule)
         self.policies.append({"rules": names, "subjects": subjects})
@@ -79,6 +82,7 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.subject("operators", list(people.operators))
     made.allow(["viewers", "operators"], *_looking())
     made.allow(["operators"], *_asking(["control/set"]))
+    made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACK}/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
         made.allow([f"receiver {name}"], *_reporting(name))

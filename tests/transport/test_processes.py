@@ -18,6 +18,7 @@ from lidarcodec.transport import Endpoints, open_transport
 from lidarcodec.transport.base import Priority
 from tests.conftest import ROOT
 from tests.transport.conftest import free_port
+from tests.transport.router import Router
 from tests.transport.test_contract import eventually
 
 
@@ -210,3 +211,29 @@ def test_processes_meet_when_a_hung_one_that_kept_the_meeting_point_goes_on():
     finally:
         for node in nodes.values():
             node.kill()
+
+
+def test_when_one_of_two_routers_is_killed_what_went_through_it_goes_through_the_other():
+    near, far = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    routers = [Router(listen=near), Router(listen=far, connect=near)]
+    car, office = (open_transport(Endpoints.of(connect=(near, far))) for _ in range(2))
+    try:
+        heard = []
+        office.listen("s/x", lambda key, data: heard.append(data))
+        sender = car.sender("s/x", Priority.STATUS)
+
+        def comes(word):
+            def one():
+                sender.put(word)
+                return word in heard
+
+            return eventually(one, 20)
+
+        assert comes(b"both")
+        routers.pop(0).kill()
+        assert comes(b"one")
+    finally:
+        for one in (car, office):
+            one.close()
+        for router in routers:
+            router.kill()

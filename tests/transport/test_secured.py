@@ -157,6 +157,19 @@ def test_a_viewer_changes_nothing_and_speaks_for_nobody_else(people):
     assert "set" not in asked
 
 
+def test_an_operator_plays_recordings_as_vehicles_of_their_own_and_as_no_other(people):
+    olga, anna = people("operator-olga"), people("viewer-anna")
+    heard = []
+    anna.listen("lidarcodec/v1/*/*/frame", lambda key, data: heard.append(key))
+    played, forged = (olga.sender(keys.frame, Priority.STATUS) for keys in (StreamKeys("playback-7", "roof"), CAR))
+    assert eventually(lambda: played.matching)
+    forged.put(b"forged")
+    played.put(b"played")
+    assert eventually(lambda: heard)
+    time.sleep(QUIET_S)
+    assert heard == ["lidarcodec/v1/playback-7/roof/frame"]
+
+
 def test_a_wildcard_beyond_what_is_allowed_gets_nothing(people):
     """The trap of containment: somebody who subscribes to everything is told nothing and gets nothing."""
     car, anna = people("vehicle-car-7"), people("viewer-anna")
