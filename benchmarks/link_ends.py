@@ -121,7 +121,8 @@ def publish_plain(policy: str, source: str, listen: str, settings: dict[str, Any
 def receive(*, policy: str, source: str, connect: str) -> None:
     """Say of each frame when it was there, how late, and how far from the original, until SIGTERM."""
     stop = stopped()
-    originals = [frame.range for frame in frames_of(Turns(source).packets(), Turns(source).sensor)]
+    turns = Turns(source)
+    originals = [frame.range for frame in frames_of(turns.packets(), turns.sensor)]
     say(ready=True)
     if policy in PLAIN:
         receive_plain(connect, originals, stop)
