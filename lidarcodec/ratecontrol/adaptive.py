@@ -46,8 +46,8 @@ CUT: Final = 0.6
 """Two messages in a row at less than this part of the capacity say that the path was cut, or that a bucket has run dry.
 One alone is a receiver that had something else to do."""
 CAUTION_S: Final = 20.0
-GROWTH_PER_S: Final = 1.5
-"""For so long after a cut the capacity is believed to grow by no more than that: five times as much takes 4 s. A
+GROWTH_PER_S: Final = 2.0
+"""For so long after a cut the capacity is believed to grow by no more than that: five times as much takes 2.3 s. A
 bucket of tokens that lets any burst through and then stands would else be filled and hit again and again."""
 SMALLER: Final = 0.7
 WORSE: Final = 1.1

@@ -166,7 +166,7 @@ def test_one_lost_message_costs_a_second_and_not_the_quality_of_the_next_twenty(
     assert after > 0.8 * before
 
 
-def test_after_a_cut_the_rate_grows_by_no_more_than_half_in_a_second():
+def test_after_a_cut_the_rate_doubles_in_a_second_at_most():
     state, _ = adapted(PathState(), Landing(1e6, 0.1, 0.1))
     for _ in range(4):
         state, _ = adapted(state, Landing(1e6, 1.0, 0.1))
@@ -174,4 +174,4 @@ def test_after_a_cut_the_rate_grows_by_no_more_than_half_in_a_second():
     for _ in range(40):
         state, target = adapted(state, Landing(1e5, 0.001, 0.1))
         targets.append(target)
-    assert all(late / early <= 1.6 for early, late in pairwise(targets[9::10]))
+    assert all(late / early <= 2.1 for early, late in pairwise(targets[9::10]))
