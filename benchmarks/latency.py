@@ -69,7 +69,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     ):
         first = live.next(FIRST_FRAME_S)
         end = time.monotonic() + options.seconds
-        while first is not None and time.monotonic() < end and live.next(1.0) is not None:
+        while first is not None and time.monotonic() < end and live.next(5.0) is not None:
             pass
         values = live.stats.latency_ms.recent()[WARM_UP:]
         received = live.summary()
