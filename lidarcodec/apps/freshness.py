@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-LIVE_S: Final = 1.0
-"""Age above which a live view leaves a frame out."""
+LIVE_S: Final = 2.0
+"""Age above which a live view leaves a frame out. A codec that codes ten frames together is a second late by itself."""
 PATIENCE_S: Final = 1.0
 """When only old frames have come for so long, an old frame is better than none."""
 MaxAge = float | Literal["live"] | None
@@ -30,7 +30,7 @@ class Freshness:
 
     @classmethod
     def of(cls, max_age_s: MaxAge, *, newest: bool) -> Freshness:
-        """`live`: a second, but patient, for whoever wants the newest; all frames for whoever wants every one."""
+        """`live`: two seconds, but patient, for whoever wants the newest; all frames for whoever wants every one."""
         if max_age_s == "live":
             return cls(LIVE_S if newest else None, patient=True)
         return cls(max_age_s)

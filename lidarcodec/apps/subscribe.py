@@ -73,8 +73,8 @@ class LiveStream:
     newest:     True: whoever iterates too slowly gets the newest frame, and what was replaced is counted. False: every
                 frame is waited for, and the publisher feels it
     timeout_s:  iteration ends after so long without a frame; None: never
-    max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`: a
-                second for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
+    max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
+                two seconds for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
     until_end:  iteration ends when the publisher has gone
     udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may

@@ -167,7 +167,7 @@ def test_an_answer_that_is_none_hurts_nobody(hostile):
 def test_frames_are_stale_only_while_younger_ones_come():
     fresh = Freshness.of("live", newest=True)
     assert fresh.shows(100, 0.0)
-    after_a_stall = [fresh.shows(age, 9.0 + 0.01 * i) for i, age in enumerate((9000, 8000, 5000, 2000, 900, 100))]
+    after_a_stall = [fresh.shows(age, 9.0 + 0.01 * i) for i, age in enumerate((9000, 8000, 5000, 2100, 1900, 100))]
     assert after_a_stall == [False] * 4 + [True] * 2
     assert fresh.shows(None, 10.0), "an age that nobody knows is none"
     slow = [fresh.shows(3000, 20.0 + 0.5 * i) for i in range(6)]
