@@ -8,6 +8,7 @@ NB_MODULE(_native, m) {
   bind_neighbour(m);
   bind_images(m);
   bind_mask(m);
+  bind_motion(m);
   bind_intensity(m);
   bind_predictive(m);
   bind_entropy(m);

@@ -35,6 +35,7 @@ void bind_images(nb::module_& m);
 void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);
+void bind_motion(nb::module_& m);
 void bind_intensity(nb::module_& m);
 void bind_predictive(nb::module_& m);
 void bind_entropy(nb::module_& m);

@@ -1,0 +1,120 @@
+"""Motion: how a sensor moved within a turn, in whole numbers, and the MOTION section that says so.
+
+A rotation is sent as its Cayley vector h (along its axis, as long as the tangent of half its angle), so that any three
+numbers are a rotation and the twelve numbers by which points move follow from six, the same on every machine:
+R = 1 + 2 (S [h] + [h]^2) / (S^2 + h.h) with S = 2^24. The section is described in docs/wire-format-motion.md.
+
+>>> ahead = Motion(shift=(-16_000, 0, 0))  # the sensor drove a metre: what it saw is now a metre further back
+>>> decode_motion(encode_motion(ahead)) == ahead
+True
+>>> ahead.numbers.tolist()[9:]
+[-16000, 0, 0]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SectionError
+
+TURN_UNIT: Final = 1 << 24
+"""Steps of a Cayley vector in 1."""
+SHIFT_UNIT_M: Final = 0.0000625
+"""A step of a shift: 1/16 mm, 32 of them in a range step."""
+MOST_TURN: Final = 1 << 22
+"""Largest part of a Cayley vector: 28 degrees within a turn."""
+MOST_SHIFT: Final = 320_000
+"""Largest part of a shift: 20 m within a turn."""
+_ROTATION_UNIT: Final = 1 << 30
+_BYTES: Final = 3
+
+Triple = tuple[int, int, int]
+Matrix = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """T_current_previous: where a point seen a turn ago is seen now.
+
+    turn: Cayley vector in steps of 2^-24, each part up to MOST_TURN; shift: in steps of 1/16 mm, each up to MOST_SHIFT
+    Raises SectionError beyond the limits.
+    """
+
+    turn: Triple = (0, 0, 0)
+    shift: Triple = (0, 0, 0)
+
+    def __post_init__(self) -> None:
+        if max(map(abs, self.turn)) > MOST_TURN or max(map(abs, self.shift)) > MOST_SHIFT:
+            raise SectionError(f"a motion of turn {self.turn} and shift {self.shift}: 28 degrees and 20 m are possible")
+
+    @classmethod
+    def nearest(cls, matrix: Matrix) -> Motion | None:
+        """The motion closest to a rigid transform, (4, 4) in metres; None if it is none, or beyond the limits."""
+        turn = matrix[:3, :3]
+        scale = 1.0 + np.trace(turn)
+        if not np.isfinite(matrix).all() or scale < 1.0:
+            return None
+        axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        cayley, shift = np.rint(axis / scale * TURN_UNIT), np.rint(matrix[:3, 3] / SHIFT_UNIT_M)
+        if max(abs(cayley)) > MOST_TURN or max(abs(shift)) > MOST_SHIFT:
+            return None
+        return cls(_triple(cayley), _triple(shift))
+
+    @property
+    def numbers(self) -> npt.NDArray[np.int32]:
+        """(12,) int32: rotation row by row in steps of 2^-30, then the shift; what moves points."""
+        x, y, z = self.turn
+        square = x * x + y * y + z * z
+        scale = TURN_UNIT * TURN_UNIT + square
+        spin = ((0, -z, y), (z, 0, -x), (-y, x, 0))
+        rotation = []
+        for i, row in enumerate(spin):
+            for j, part in enumerate(row):
+                squared = self.turn[i] * self.turn[j] - (square if i == j else 0)  # of [h]^2 = h h' - h.h
+                turned = 2 * (TURN_UNIT * part + squared) + (scale if i == j else 0)
+                rotation.append((2 * turned * _ROTATION_UNIT + scale) // (2 * scale))
+        return np.array([*rotation, *self.shift], np.int32)
+
+    @property
+    def matrix(self) -> Matrix:
+        """(4, 4) float64, T_current_previous in metres."""
+        numbers = self.numbers
+        matrix = np.eye(4)
+        matrix[:3, :3] = numbers[:9].reshape(3, 3) / _ROTATION_UNIT
+        matrix[:3, 3] = numbers[9:] * SHIFT_UNIT_M
+        return matrix
+
+    def scaled(self, factor: float) -> Motion | None:
+        """The motion of `factor` times the time, at the same speed; None beyond the limits."""
+        turn, shift = np.rint(np.array(self.turn) * factor), np.rint(np.array(self.shift) * factor)
+        if not (max(abs(turn)) <= MOST_TURN and max(abs(shift)) <= MOST_SHIFT):
+            return None
+        return Motion(_triple(turn), _triple(shift))
+
+
+STILL: Final = Motion()
+
+
+def _triple(values: npt.NDArray[np.float64]) -> Triple:
+    x, y, z = (int(value) for value in values)
+    return x, y, z
+
+
+def encode_motion(motion: Motion) -> bytes:
+    """The 18 bytes of a MOTION section: turn and shift, 3 bytes each number, signed, little endian."""
+    return b"".join(number.to_bytes(_BYTES, "little", signed=True) for number in (*motion.turn, *motion.shift))
+
+
+def decode_motion(data: bytes) -> Motion:
+    """The motion of a section.
+
+    Raises SectionError if it has not 18 bytes, or is beyond the limits.
+    """
+    if len(data) != 6 * _BYTES:
+        raise SectionError(f"a motion of {len(data)} bytes, not {6 * _BYTES}")
+    parts = [int.from_bytes(data[at : at + _BYTES], "little", signed=True) for at in range(0, len(data), _BYTES)]
+    return Motion((parts[0], parts[1], parts[2]), (parts[3], parts[4], parts[5]))

@@ -1,0 +1,106 @@
+#include "beams.hpp"
+#include "bindings.hpp"
+#include "error.hpp"
+#include "motion_search.hpp"
+#include "range_history.hpp"
+#include "warp.hpp"
+
+namespace {
+
+using lidarcodec::BeamTable;
+using lidarcodec::Columns;
+using lidarcodec::Error;
+using lidarcodec::ErrorCode;
+using lidarcodec::kRows;
+using lidarcodec::Motion;
+using lidarcodec::RangeHistory;
+
+constexpr std::size_t kMostColumns = 24'576;
+
+Columns columns_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>& fired) {
+  if (azimuth.shape(0) != 2 || fired.shape(0) != 2 || azimuth.shape(1) != fired.shape(1) || fired.shape(1) > kMostColumns)
+    throw Error(ErrorCode::Section, "columns need azimuth (2, W) and fired (2, W), W up to 24576");
+  return {azimuth.shape(1), azimuth.data(), fired.data()};
+}
+
+BeamTable table_of(const In<std::int32_t, 2>& rows) {
+  if (rows.shape(0) != 6 || rows.shape(1) != kRows) throw Error(ErrorCode::Section, "beams need a table (6, 64)");
+  const std::int32_t* at = rows.data();
+  BeamTable table;
+  for (std::size_t r = 0; r < kRows; ++r) {
+    table.half[r] = at[r] != 0;
+    table.rotation[r] = at[kRows + r];
+    table.vertical[r] = at[2 * kRows + r];
+    table.distance[r] = at[3 * kRows + r];
+    table.vertical_offset[r] = at[4 * kRows + r];
+    table.horizontal_offset[r] = at[5 * kRows + r];
+  }
+  return table;
+}
+
+Motion motion_of(const In<std::int32_t, 1>& numbers) {
+  if (numbers.shape(0) != 12) throw Error(ErrorCode::Section, "a motion is 12 numbers");
+  Motion motion;
+  for (std::size_t i = 0; i < 9; ++i) motion.rotation[i] = numbers.data()[i];
+  for (std::size_t i = 0; i < 3; ++i) motion.translation[i] = numbers.data()[9 + i];
+  return motion;
+}
+
+}  // namespace
+
+void bind_motion(nb::module_& m) {
+  nb::class_<RangeHistory>(m, "RangeHistory", "What was last seen in each direction; see lidarcodec.codecs.warp.")
+      .def(nb::init<>())
+      .def("forget", &RangeHistory::forget, "Forgets everything.")
+      .def(
+          "remember",
+          [](RangeHistory& self, In<std::uint16_t, 2> ranges, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired,
+             In<std::int32_t, 2> rows) {
+            const Columns columns = columns_of(azimuth, fired);
+            const BeamTable table = table_of(rows);
+            if (ranges.shape(0) != kRows || ranges.shape(1) != columns.width)
+              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as what fired");
+            nb::gil_scoped_release release;
+            self.remember(ranges.data(), columns, table.half);
+          },
+          nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
+          nb::arg("rows").noconvert(), "Takes the ranges (64, W) of a frame that was sent.")
+      .def(
+          "expected",
+          [](const RangeHistory& self, In<std::int32_t, 1> motion, In<std::uint16_t, 2> azimuth,
+             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows) {
+            const Columns columns = columns_of(azimuth, fired);
+            const BeamTable table = table_of(rows);
+            const Motion moved = motion_of(motion);
+            std::vector<std::uint16_t> ranges;
+            {
+              nb::gil_scoped_release release;
+              ranges = lidarcodec::expected_ranges(self, table, moved, columns);
+            }
+            return give(std::move(ranges), {kRows, columns.width});
+          },
+          nb::arg("motion").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
+          nb::arg("rows").noconvert(), "(64, W) uint16, the ranges that a frame is expected to have; 0: nothing is known.")
+      .def(
+          "find_motion",
+          [](const RangeHistory& self, In<std::uint16_t, 2> ranges, In<std::uint16_t, 2> azimuth,
+             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows, In<std::int32_t, 1> start) {
+            const Columns columns = columns_of(azimuth, fired);
+            const BeamTable table = table_of(rows);
+            if (ranges.shape(0) != kRows || ranges.shape(1) != columns.width)
+              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as what fired");
+            const Motion from = motion_of(start);
+            lidarcodec::FoundMotion result;
+            {
+              nb::gil_scoped_release release;
+              result = lidarcodec::find_motion(self, ranges.data(), columns, table, from);
+            }
+            std::vector<std::int32_t> numbers(result.motion.rotation.begin(), result.motion.rotation.end());
+            numbers.insert(numbers.end(), result.motion.translation.begin(), result.motion.translation.end());
+            return nb::make_tuple(give(std::move(numbers), {12}), result.found, result.points, result.matched,
+                                  result.iterations, result.median_m);
+          },
+          nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
+          nb::arg("rows").noconvert(), nb::arg("start").noconvert(),
+          "Motion since a turn ago: its 12 numbers, whether it was found, points tried and matched, iterations, median in m.");
+}

@@ -1,0 +1,348 @@
+#include "motion_search.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "motion_views.hpp"
+
+namespace lidarcodec {
+namespace {
+
+constexpr std::size_t kEvery = 6;           // slots from candidate to candidate in a row
+constexpr std::size_t kPerFacing = 500;      // points of each way to face
+constexpr double kCubeM = 0.4;              // of points in a cube of this side one is used
+constexpr double kBaseM = 0.3;               // to the neighbours of which a normal is made, at least
+constexpr int kRingsAway = 6;                // to those above and below, at most
+constexpr std::size_t kReach = 3;            // slots in which a neighbour is looked for
+constexpr double kFlatM = 0.05, kFlatPart = 0.005;  // a neighbour further off the plane: no plane
+constexpr std::uint32_t kIterations = 20;
+constexpr std::uint32_t kLeastMatched = 150;
+constexpr double kWorstMedianM = 0.2;
+constexpr double kFarthestM = 20;
+
+struct Patch {
+  Metres at, normal;
+};
+
+double length_of(const Metres& a) { return std::sqrt(dot(a, a)); }
+
+// A neighbour in a ring above or below, not so close that the errors of the lasers tilt the plane.
+bool far_enough(const View& view, std::size_t row, int by, Angle angle, const Metres& from, Metres& point) {
+  for (int k = 1; k <= kRingsAway; ++k) {
+    const int ring = static_cast<int>(row) + k * by;
+    if (ring < 0 || ring >= static_cast<int>(kRows)) break;
+    if (!view.near(static_cast<std::size_t>(ring), angle, kReach, point)) continue;
+    if (length_of(point - from) > kBaseM) return true;
+  }
+  return false;
+}
+
+// The plane through a point and its four neighbours; false: there is none.
+bool patch_at(const View& view, std::size_t row, std::size_t slot, Patch& patch) {
+  Metres left, right, up, down;
+  if (!view.at(row, slot, patch.at)) return false;
+  const Angle angle = view.looks(row, slot);
+  const double away = length_of(patch.at);
+  if (!(away > 1) || away > 80) return false;
+  const auto side = static_cast<Angle>(std::clamp(kBaseM / away, 0.006, 0.06) * 683'565'276.0);
+  if (!view.near(row, angle - side, kReach, left) || !view.near(row, angle + side, kReach, right) ||
+      !far_enough(view, row, -1, angle, patch.at, up) || !far_enough(view, row, 1, angle, patch.at, down)) {
+    return false;
+  }
+  const Metres across = cross(left - right, up - down);
+  const double size = length_of(across);
+  if (!(size > 1e-9)) return false;
+  patch.normal = (1 / size) * across;
+  const double flat = kFlatM + kFlatPart * away;
+  for (const Metres* neighbour : {&left, &right, &up, &down}) {
+    if (std::abs(dot(patch.normal, *neighbour - patch.at)) > flat) return false;
+    if (length_of(*neighbour - patch.at) > 0.3 + 0.15 * away) return false;
+  }
+  if (dot(patch.normal, patch.at) > 0) patch.normal = -1 * patch.normal;
+  return std::abs(dot(patch.normal, patch.at)) > 0.03 * away;  // seen too flat
+}
+
+constexpr std::size_t kFacings = 5;
+
+// Forward, back, left, right, up.
+std::size_t facing(const Metres& n) {
+  const double x = std::abs(n.x), y = std::abs(n.y), z = std::abs(n.z);
+  if (z >= x && z >= y) return 4;
+  return x >= y ? (n.x > 0 ? 0u : 1u) : (n.y > 0 ? 2u : 3u);
+}
+
+// Cubes in which there is a point already: near things would otherwise outweigh far ones.
+class Cubes {
+ public:
+  // Whether the cube of a point was free; from now on it is not.
+  bool take(const Metres& p, std::size_t kind) {
+    const auto cell = [](double v) { return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / kCubeM))); };
+    const std::uint32_t key = (cell(p.x) & 0x3FFu) | (cell(p.y) & 0x3FFu) << 10 | (cell(p.z) & 0xFFu) << 20 |
+                              static_cast<std::uint32_t>(kind + 1) << 28;
+    std::uint32_t at = key * 2'654'435'761u >> 18;
+    for (int tries = 0; tries < 8; ++tries, at = (at + 1) % kSize) {
+      if (taken_[at] == key) return false;
+      if (taken_[at] == 0) return taken_[at] = key, true;
+    }
+    return false;
+  }
+
+ private:
+  static constexpr std::uint32_t kSize = 1u << 14;
+  std::vector<std::uint32_t> taken_ = std::vector<std::uint32_t>(kSize);
+};
+
+// Points that hold the motion in all directions: as many of each way to face as there are, up to a limit.
+std::vector<Patch> patches_of(const View& view) {
+  std::array<std::vector<Patch>, kFacings> by_facing;
+  Cubes cubes;
+  Patch patch;
+  for (std::size_t row = 1; row + 1 < kRows; ++row) {
+    for (std::size_t s = row * 5 % kEvery; s < kSlots; s += kEvery) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        if (s + d < kSlots && patch_at(view, row, s + d, patch)) {
+          const std::size_t way = facing(patch.normal);
+          if (cubes.take(patch.at, way)) by_facing[way].push_back(patch);
+          break;
+        }
+      }
+    }
+  }
+  std::vector<Patch> chosen;
+  for (const std::vector<Patch>& all : by_facing) {
+    const std::size_t n = std::min(all.size(), kPerFacing);
+    for (std::size_t i = 0; i < n; ++i) chosen.push_back(all[i * all.size() / n]);
+  }
+  return chosen;
+}
+
+struct Rigid {
+  std::array<Metres, 3> row{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+  Metres shift;
+
+  Metres turn(const Metres& p) const { return {dot(row[0], p), dot(row[1], p), dot(row[2], p)}; }
+  Metres move(const Metres& p) const { return turn(p) + shift; }
+
+  Rigid inverse() const {
+    Rigid back;
+    back.row = {{{row[0].x, row[1].x, row[2].x}, {row[0].y, row[1].y, row[2].y}, {row[0].z, row[1].z, row[2].z}}};
+    back.shift = -1 * back.turn(shift);
+    return back;
+  }
+};
+
+Rigid rigid_of(const Motion& motion) {
+  Rigid rigid;
+  constexpr double unit = 1.0 / (1 << 30);
+  for (std::size_t i = 0; i < 3; ++i)
+    rigid.row[i] = {motion.rotation[3 * i] * unit, motion.rotation[3 * i + 1] * unit, motion.rotation[3 * i + 2] * unit};
+  rigid.shift = {motion.translation[0] * kLengthM, motion.translation[1] * kLengthM, motion.translation[2] * kLengthM};
+  return rigid;
+}
+
+std::int32_t nearest(double value) {
+  return std::abs(value) < 2e9 ? static_cast<std::int32_t>(std::floor(value + 0.5)) : 0;
+}
+
+Motion motion_of(const Rigid& rigid) {
+  Motion motion;
+  constexpr double unit = 1 << 30;
+  for (std::size_t i = 0; i < 3; ++i) {
+    motion.rotation[3 * i] = nearest(rigid.row[i].x * unit);
+    motion.rotation[3 * i + 1] = nearest(rigid.row[i].y * unit);
+    motion.rotation[3 * i + 2] = nearest(rigid.row[i].z * unit);
+  }
+  motion.translation = {nearest(rigid.shift.x / kLengthM), nearest(rigid.shift.y / kLengthM),
+                        nearest(rigid.shift.z / kLengthM)};
+  return motion;
+}
+
+// Turned a little more, by the vector w: (1 + [w/2]) (1 - [w/2])^-1, a rotation without sine or cosine.
+Rigid turned_by(const Metres& w, const Metres& v, const Rigid& rigid) {
+  const Metres h = 0.5 * w;
+  const double k = 2 / (1 + dot(h, h));
+  const auto turn = [&](const Metres& p) { return p + k * (cross(h, p) + cross(h, cross(h, p))); };
+  const Rigid columns = rigid.inverse();  // its rows are the columns of the rotation
+  Rigid out;
+  const Metres x = turn(columns.row[0]), y = turn(columns.row[1]), z = turn(columns.row[2]);
+  out.row = {{{x.x, y.x, z.x}, {x.y, y.y, z.y}, {x.z, y.z, z.z}}};
+  out.shift = turn(rigid.shift) + v;
+  return out;
+}
+
+// Solves h x = b for a symmetric positive h; false: it is not.
+bool solve(std::array<std::array<double, 6>, 6> h, std::array<double, 6> b, std::array<double, 6>& x) {
+  for (std::size_t i = 0; i < 6; ++i) {
+    for (std::size_t j = 0; j <= i; ++j) {
+      double sum = h[i][j];
+      for (std::size_t k = 0; k < j; ++k) sum -= h[i][k] * h[j][k];
+      if (i == j) {
+        if (!(sum > 1e-9)) return false;
+        h[i][i] = std::sqrt(sum);
+      } else {
+        h[i][j] = sum / h[j][j];
+      }
+    }
+  }
+  for (std::size_t i = 0; i < 6; ++i) {
+    for (std::size_t k = 0; k < i; ++k) b[i] -= h[i][k] * b[k];
+    b[i] /= h[i][i];
+  }
+  for (std::size_t i = 6; i-- > 0;) {
+    x[i] = b[i];
+    for (std::size_t k = i + 1; k < 6; ++k) x[i] -= h[k][i] * x[k];
+    x[i] /= h[i][i];
+  }
+  return true;
+}
+
+struct Match {
+  Metres at, normal;
+  double off;
+};
+
+class Search {
+ public:
+  Search(const View& before, const Beams& beams, const std::vector<Patch>& patches)
+      : before_(before), beams_(beams), patches_(patches), x_(patches.size()), y_(x_), angle_(patches.size()) {
+    for (std::size_t r = 0; r < kRows; ++r)
+      if (beams[r].usable) rows_.push_back(r);
+  }
+
+  // Points of the frame, moved, beside the closest point that was seen there before.
+  void match(const Rigid& rigid, double farthest_m) {
+    matches_.clear();
+    moved_.clear();
+    for (std::size_t i = 0; i < patches_.size(); ++i) {
+      const Metres p = rigid.move(patches_[i].at);
+      moved_.push_back(p);
+      const bool within = std::abs(p.x) < 200 && std::abs(p.y) < 200;
+      x_[i] = within ? static_cast<std::int32_t>(p.x / kLengthM) * 16 : 0;
+      y_[i] = within ? static_cast<std::int32_t>(p.y / -kLengthM) * 16 : 0;
+    }
+    land(x_.data(), y_.data(), angle_.data(), x_.size());
+    for (std::size_t i = 0; i < moved_.size(); ++i) {
+      const double away = static_cast<double>(x_[i]) * (kLengthM / 16 / 1.646760258);
+      if (!(away > 0.5)) continue;
+      const Metres &p = moved_[i], normal = rigid.turn(patches_[i].normal);
+      Metres closest, seen;
+      double best = farthest_m * farthest_m;
+      bool any = false;
+      const std::size_t ring = ring_of(p.z / away);
+      for (std::size_t k = ring == 0 ? 0 : ring - 1; k <= ring + 1 && k < rows_.size(); ++k) {
+        const std::size_t row = rows_[k];
+        const double sideways = static_cast<double>(beams_[row].sideways * 16) * kLengthM / away;
+        const Angle angle = angle_[i] + static_cast<Angle>(static_cast<std::int32_t>(sideways * 42'722'830.0));
+        if (!before_.near(row, angle, kReach, seen)) continue;
+        const Metres apart = p - seen;
+        const double distance = dot(apart, apart);
+        if (distance < best) best = distance, closest = seen, any = true;
+      }
+      if (any) matches_.push_back({p, normal, dot(normal, p - closest)});
+    }
+  }
+
+  double median() {
+    if (matches_.empty()) return 0;
+    sorted_.clear();
+    for (const Match& m : matches_) sorted_.push_back(std::abs(m.off));
+    const auto middle = sorted_.begin() + static_cast<std::ptrdiff_t>(sorted_.size() / 2);
+    std::nth_element(sorted_.begin(), middle, sorted_.end());
+    return *middle;
+  }
+
+  // A step towards the surface; false: nothing holds it.
+  bool step(double scale, Metres& w, Metres& v) const {
+    std::array<std::array<double, 6>, 6> h{};
+    std::array<double, 6> b{}, x{};
+    for (const Match& m : matches_) {
+      const Metres lever = cross(m.at, m.normal);
+      const std::array<double, 6> j = {lever.x, lever.y, lever.z, m.normal.x, m.normal.y, m.normal.z};
+      const double part = m.off / scale, less = 1 / (1 + part * part), weight = less * less;
+      for (std::size_t r = 0; r < 6; ++r) {
+        b[r] -= weight * j[r] * m.off;
+        for (std::size_t c = 0; c <= r; ++c) h[r][c] += weight * j[r] * j[c];
+      }
+    }
+    for (std::size_t r = 0; r < 6; ++r) h[r][r] += 1e-3;  // nothing moves that nothing holds
+    if (!solve(h, b, x)) return false;
+    w = {x[0], x[1], x[2]};
+    v = {x[3], x[4], x[5]};
+    return true;
+  }
+
+  std::size_t matched() const { return matches_.size(); }
+
+ private:
+  // Index in rows_ of the beam that looks closest to a slope.
+  std::size_t ring_of(double slope) const {
+    std::size_t low = 0, high = rows_.size();
+    const double wanted = slope * (1 << 24);
+    while (low < high) {
+      const std::size_t middle = (low + high) / 2;
+      if (static_cast<double>(beams_[rows_[middle]].slope) > wanted) {
+        low = middle + 1;
+      } else {
+        high = middle;
+      }
+    }
+    if (low == rows_.size()) return low == 0 ? 0 : low - 1;
+    if (low == 0) return 0;
+    const double under = wanted - static_cast<double>(beams_[rows_[low]].slope);
+    const double over = static_cast<double>(beams_[rows_[low - 1]].slope) - wanted;
+    return over < under ? low - 1 : low;
+  }
+
+  const View& before_;
+  const Beams& beams_;
+  const std::vector<Patch>& patches_;
+  std::vector<std::int32_t> x_, y_;
+  std::vector<Angle> angle_;
+  std::vector<std::size_t> rows_;
+  std::vector<Metres> moved_;
+  std::vector<Match> matches_;
+  std::vector<double> sorted_;
+};
+
+}  // namespace
+
+FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges, const Columns& columns,
+                        const BeamTable& table, const Motion& start) {
+  const Beams beams = beams_of(table);
+  RangeHistory current;
+  current.remember(ranges, columns, table.half);
+  const View before(history, table, beams), now(current, table, beams);
+  const std::vector<Patch> patches = patches_of(now);
+
+  FoundMotion result;
+  result.motion = start;
+  result.points = static_cast<std::uint32_t>(patches.size());
+  if (patches.size() < kLeastMatched) return result;
+  Search search(before, beams, patches);
+  Rigid rigid = rigid_of(start).inverse();
+  double farthest_m = 2, wide_m = 1;
+  for (result.iterations = 0; result.iterations < kIterations; ++result.iterations) {
+    search.match(rigid, farthest_m);
+    if (search.matched() < kLeastMatched) break;
+    result.median_m = search.median();
+    Metres w, v;
+    if (!search.step(std::max({0.03, 3 * result.median_m, wide_m}), w, v)) break;
+    if (!(dot(w, w) < 1 && dot(v, v) < kFarthestM * kFarthestM)) break;
+    rigid = turned_by(w, v, rigid);
+    farthest_m = std::max(0.5, 0.8 * farthest_m);
+    wide_m *= 0.7;
+    if (result.iterations >= 4 && dot(w, w) < 1e-10 && dot(v, v) < 1e-6) break;
+  }
+  result.matched = static_cast<std::uint32_t>(search.matched());
+  const Rigid back = rigid.inverse();  // of a rotation: a start that is none is not found
+  if (result.matched < kLeastMatched || !(result.median_m < kWorstMedianM) || !(length_of(back.shift) < kFarthestM) ||
+      !(std::abs(dot(back.row[0], back.row[0]) - 1) < 1e-6 && std::abs(dot(back.row[1], back.row[1]) - 1) < 1e-6))
+    return result;
+  result.motion = motion_of(back);
+  result.found = true;
+  return result;
+}
+
+}  // namespace lidarcodec

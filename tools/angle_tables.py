@@ -1,0 +1,46 @@
+"""Prints the constants of native/src/fixed_angle.hpp, in whole numbers only: the same on every machine."""
+
+from __future__ import annotations
+
+BITS = 160
+STEPS = 30
+
+
+def arctangent(power: int) -> int:
+    """atan(2**-power), scaled by 2**BITS."""
+    if power == 0:  # Machin: pi / 4 = 4 atan(1/5) - atan(1/239)
+        return 4 * _inverse_arctangent(5) - _inverse_arctangent(239)
+    return _inverse_arctangent(1 << power)
+
+
+def _inverse_arctangent(x: int) -> int:
+    total, term, n = 0, (1 << BITS) // x, 1
+    while term:
+        total += term // n if n % 4 == 1 else -(term // n)
+        term //= x * x
+        n += 2
+    return total
+
+
+def _root(value: int) -> int:
+    """Square root of a number scaled by 2**BITS."""
+    guess = 1 << BITS
+    for _ in range(200):
+        guess = (guess + (value << BITS) // guess) // 2
+    return guess
+
+
+def shrink(steps: int) -> int:
+    """1 / product of sqrt(1 + 4**-i) over the steps, scaled by 2**30."""
+    product = 1 << BITS
+    for i in range(steps):
+        product += product >> (2 * i)
+    return (((1 << (2 * BITS)) // _root(product)) + (1 << (BITS - 31))) >> (BITS - 30)
+
+
+if __name__ == "__main__":
+    turn = 8 * arctangent(0)
+    print("kArctangent:", [((arctangent(i) << 40) + turn // 2) // turn for i in range(STEPS)])
+    print("kShrink of 30 steps:", shrink(30), " of 20 steps:", shrink(20))
+    print("turn / 2 pi, 32 bit:", ((1 << (32 + BITS)) + turn // 2) // turn)
+    print("steps of 1e-8 rad in a turn:", (turn * 10**8 + (1 << (BITS - 1))) >> BITS)
