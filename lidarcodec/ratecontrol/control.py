@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from lidarcodec.codecs import table
+from lidarcodec.codecs.rate_knob import BOUND
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
@@ -38,6 +39,8 @@ logger = logging.getLogger(__name__)
 
 PACKET_S: Final = PACKET_INTERVAL_US * 1e-6
 """An HDL-64 sends a packet every 288 us (6 firings of 48 us), however fast it turns."""
+AUTO_COARSEST_M: Final = 1.0
+"""A target that nobody chose makes ranges no coarser, unless a bound is set: from there on fewer frames say more."""
 STAMP_FACTOR: Final = 4.0
 """Stamps that say a packet took 4 times as long, or a quarter, tell of a pause or of a clock that was set."""
 STAMP_GAIN: Final = 0.2
@@ -166,9 +169,13 @@ class RateControl:
             raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
-        target_kbps = self._auto_kbps if settings.target_kbps == AUTO else float(settings.target_kbps)
         self._settings, self._knob = settings, knob
-        self._plan = replace(Plan.of(settings, knob, model), target_bps=1e3 * target_kbps)
+        if settings.target_kbps != AUTO:
+            self._plan = Plan.of(settings, knob, model)
+            return
+        if settings.max_error_m is None and knob.setting == BOUND:
+            settings = settings.model_copy(update={BOUND: AUTO_COARSEST_M})
+        self._plan = replace(Plan.of(settings, knob, model), target_bps=1e3 * self._auto_kbps)
 
     def _reached(self) -> bool:
         """Whether the target is kept; one that follows the path is compared with no mean of five seconds."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import logging
 
+import pytest
+
+from lidarcodec.api import read_frames
 from lidarcodec.apps.adapting import Adapting
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.pipeline import StreamEncoder
@@ -92,3 +95,15 @@ def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog):
             adapting.aim(encoder, 0)
     assert ["did not arrive" in record.message for record in caplog.records] == [True, False]
     assert adapting.report()["cautious"]
+
+
+@pytest.mark.parametrize(("bound", "coarsest"), [(None, 1.0), (0.05, 0.05), (5.0, 5.0)])
+def test_a_path_that_is_far_too_narrow_costs_frames_and_not_the_shape_of_things(bound, coarsest):
+    """Ranges that are 20 m off show nothing; and a bound that an operator set holds."""
+    encoder = StreamEncoder(StreamSettings(target_kbps="auto", max_error_m=bound))
+    for frame in read_frames("sim:city?frames=2"):
+        encoder.aim(60.0)
+        encoder.encode(frame)
+    assert encoder.rate["max_error_m"] == pytest.approx(coarsest, abs=0.003)
+    assert encoder.rate["limited_by"] == "floor"
+    assert not encoder.rate["reached"]
