@@ -18,14 +18,18 @@ READY_S = 60.0
 
 
 class Server:
-    """A server process with its database in a folder; it follows a Zenoh meeting point of the machine."""
+    """A server process with its database in a folder; it follows a Zenoh meeting point of the machine.
 
-    def __init__(self, folder: Path, loopback_port: int, port: int) -> None:
+    variables: more of its environment
+    """
+
+    def __init__(self, folder: Path, loopback_port: int, port: int, **variables: str) -> None:
         self.url, self.port = f"http://127.0.0.1:{port}", port
         self._environment = environment(
             LIDARCODEC_LOOPBACK_PORT=str(loopback_port),
             LIDARCODEC_DATABASE_URL=f"sqlite:///{folder / 'server.db'}",
             PYTHONPATH=os.pathsep.join([str(ROOT), str(ROOT / "server")]),
+            **variables,
         )
         self.process: subprocess.Popen[str] | None = None
 
