@@ -103,7 +103,7 @@ class Receiver:
         self._decoder = StreamDecoder(self._isolation.make_decoder)
         self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
         self._joined: int | None = None
-        self._key_wanted = True
+        self._key_wanted, self._key_asked_for = True, False
         self._threads = [
             threading.Thread(target=run, name=f"lidarcodec {run.__name__.strip('_')}", daemon=True)
             for run in (self._receive, self._decode, self._control)
@@ -143,6 +143,10 @@ class Receiver:
 
     def request_key(self) -> None:
         """Ask the publisher for a key frame, soon."""
+        self._key_asked_for = True
+        self._want_key()
+
+    def _want_key(self) -> None:
         self._key_wanted = True
         self._poke.set()
 
@@ -215,13 +219,13 @@ class Receiver:
             except DecodeError as error:
                 self._once.add("decode_errors", error)
                 if not isinstance(error, UnsupportedVersionError):  # no key frame would help
-                    self.request_key()
+                    self._want_key()
                 continue
             if self.stats.repeated(message):
                 continue
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
-                self.request_key()
+                self._want_key()
             came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):
                 if self._slot.closed:
@@ -248,7 +252,7 @@ class Receiver:
 
     def _frames_of(self, message: Message) -> list[Frame]:
         if not self.decoding:
-            self._key_wanted = self._key_wanted and not message.key
+            self._have_key(message, but_decodes=False)
             if self._joined is not None:  # what is skipped now would be missing later
                 self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
             return []
@@ -257,12 +261,12 @@ class Receiver:
         try:
             if not message.key and message.stream_id != self._joined:
                 self.stats.count("before_key")
-                self.request_key()
+                self._want_key()
                 return []
             frames = self._decoder.decode(message)
         except MissingReferenceError as error:
             self._once.add("missing_references", error)
-            self.request_key()
+            self._want_key()
             return []
         except UnsupportedVersionError as error:  # no key frame would help
             self._once.add("decode_errors", error)
@@ -272,22 +276,27 @@ class Receiver:
                 return []
             self._once.add("decode_errors", error)
             if not error.resting:
-                self.request_key()
+                self._want_key()
             return []
         except LidarCodecError as error:
             self._once.add("decode_errors", error)
-            self.request_key()
+            self._want_key()
             return []
         except Exception as error:  # a fault of ours: this message is lost, the stream is not
             logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
             self._decoder = StreamDecoder(self._isolation.make_decoder)
-            self.request_key()
+            self._want_key()
             return []
         self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))
         self._joined = message.stream_id
-        self._key_wanted = False
+        self._have_key(message, but_decodes=True)
         return frames
+
+    def _have_key(self, message: Message, *, but_decodes: bool) -> None:
+        """Ask no longer for what came: a key frame, or, if nobody but this decoder wanted one, any that decodes."""
+        if message.key or (but_decodes and not self._key_asked_for):
+            self._key_wanted = self._key_asked_for = False
 
     # --- the control thread -----------------------------------------------------------------------------------------
 

@@ -53,7 +53,7 @@ class Server:
             self.process.wait(10)
 
     def ask(self, path: str, method: str = "GET", body: Any = None) -> tuple[int, Any]:
-        """Status and JSON of a request; (0, None) when nobody answers."""
+        """Status and JSON of a request, or the text of an error; (0, None) when nobody answers."""
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(
             self.url + path, data=data, method=method, headers={"Content-Type": "application/json"}
@@ -63,6 +63,6 @@ class Server:
                 return answer.status, json.loads(answer.read() or b"null")
         except urllib.error.HTTPError as error:
             with error:
-                return error.code, None
+                return error.code, error.read().decode(errors="replace")
         except (OSError, ValueError):
             return 0, None

@@ -16,6 +16,11 @@ from tests.transport.test_contract import eventually
 STREAM = "/api/v1/streams/car-7/lidar"
 
 
+def alive(server: Server, stream: str) -> bool:
+    code, found = server.ask(stream)
+    return code == 200 and found["alive"]
+
+
 @pytest.mark.timeout(120)
 def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path):
     port, config = free_port(), tmp_path / "fleet"
@@ -26,14 +31,16 @@ def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path
     car = start("publish", "sim:road", "--zenoh-config", config / "vehicle-car-7.json5")
     try:
         server.start()
-        assert eventually(lambda: (server.ask(STREAM)[1] or {}).get("alive"), 40)
+        assert eventually(lambda: alive(server, STREAM), 40)
         assert server.ask(f"{STREAM}/settings", "PATCH", {"codec": "zstd"})[0] == 200
         with urllib.request.urlopen(f"{server.url}{STREAM}/snapshot.png", timeout=40) as picture:
             assert picture.read(8) == b"\x89PNG\r\n\x1a\n"
         recording = server.ask(f"{STREAM}/recording", "POST", {"max_seconds": 2})[1]["id"]
         assert eventually(lambda: server.ask(f"/api/v1/recordings/{recording}")[1]["state"] == "complete", 40)
-        played = server.ask(f"/api/v1/recordings/{recording}/play", "POST", {"loop": True})[1]["vehicle"]
-        assert eventually(lambda: (server.ask(f"/api/v1/streams/{played}/lidar")[1] or {}).get("alive"), 40)
+        code, played = server.ask(f"/api/v1/recordings/{recording}/play", "POST", {"loop": True})
+        assert code < 300, played
+        stream = f"/api/v1/streams/{played['vehicle']}/{played['sensor']}"
+        assert eventually(lambda: alive(server, stream), 40)
     finally:
         car.terminate()
         car.communicate(timeout=30)
