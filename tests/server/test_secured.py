@@ -1,48 +1,48 @@
-"""The server as an operator behind a router with certificates: it needs every right that it has, and no more."""
+"""The server in a secured deployment: what an operator's certificate allows it, and what a viewer's does not."""
 
 from __future__ import annotations
 
-import urllib.request
-
+import httpx
 import pytest
 
-from lidarcodec.commands import certs
-from tests.command_line import start
-from tests.faults.serving import Server
-from tests.transport.conftest import free_port
-from tests.transport.router import Router
-from tests.transport.test_contract import eventually
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.transport import Endpoints
+from lidarcodec_server.app import create_app
+from tests.apps.streams import Loop
+from tests.server.conftest import STREAM, until
+from tests.transport.test_secured import Secured
 
-STREAM = "/api/v1/streams/car-7/lidar"
-
-
-def alive(server: Server, stream: str) -> bool:
-    code, found = server.ask(stream)
-    return code == 200 and found["alive"]
+pytest.importorskip("cryptography")
+pytestmark = pytest.mark.timeout(120)
 
 
-@pytest.mark.timeout(120)
-def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path):
-    port, config = free_port(), tmp_path / "fleet"
-    certs.run(config, ["localhost"], ["car-7"], [], ["server"], [], None, port, 30, None)
-    router = Router(config=str(config / "router-localhost.json5"), listen=f"tls/localhost:{port}")
-    own = {"LIDARCODEC_ZENOH_CONFIG": str(config / "operator-server.json5"), "LIDARCODEC_RECORDINGS": str(tmp_path)}
-    server = Server(tmp_path, free_port(), free_port(), **own)
-    car = start("publish", "sim:road", "--zenoh-config", config / "vehicle-car-7.json5")
-    try:
-        server.start()
-        assert eventually(lambda: alive(server, STREAM), 40)
-        assert server.ask(f"{STREAM}/settings", "PATCH", {"codec": "zstd"})[0] == 200
-        with urllib.request.urlopen(f"{server.url}{STREAM}/snapshot.png", timeout=40) as picture:
-            assert picture.read(8) == b"\x89PNG\r\n\x1a\n"
-        recording = server.ask(f"{STREAM}/recording", "POST", {"max_seconds": 2})[1]["id"]
-        assert eventually(lambda: server.ask(f"/api/v1/recordings/{recording}")[1]["state"] == "complete", 40)
-        code, played = server.ask(f"/api/v1/recordings/{recording}/play", "POST", {"loop": True})
-        assert code < 300, played
-        stream = f"/api/v1/streams/{played['vehicle']}/{played['sensor']}"
-        assert eventually(lambda: alive(server, stream), 40)
-    finally:
-        car.terminate()
-        car.communicate(timeout=30)
-        server.kill()
-        router.kill()
+@pytest.fixture(scope="module")
+def secured(tmp_path_factory):
+    """A router that knows everybody by certificate, with the vehicle car-7 behind it."""
+    made = Secured(tmp_path_factory.mktemp("certificates"), "certificate")
+    endpoints = Endpoints.of(config=made.folder / "vehicle-car-7.json5")
+    with Publisher(Loop(), vehicle="car-7", sensor="roof", endpoints=endpoints) as vehicle:
+        made.vehicle = vehicle
+        yield made
+    made.close()
+
+
+@pytest.mark.parametrize(("name", "status"), [("viewer-anna", 202), ("operator-olga", 200)])
+async def test_a_server_changes_streams_as_an_operator_and_cannot_as_a_viewer(secured, config, name, status):
+    endpoints = Endpoints.of(config=secured.folder / f"{name}.json5")
+    app = create_app(config.model_copy(update={"endpoints": endpoints, "answer_s": 10.0 if status == 200 else 0.5}))
+    wire = httpx.ASGITransport(app, client=("127.0.0.1", 50_000))
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=wire, base_url="http://127.0.0.1") as client,
+    ):
+
+        async def told():
+            found = await client.get(STREAM)
+            return found.status_code == 200 and found.json()["alive"] and found.json()["status"]
+
+        await until(told, 60)
+        answer = await client.patch(f"{STREAM}/settings", json={"codec": "zstd"})
+        assert answer.status_code == status
+        assert (await client.post(f"{STREAM}/keyframe")).status_code == 200
+        assert secured.vehicle.settings.codec == ("zstd" if status == 200 else "pcodec")
