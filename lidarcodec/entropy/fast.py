@@ -87,7 +87,10 @@ def decode_intensity(
 
 
 class NativePredictiveCoder:
-    """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,); turn 0: find it."""
+    """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,).
+
+    turn 0: find it; expected: (64, W), or (64, 0): nothing.
+    """
 
     def __init__(self) -> None:
         self._coder = _native.PredictiveCoder()
@@ -106,10 +109,11 @@ class NativePredictiveCoder:
         half: npt.NDArray[np.uint8],
         rotation: npt.NDArray[np.int32],
         turn: int,
+        expected: npt.NDArray[np.uint16],
     ) -> bytes:
         """Bytes of (64, W) ranges. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
-        return cast(bytes, self._coder.encode(ranges, returns.view(np.uint8), step, levels, *geometry, turn))
+        return cast(bytes, self._coder.encode(ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected))
 
     def decode(
         self,
@@ -120,10 +124,11 @@ class NativePredictiveCoder:
         fired: npt.NDArray[np.bool_],
         half: npt.NDArray[np.uint8],
         rotation: npt.NDArray[np.int32],
+        expected: npt.NDArray[np.uint16],
     ) -> npt.NDArray[np.uint16]:
         """(64, W) uint16. Raises SectionError or TruncatedError."""
         ranges: npt.NDArray[np.uint16] = self._coder.decode(
-            data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation
+            data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation, expected
         )
         return ranges
 

@@ -15,7 +15,7 @@ from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, 
 from lidarcodec.entropy.reference_mask import ROWS, Layout, padded
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE: Final = 1
+ALONE, EXPECTING = 1, 2
 HEAD_BYTES: Final = 7
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
@@ -27,6 +27,8 @@ MARGIN: Final = 8
 
 LAST, LEVELLED, PLAIN, SLOPE, MEAN, UPPER, STEP, UPPER_SLOPE = range(0, 32, 4)
 SCALE, MASK, MEAN_SIZE, LAST_SIZE, UP_SIZE, LAST_LEAF = range(32, 38)
+SEEN, SEEN_PLAIN, SEEN_SLOPE, SURPRISE = range(38, 54, 4)
+SEEN_MASK, SEEN_SIZE = 54, 55
 CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
     (LAST + 1, LAST + 2),
     (PLAIN + 1, MEAN_SIZE),
@@ -39,6 +41,15 @@ CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
     (LAST_LEAF, LAST_SIZE, LAST + 3),
 )
 """Features of each context, of 16 classes where there are two of them, else of 8."""
+EXPECTED_CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
+    (SEEN_PLAIN, SEEN_SLOPE),
+    (SEEN + 1, SEEN_SLOPE + 1, LAST),
+    (SEEN + 2, SEEN_PLAIN + 2),
+    (SEEN + 3, SEEN_SLOPE + 3, MASK),
+    (SEEN_PLAIN + 1, SURPRISE + 2, SCALE),
+    (SEEN_PLAIN + 1, SEEN + 1),
+)
+"""Those of frames that know what to expect, beside the others."""
 
 LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
 LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
@@ -97,6 +108,7 @@ class Half:
         self.last: list[int] = []
         self.size1 = self.size2 = self.mean = start
         self.level, self.leaves = 0, (8, 8)
+        self.bias, self.miss = 0, start
 
 
 class Place:
@@ -134,6 +146,26 @@ class Place:
             self.contexts.append((4 + number, *(of[feature] >> shift for feature in features)))
         levelled = up[1] + (half.level >> 4)
         self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
+        if about.expected:
+            self._expect(half, about, at, up, of)
+
+    def _expect(self, half: Half, about: Surroundings, at: int, up: list[int], of: list[int]) -> None:
+        seen, known, bias = about.expected[at - 1 : at + 4], about.known, half.bias >> 2
+        above = about.expected_above[at - 1 : at + 3] if about.above else up
+        differences = [
+            [4 * (x - self.base) + bias for x in seen[:4]],
+            [4 * (x - self.base) for x in seen[:4]],
+            [4 * (seen[i + 1] - seen[i]) for i in range(4)],
+            [4 * (up[i] - above[i]) for i in range(4)],
+        ]
+        of += [position(d, self.scale) for group in differences for d in group]
+        of += [known[at - 1] | known[at + 1] << 1 | known[at] << 2 | about.above_mask[at] << 3]
+        of += [self._relative(half.miss)]
+        for number, features in enumerate(EXPECTED_CONTEXTS, 4 + len(CONTEXTS)):
+            shift = len(features) - 2
+            self.contexts.append((number, *(of[feature] >> shift for feature in features)))
+        if known[at]:
+            self.near = [seen[1] + (half.bias >> 4), *self.near[:7]]
 
     def _relative(self, size: int) -> int:
         return max(0, min(15, scale_class(size) - self.scale + 7))
@@ -153,6 +185,9 @@ class Surroundings:
     ) -> None:
         self.mask, self.above_mask, self.below_mask = mask, above_mask, below_mask
         self.above, self.upper, self.sizes = above, upper, sizes
+        self.expected: list[int] = []  # ranges, and whether anything is known; empty where nothing is expected at all
+        self.expected_above: list[int] = []
+        self.known: list[int] = []
 
 
 class RowCoder:
@@ -258,6 +293,12 @@ class RowCoder:
             half.level += apart
         else:
             half.level += apart * 11 // 32 if apart >= 0 else -(-apart * 11 // 32)
+        if about.expected and about.known[place.cell + MARGIN]:
+            by = (value - about.expected[place.cell + MARGIN]) * 16 - half.bias
+            missed = min(abs(by >> 4) << 4, MAX_DIFFERENCE) - half.miss
+            half.miss += missed // 4 if missed >= 0 else -(-missed // 4)
+            if abs(by) <= 4 * LIMITS[place.scale][5]:
+                half.bias += by // 4 if by >= 0 else -(-by // 4)
         half.last = [value, *half.last[:4]] if half.last else [value] * 5
 
 
@@ -271,10 +312,26 @@ def filled(values: list[int], cells: list[int]) -> list[int]:
     return out
 
 
-def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn: int, coder: RowCoder) -> None:
-    """Code all rows of ranges in place, in cells. mask: closed-up rows."""
+def foreseen(expected: list[int], instead: list[int]) -> list[int]:
+    """Expected ranges of a row, -1 where nothing is known: that to the left there, then the first, else `instead`."""
+    first = next((x for x in expected if x >= 0), None)
+    if first is None:
+        return instead
+    return [first := x if x >= 0 else first for x in expected]
+
+
+def code_rows(
+    layout: Layout,
+    mask: list[list[int]],
+    rows: list[list[int]],
+    turn: int,
+    coder: RowCoder,
+    expected: list[list[int]] | None = None,
+) -> None:
+    """Code all rows of ranges in place, in cells. mask: closed-up rows; expected: -1 where nothing is."""
     ranges: list[list[int]] = []
     sizes: list[list[int]] = []
+    seen_ranges: list[list[int]] = []
     for row in range(ROWS):
         n = len(rows[row])
         none = [1] * (n + 2 * MARGIN)
@@ -288,16 +345,36 @@ def code_rows(layout: Layout, mask: list[list[int]], rows: list[list[int]], turn
             layout.above(ranges, row - 2, row, turn) if row >= 2 else [],
             of_above,
         )
+        seen = slice(MARGIN, MARGIN + n)
+        if expected is not None:
+            seen_ranges.append(foreseen(expected[row], above[seen] if above else [coder.first] * n))
+        if expected is not None and n:
+            about.expected, about.known = padded(seen_ranges[row]), padded([int(x >= 0) for x in expected[row]])
+            about.expected_above = layout.above(seen_ranges, row - 1, row, turn) if row >= 1 else []
         cells = [k for k in range(n) if mask[row][k]]
         taken = [0] * n
         coder.code(about, cells, rows[row], taken)
-        seen = slice(MARGIN, MARGIN + n)
         ranges.append(filled(rows[row], cells) if cells else above[seen] if above else [coder.first] * n)
         sizes.append(filled(taken, cells) if cells else of_above[seen])
 
 
+def expected_cells(expected: Image | None, layout: Layout, step: int, levels: list[int]) -> list[list[int]] | None:
+    """Closed-up rows of expected ranges in cells, -1 for 0."""
+    if expected is None:
+        return None
+    rows = closed_up(expected, layout)
+    return [[(x + levels[row] + step // 2) // step if x else -1 for x in rows[row]] for row in range(ROWS)]
+
+
 def encode(
-    values: Image, returns: Mask, layout: Layout, step: int, levels: list[int], turn: int, model: Model
+    values: Image,
+    returns: Mask,
+    layout: Layout,
+    step: int,
+    levels: list[int],
+    turn: int,
+    model: Model,
+    expected: Image | None = None,
 ) -> bytes:
     """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
     mask, rows = closed_up(returns, layout), closed_up(values, layout)
@@ -307,13 +384,22 @@ def encode(
         return b""
     cells = [[(x + levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
     coders = WideWriter(), WideWriter()
-    code_rows(layout, mask, cells, turn, RowCoder(model, step, coders))
+    seen = expected_cells(expected, layout, step, levels)
+    code_rows(layout, mask, cells, turn, RowCoder(model, step, coders), seen)
     first, second = (coder.finish() for coder in coders)
-    sizes = [(ALONE, 1), (turn, 2), (len(first), 4)]
+    sizes = [(ALONE if expected is None else EXPECTING, 1), (turn, 2), (len(first), 4)]
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + first + second
 
 
-def decode(data: bytes, returns: Mask, layout: Layout, step: int, levels: list[int], model: Model) -> Image:
+def decode(
+    data: bytes,
+    returns: Mask,
+    layout: Layout,
+    step: int,
+    levels: list[int],
+    model: Model,
+    expected: Image | None = None,
+) -> Image:
     """(64, W) uint16. Raises SectionError or TruncatedError."""
     image, mask = np.zeros((ROWS, layout.width), np.uint16), closed_up(returns, layout)
     if not returns.any():
@@ -322,14 +408,15 @@ def decode(data: bytes, returns: Mask, layout: Layout, step: int, levels: list[i
         return image
     if len(data) < HEAD_BYTES:
         raise TruncatedError("ranges end within their header", len(data))
-    if data[0] != ALONE:
+    if data[0] != (ALONE if expected is None else EXPECTING):
         raise SectionError("ranges of an unknown kind")
     turn, first = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:7], "little")
     if HEAD_BYTES + first > len(data):
         raise TruncatedError("ranges end before their streams do", len(data))
     coders = WideReader(data[HEAD_BYTES : HEAD_BYTES + first]), WideReader(data[HEAD_BYTES + first :])
     rows = [[0] * len(row) for row in mask]
-    code_rows(layout, mask, rows, turn, RowCoder(model, step, coders))
+    seen = expected_cells(expected, layout, step, levels)
+    code_rows(layout, mask, rows, turn, RowCoder(model, step, coders), seen)
     for coder in coders:
         coder.finish()
     for row in range(ROWS):

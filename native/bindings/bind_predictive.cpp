@@ -15,6 +15,13 @@ void expect_image(const In<T, 2>& image, const MaskGeometry& geometry) {
     throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "ranges and returns are (64, W), as wide as what fired");
 }
 
+// (64, W), or (64, 0) where nothing is expected.
+const std::uint16_t* expectation(const In<std::uint16_t, 2>& expected, const MaskGeometry& geometry) {
+  if (expected.shape(0) == kMaskRows && expected.shape(1) == 0) return nullptr;
+  expect_image(expected, geometry);
+  return expected.data();
+}
+
 lidarcodec::RangeCells cells_of(std::uint32_t step, const In<std::int32_t, 1>& level) {
   if (level.shape(0) != kMaskRows)
     throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "levels are (64,)");
@@ -34,40 +41,42 @@ void bind_predictive(nb::module_& m) {
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation, std::uint32_t turn) {
+             In<std::int32_t, 1> rotation, std::uint32_t turn, In<std::uint16_t, 2> expected) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
+            const std::uint16_t* const seen = expectation(expected, geometry);
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
-          nb::arg("rotation").noconvert(), nb::arg("turn"),
+          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("expected").noconvert(),
           "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation) {
+             In<std::int32_t, 1> rotation, In<std::uint16_t, 2> expected) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
+            const std::uint16_t* const seen = expectation(expected, geometry);
             const std::uint8_t* bytes = data_of(data);
             const std::size_t size = data.size();
             std::vector<std::uint16_t> ranges;
             {
               nb::gil_scoped_release release;
-              ranges = coder.decode(bytes, size, returns.data(), cells, geometry);
+              ranges = coder.decode(bytes, size, returns.data(), cells, geometry, seen);
             }
             return give(std::move(ranges), {kMaskRows, geometry.width});
           },
           nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
           nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
-          "(64, W) uint16, 0 outside of the returns.");
+          nb::arg("expected").noconvert(), "(64, W) uint16, 0 outside of the returns.");
 }

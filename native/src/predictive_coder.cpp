@@ -8,7 +8,7 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::uint8_t kAlone = 1;     // kind: contexts of this frame only
+constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::size_t kHeadBytes = 7;  // kind, turn u16, bytes of the first stream u32
 constexpr std::int32_t kMaxLevel = 1000;
 constexpr std::int32_t kMaxRange = 65535;
@@ -41,17 +41,22 @@ struct FilledRow {
 };
 
 // Codes all rows of an image, (64, W); only returns are looked at, or written.
-template <class Coder, class Image>
+template <bool kExpects, class Coder, class Image>
 void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
-               const ClosedRows& returned, std::size_t width, typename PredictiveRows<Coder>::Halves& halves,
-               Image* image) {
+               const ClosedRows& returned, std::size_t width, std::array<PredictiveHalf<Coder>, 2>& halves,
+               const std::uint16_t* expected, Image* image) {
+  using Rows = PredictiveRows<Coder, kExpects>;
   const auto step = static_cast<std::int32_t>(cells.step);
-  PredictiveRows<Coder> coder(model, cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  Rows coder(model, cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
   FilledRow here(width), before(width), earlier(width);
   PaddedRowOf<std::int32_t> above(width), upper(width);
   PaddedRowOf<std::uint32_t> sizes(width);
   PaddedRow mask(width), above_mask(width), below_mask(width);
   std::vector<std::uint32_t> returns(width + 1);
+  PaddedRowOf<std::int32_t> expected_here(width), expected_above(width);
+  PaddedRow known(width);
+  std::vector<std::int32_t> foreseen(width + 1), foreseen_above(width + 1);
+  std::vector<std::uint8_t> is_known(width + 1);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const std::size_t n = layout.cells(row);
     const std::uint8_t* is_return = returned.cells.data() + row * width;
@@ -79,6 +84,29 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
       std::fill(below_mask.cells() - 8, below_mask.cells() + n + 8, std::uint8_t{1});
     }
 
+    if constexpr (kExpects) {
+      const std::uint16_t* of_expected = expected + row * width;
+      std::int32_t last = -1;
+      std::size_t first = n;
+      for (std::size_t k = 0; k < n; ++k) {
+        const std::int32_t range = of_expected[layout.columns(row)[k]];
+        is_known[k] = range != 0;
+        if (range != 0) {
+          last = (range + cells.level[row] + step / 2) / step;
+          first = std::min(first, k);
+        }
+        foreseen[k] = last;
+      }
+      for (std::size_t k = 0; k < n && k < first; ++k)
+        foreseen[k] = first < n ? foreseen[first] : row >= 1 ? above.cells()[k] : coder.first();
+      layout.align(foreseen.data(), row, row, 0, expected_here);
+      layout.align(is_known.data(), row, row, 0, known);
+      if (row >= 1) seen(row - 1, foreseen_above.data(), expected_above);
+      about.expected = expected_here.cells();
+      about.expected_above = expected_above.cells();
+      about.known = known.cells();
+      std::copy_n(foreseen.begin(), n, foreseen_above.begin());
+    }
     std::size_t count = 0;
     for (std::size_t k = 0; k < n; ++k) {
       returns[count] = static_cast<std::uint32_t>(k);
@@ -87,7 +115,7 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
     const std::vector<std::uint32_t>& columns = layout.columns(row);
     Image* const of_row = image + row * width;
     const std::int32_t level = cells.level[row];
-    if constexpr (!PredictiveRows<Coder>::kReads) {
+    if constexpr (!Rows::kReads) {
       for (std::size_t i = 0; i < count; ++i) {
         const std::int32_t range = of_row[columns[returns[i]]];
         if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
@@ -95,7 +123,7 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
       }
     }
     coder.code(about, returns, count, here.ranges.data(), here.sizes.data());
-    if constexpr (PredictiveRows<Coder>::kReads) {
+    if constexpr (Rows::kReads) {
       for (std::size_t i = 0; i < count; ++i) {
         const std::int32_t range = here.ranges[returns[i]] * step - level;
         of_row[columns[returns[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, kMaxRange));
@@ -129,7 +157,7 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& cells, const MaskGeometry& geometry,
-                                                  std::uint32_t turn) {
+                                                  std::uint32_t turn, const std::uint16_t* expected) {
   check(cells);
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
   const std::size_t width = geometry.width;
@@ -138,12 +166,16 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (returned.returns == 0) return {};
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_rows<WideEncoder>(model_, cells, turn, layout, returned, width, halves, ranges);
+  if (expected != nullptr) {
+    code_rows<true>(model_, cells, turn, layout, returned, width, halves, expected, ranges);
+  } else {
+    code_rows<false>(model_, cells, turn, layout, returned, width, halves, expected, ranges);
+  }
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + first.size() + second.size());
-  put(out, kAlone, 1);
+  put(out, expected == nullptr ? kAlone : kExpecting, 1);
   put(out, turn, 2);
   put(out, first.size(), 4);
   out.insert(out.end(), first.begin(), first.end());
@@ -153,7 +185,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
 
 std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std::size_t size,
                                                    const std::uint8_t* returns, const RangeCells& cells,
-                                                   const MaskGeometry& geometry) {
+                                                   const MaskGeometry& geometry, const std::uint16_t* expected) {
   check(cells);
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);
@@ -164,7 +196,8 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     return image;
   }
   if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
-  if (data[0] != kAlone) throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  if (data[0] != (expected == nullptr ? kAlone : kExpecting))
+    throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
   const std::size_t first = take(data + 3, 4), rest = size - kHeadBytes;
   if (first > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
@@ -173,7 +206,11 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
       PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
       PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
   for (auto& half : halves) half.interval = half.coder.start();
-  code_rows<WideDecoder>(model_, cells, turn, layout, returned, width, halves, image.data());
+  if (expected != nullptr) {
+    code_rows<true>(model_, cells, turn, layout, returned, width, halves, expected, image.data());
+  } else {
+    code_rows<false>(model_, cells, turn, layout, returned, width, halves, expected, image.data());
+  }
   for (const auto& half : halves) half.coder.finish(half.interval);
   return image;
 }

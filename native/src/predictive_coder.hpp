@@ -26,14 +26,16 @@ class PredictiveCoder {
   // Forgets everything.
   void reset() { model_.reset(); }
 
-  // Ranges of the cells set in `returns`; both (64, W). `turn`: columns in a full turn, up to 65535; 0: found from the
+  // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`: columns in a full turn, up to 65535; 0: found from the
   // mask. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
-                                   const MaskGeometry& geometry, std::uint32_t turn);
+                                   const MaskGeometry& geometry, std::uint32_t turn,
+                                   const std::uint16_t* expected = nullptr);
 
   // (64, W), within half a step, 0 outside of `returns`. Raises Section or Truncated.
   std::vector<std::uint16_t> decode(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
-                                    const RangeCells& cells, const MaskGeometry& geometry);
+                                    const RangeCells& cells, const MaskGeometry& geometry,
+                                    const std::uint16_t* expected = nullptr);
 
  private:
   PredictiveModel model_;

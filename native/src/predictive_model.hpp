@@ -52,13 +52,20 @@ enum Feature : std::uint8_t {
   kStepLeft, kStep, kStepRight, kStepRight2,                   // the same as seen from the row above
   kUpperSlope, kUpperSlopeOn, kUpperSlopeOn2, kUpperSlopeOn3,  // its slopes
   kScale, kMask, kMeanSize, kLastSize, kUpSize, kLastLeaf,
-  kFeatures
+  kFeatures,
+  // Of frames that know what to expect:
+  kSeenLeft = kFeatures, kSeen, kSeenRight, kSeenRight2,       // what is expected, corrected by what came before
+  kSeenLeftPlain, kSeenPlain, kSeenRightPlain, kSeenRight2Plain,
+  kSeenSlope, kSeenSlopeOn, kSeenSlopeOn2, kSeenSlopeOn3,
+  kSurpriseLeft, kSurprise, kSurpriseRight, kSurpriseRight2,   // what came in the row above against what was expected
+  kSeenMask, kSeenSize,
+  kAllFeatures
 };
-static_assert(kScale == kPositionLanes);
+static_assert(kScale == kPositionLanes && kSeenMask == kSeenLeft + kExpectedLanes);
 
 // A context of two features (256 slots of 16 x 16) or three (512 of 8 x 8 x 8).
 struct Context {
-  Feature a, b, c = kFeatures;
+  Feature a, b, c = kAllFeatures;
 };
 inline constexpr std::array<Context, 9> kContextsOfFeatures = {{
     {kLast3, kLast4},
@@ -72,13 +79,22 @@ inline constexpr std::array<Context, 9> kContextsOfFeatures = {{
     {kLastLeaf, kLastSize, kLast5},
 }};
 inline constexpr std::size_t kFixedContexts = 4;  // scale; last two leaves; mask; level above and scale
+inline constexpr std::array<Context, 6> kContextsOfExpected = {{
+    {kSeenLeftPlain, kSeenSlope},
+    {kSeen, kSeenSlopeOn, kLast2},
+    {kSeenRight, kSeenRightPlain},
+    {kSeenRight2, kSeenSlopeOn3, kMask},
+    {kSeenPlain, kSurpriseRight, kScale},
+    {kSeenPlain, kSeen},
+}};
 inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfFeatures.size();
+inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
 inline constexpr std::uint32_t kMaskContexts = 512;
 
 // A slot: 16 cells, of which the first counts how often the context was seen, and the others are nodes 1 to 15 of a tree.
 inline constexpr std::uint32_t kSlotCells = 16;
-using Slots = std::array<std::int16_t*, kPredictiveContexts>;
+using Slots = std::array<std::int16_t*, kAllContexts>;
 
 // Decisions beyond the tree: where in its leaf a difference lies, and how far beyond the last leaf.
 struct OffsetCells {
@@ -104,42 +120,48 @@ class PredictiveModel {
     take(2, kMaskContexts);
     take(3, 16 * kScaleClasses);
     for (std::size_t i = 0; i < kContextsOfFeatures.size(); ++i)
-      take(kFixedContexts + i, kContextsOfFeatures[i].c == kFeatures ? 256 : 512);
+      take(kFixedContexts + i, kContextsOfFeatures[i].c == kAllFeatures ? 256 : 512);
+    for (std::size_t i = 0; i < kContextsOfExpected.size(); ++i)
+      take(kPredictiveContexts + i, kContextsOfExpected[i].c == kAllFeatures ? 256 : 512);
     cells_.assign(total * kSlotCells, 0);
     for (std::uint32_t c = 0; c < kScaleClasses; ++c)
       std::copy_n(kFirstLogOdds[c], kSlotCells, cells_.data() + begin_[0] + c * kSlotCells);
     offsets = {};
   }
 
-  // The slots of a return. `leaves`: of the last two returns, the later one in the higher bits.
-  Slots slots(const std::array<std::uint8_t, kFeatures>& of, std::uint32_t scale, std::uint32_t leaves,
-              std::uint32_t mask) {
+  // The slots of a return, those of expectations only if there are any. `leaves`: of the last two returns, the later one
+  // in the higher bits.
+  template <bool kExpects>
+  void find(const std::array<std::uint8_t, kAllFeatures>& of, std::uint32_t scale, std::uint32_t leaves,
+            std::uint32_t mask, Slots& found) {
     std::int16_t* const cells = cells_.data();
-    Slots found;
     const auto name = [&](std::size_t context, std::uint32_t slot) {
       found[context] = cells + begin_[context] + slot * kSlotCells;
+    };
+    const auto slot_of = [&](const Context& context) {
+      return context.c == kAllFeatures
+                 ? of[context.a] * 16u + of[context.b]
+                 : (of[context.a] >> 1) * 64u + (of[context.b] >> 1) * 8u + (of[context.c] >> 1);
     };
     name(0, scale);
     name(1, leaves);
     name(2, mask);
     name(3, of[kUp] * kScaleClasses + scale);
 #pragma GCC unroll 16
-    for (std::size_t i = 0; i < kContextsOfFeatures.size(); ++i) {
-      constexpr auto& contexts = kContextsOfFeatures;
-      const Context& context = contexts[i];
-      const std::uint32_t slot = context.c == kFeatures
-                                     ? of[context.a] * 16u + of[context.b]
-                                     : (of[context.a] >> 1) * 64u + (of[context.b] >> 1) * 8u + (of[context.c] >> 1);
-      name(kFixedContexts + i, slot);
+    for (std::size_t i = 0; i < kContextsOfFeatures.size(); ++i)
+      name(kFixedContexts + i, slot_of(kContextsOfFeatures[i]));
+    if constexpr (kExpects) {
+#pragma GCC unroll 16
+      for (std::size_t i = 0; i < kContextsOfExpected.size(); ++i)
+        name(kPredictiveContexts + i, slot_of(kContextsOfExpected[i]));
     }
-    return found;
   }
 
   OffsetCells offsets;
 
  private:
   std::vector<std::int16_t> cells_;
-  std::array<std::uint32_t, kPredictiveContexts> begin_{};
+  std::array<std::uint32_t, kAllContexts> begin_{};
 };
 
 }  // namespace lidarcodec

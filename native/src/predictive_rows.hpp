@@ -20,6 +20,9 @@ struct RowSurroundings {
   const std::int32_t* above;                           // ranges; nullptr for the first row
   const std::int32_t* upper;                           // the row above that; nullptr for the first two
   const std::uint32_t* sizes;                          // differences in the row above
+  // Where something is expected: ranges, filled from the left where nothing is, and whether something is.
+  const std::int32_t *expected = nullptr, *expected_above = nullptr;
+  const std::uint8_t* known = nullptr;
 };
 
 // One half of each row: its coder, and what is known from the returns before.
@@ -32,13 +35,16 @@ struct PredictiveHalf {
   std::array<std::int32_t, 8> last{};                    // ranges, the latest first
   std::uint32_t size1 = 0, size2 = 0, mean = 0;          // the last difference, the weighted one before, a long mean
   std::int32_t level = 0;                                // of this row above the one above, sixteenths
+  std::int32_t bias = 0;                                 // of what comes above what is expected, sixteenths
+  std::uint32_t miss = 0;                                // mean difference from what is expected
   std::uint32_t leaves = 0x88;                           // of the last two returns
 
   void begin(std::size_t first, std::uint32_t start) {
     next = first;
     begun = false;
     size1 = size2 = mean = start;
-    level = 0;
+    level = bias = 0;
+    miss = start;
     leaves = 0x88;
   }
 };
@@ -63,7 +69,7 @@ inline constexpr auto kLeafBegins = [] {
 }();
 
 // Codes rows of ranges; `Coder` is WideEncoder or WideDecoder. The two halves of a row take turns, a return each.
-template <class Coder>
+template <class Coder, bool kExpects>
 class PredictiveRows {
  public:
   static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
@@ -92,6 +98,7 @@ class PredictiveRows {
  private:
   static constexpr std::size_t kMostDecisions = 4 + OffsetCells::kDepth + kMaxOctaves + 3;
   static constexpr std::size_t kNeighbours = 8;
+  static constexpr std::size_t kUsed = kExpects ? kAllContexts : kPredictiveContexts;
 
   // A return about to be coded.
   struct Place {
@@ -115,7 +122,7 @@ class PredictiveRows {
       for (std::size_t v = 0; v < 2; ++v) {
         Cells sum = Cells::load(s[0] + 8 * v);
 #pragma GCC unroll 16
-        for (std::size_t i = 1; i < kPredictiveContexts; ++i) sum = sum + Cells::load(s[i] + 8 * v);
+        for (std::size_t i = 1; i < kUsed; ++i) sum = sum + Cells::load(s[i] + 8 * v);
         p[h][v] = probabilities(sum);
         p[h][v].store(chance[h].data() + 8 * v);
       }
@@ -173,7 +180,7 @@ class PredictiveRows {
         (5 * half.size1 + 3 * half.size2 + 3 * size[0] + size[-1] + 2 * size[1] + 2 * size[2]) / 16;
     const std::uint32_t scale = scale_class(mean);
 
-    std::array<std::uint8_t, kFeatures> of;
+    std::array<std::uint8_t, kAllFeatures> of;
     find_positions({last, up, upper, base, half.level >> (kDifferenceBits - 2)}, scale, of.data());
     const auto relative = [&](std::uint32_t size_of) {
       const std::int32_t c = static_cast<std::int32_t>(scale_class(size_of)) - static_cast<std::int32_t>(scale) + 7;
@@ -193,7 +200,21 @@ class PredictiveRows {
     place.base = base;
     const std::int32_t levelled = half.level >> kDifferenceBits;
     place.near = {up[1], up[2], last[0], upper[1], up[0], last[1], up[1] + levelled, up[3]};
-    place.slots = model_.slots(of, scale, half.leaves, mask);
+    if constexpr (kExpects) {
+      const std::int32_t* const seen = about.expected + cell;
+      const std::uint8_t* const known = about.known + cell;
+      const bool above = about.above != nullptr;
+      find_expected_positions({seen - 1, above ? about.expected_above + cell - 1 : up, up, base,
+                               half.bias >> (kDifferenceBits - 2)},
+                              scale, of.data() + kSeenLeft);
+      of[kSeenMask] = static_cast<std::uint8_t>(known[-1] | known[1] << 1 | known[0] << 2 | a[0] << 3);
+      of[kSeenSize] = relative(half.miss);
+      if (known[0] != 0) {
+        std::copy_backward(place.near.begin(), place.near.end() - 1, place.near.end());
+        place.near[0] = seen[0] + (half.bias >> kDifferenceBits);
+      }
+    }
+    model_.template find<kExpects>(of, scale, half.leaves, mask, place.slots);
   }
 
   static std::uint32_t leaf_of(std::uint32_t scale, std::uint32_t away) {
@@ -211,7 +232,8 @@ class PredictiveRows {
     }
     for (std::size_t r = 0; r + 1 < by.size(); ++r) by[r][0] = by[r][0] + Cells::load(kSeenOnce.data());
 #pragma GCC unroll 16
-    for (std::int16_t* slot : slots) {
+    for (std::size_t i = 0; i < kUsed; ++i) {
+      std::int16_t* const slot = slots[i];
       const std::int16_t count = slot[0];
       const std::array<Cells, 2>& move = by[kRateOfCount[static_cast<std::size_t>(count)]];
       (Cells::load(slot) + move[0]).store(slot);
@@ -304,6 +326,13 @@ class PredictiveRows {
       half.level = level;
     } else {
       half.level += apart * 11 / 32;
+    }
+    if constexpr (kExpects) {
+      if (about.known[place.cell] != 0) {
+        const std::int32_t off = (range - about.expected[place.cell]) * (1 << kDifferenceBits), by = off - half.bias;
+        half.miss += (static_cast<std::int32_t>(difference(by >> kDifferenceBits)) - static_cast<std::int32_t>(half.miss)) / 4;
+        if (std::abs(by) <= 4 * far) half.bias += by / 4;
+      }
     }
     if (half.begun) {
       half.last = {range, half.last[0], half.last[1], half.last[2], half.last[3]};

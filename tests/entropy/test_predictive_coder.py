@@ -34,14 +34,24 @@ def scene(width: int, seed: int = 1) -> np.ndarray:
     return np.rint(ranges).clip(1, 65535).astype(np.uint16)
 
 
-def coded(ranges, returns, fired, of, step: int, levels=LEVELS) -> bytes:
+def coded(ranges, returns, fired, of, step: int, levels=LEVELS, expected=None) -> bytes:
     """What a fresh coder writes."""
-    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels)
+    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels, expected=expected)
 
 
-def decoded(data: bytes, returns, fired, of, step: int, levels=LEVELS) -> np.ndarray:
+def decoded(data: bytes, returns, fired, of, step: int, levels=LEVELS, expected=None) -> np.ndarray:
     """What a fresh coder reads."""
-    return PredictiveCoder().decode(data, returns, fired, of, step, levels)
+    return PredictiveCoder().decode(data, returns, fired, of, step, levels, expected=expected)
+
+
+def guess(ranges: np.ndarray, seed: int = 5) -> np.ndarray:
+    """(64, W) uint16: what somebody expects who is often right, sometimes wrong, and sometimes knows nothing."""
+    rng = np.random.default_rng(seed)
+    seen = (ranges + rng.normal(0, 6, ranges.shape)).clip(1, 65535)
+    seen[rng.random(ranges.shape) < 0.1] = 30000
+    seen[rng.random(ranges.shape) < 0.3] = 0
+    seen[rng.random(64) < 0.1] = 0
+    return seen.astype(np.uint16)
 
 
 def check_bound(came: np.ndarray, ranges: np.ndarray, returns: np.ndarray, step: int) -> None:
@@ -53,7 +63,7 @@ def check_bound(came: np.ndarray, ranges: np.ndarray, returns: np.ndarray, step:
 
 @st.composite
 def cases(draw: st.DrawFn):
-    """Ranges, returns, fired, sensor, step, levels."""
+    """Ranges, returns, fired, sensor, step, levels, what is expected."""
     width, seed = draw(st.integers(0, 20)), draw(st.integers(0, 2**32))
     rng = np.random.default_rng(seed)
     fired = rng.random((2, width)) < draw(st.sampled_from([0.0, 0.4, 1.0]))
@@ -61,22 +71,28 @@ def cases(draw: st.DrawFn):
     returns = (rng.random((64, width)) < draw(st.sampled_from([0.0, 0.02, 0.5, 0.9, 1.0]))) & fired[row_geometry(of)[0]]
     noise = rng.integers(1, draw(st.sampled_from([2, 300, 65536])), (64, width)).astype(np.uint16)
     ranges = noise if draw(st.booleans()) else scene(width, seed)
-    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), rng.integers(0, 1001, 64).astype(np.int32)
+    expected = draw(st.sampled_from([None, guess(ranges, seed), ranges, ranges * np.uint16(0)]))
+    if not width:
+        expected = None
+    levels = rng.integers(0, 1001, 64).astype(np.int32)
+    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), levels, expected
 
 
 @settings(max_examples=40, deadline=None)
 @given(cases())
 def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
-    ranges, returns, fired, of, step, levels = case
-    data = coded(ranges, returns, fired, of, step, levels)
-    came = decoded(data, returns, fired, of, step, levels)
+    ranges, returns, fired, of, step, levels, expected = case
+    data = coded(ranges, returns, fired, of, step, levels, expected)
+    came = decoded(data, returns, fired, of, step, levels, expected)
     check_bound(came, ranges, returns, step)
 
     layout, cells, rows = layout_of(fired, of), returns.view(np.uint8), levels.tolist()
-    again = reference_predictive.decode(data, cells, layout, step, rows, reference_predictive.Model())
+    again = reference_predictive.decode(data, cells, layout, step, rows, reference_predictive.Model(), expected)
     np.testing.assert_array_equal(again, came)
     turn = int.from_bytes(data[1:3], "little")
-    assert data == reference_predictive.encode(ranges, cells, layout, step, rows, turn, reference_predictive.Model())
+    assert data == reference_predictive.encode(
+        ranges, cells, layout, step, rows, turn, reference_predictive.Model(), expected
+    )
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
@@ -104,6 +120,18 @@ def test_what_a_frame_taught_makes_the_next_one_smaller() -> None:
     assert encoder.encode(scene(300, 0), returns, fired, SENSOR, 11, LEVELS) == coded(
         scene(300, 0), returns, fired, SENSOR, 11
     )
+
+
+def test_a_good_expectation_makes_a_frame_smaller_and_decoding_needs_it() -> None:
+    fired, returns, ranges = all_fired(300), mask(300), scene(300)
+    seen = guess(ranges)
+    data = coded(ranges, returns, fired, SENSOR, 11, expected=seen)
+    assert len(data) < len(coded(ranges, returns, fired, SENSOR, 11))
+    check_bound(decoded(data, returns, fired, SENSOR, 11, expected=seen), ranges, returns, 11)
+    with pytest.raises(SectionError, match="kind"):
+        decoded(data, returns, fired, SENSOR, 11)
+    with pytest.raises(SectionError, match="expected ranges are"):
+        decoded(data, returns, fired, SENSOR, 11, expected=seen[:, :5])
 
 
 @pytest.mark.parametrize("width", [0, 1, 2088])
