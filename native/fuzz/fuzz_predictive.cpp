@@ -17,11 +17,11 @@ using Ranges = std::vector<std::uint16_t>;
 
 // What a coder that has seen a frame before writes and reads.
 void check_round_trip(const Ranges& image, const Bytes& returns, const lidarcodec::RangeCells& cells,
-                      const MaskGeometry& geometry, std::uint32_t turn) {
+                      const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected) {
   PredictiveCoder encoder, decoder;
   for (int frame = 0; frame < 2; ++frame) {
-    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn);
-    const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, geometry);
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, expected);
+    const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected);
     for (std::size_t i = 0; i < image.size(); ++i) {
       const int apart = returns[i] != 0 ? std::abs(int{came[i]} - int{image[i]}) : came[i];
       if (apart > static_cast<int>(cells.step / 2) || (returns[i] != 0 && came[i] == 0)) std::abort();
@@ -54,16 +54,21 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     returns[i] = fired[geometry.half[i / width] * width + i % width] && (i * 2654435761u >> 7) % 256 >= holes;
 
   const Bytes rest = input.rest();
+  Ranges guesses(returns.size());
+  for (std::size_t i = 0; i < guesses.size(); ++i)
+    guesses[i] = static_cast<std::uint16_t>(i * 40503u >> (kind & 32u ? 0 : 7)) * (i % 5 != 0);
+  const std::uint16_t* const expected = kind & 16u ? guesses.data() : nullptr;
   try {
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const auto first = static_cast<std::uint8_t>(rest.size() * pattern / 256);
-      coded = {1, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), first, 0, 0, 0};
+      const std::uint8_t what = expected == nullptr ? 1 : 2;
+      coded = {what, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), first, 0, 0, 0};
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
     PredictiveCoder coder;
-    check_round_trip(coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry), returns, cells,
-                     geometry, turn);
+    check_round_trip(coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected), returns,
+                     cells, geometry, turn, expected);
   } catch (const lidarcodec::Error&) {
   }
   if (kind & 2u && !returns.empty() && rest.size() > 1) {
@@ -72,7 +77,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const std::size_t at = i % (rest.size() - 1);
       image[i] = static_cast<std::uint16_t>(std::max(1, rest[at] << 8 | rest[at + 1]));
     }
-    check_round_trip(image, returns, cells, geometry, turn);
+    check_round_trip(image, returns, cells, geometry, turn, expected);
   }
   return 0;
 }

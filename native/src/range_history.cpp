@@ -11,7 +11,7 @@ namespace lidarcodec {
 void check_azimuths(const Columns& columns) {
   const std::uint16_t* end = columns.azimuth + 2 * columns.width;
   const std::uint16_t* beyond = std::find_if(columns.azimuth, end, [](std::uint16_t a) { return a >= kAzimuths; });
-  if (beyond != end) throw Error(ErrorCode::Section, "an azimuth of " + std::to_string(*beyond) + ": 35999 is the largest");
+  if (beyond != end) throw Error(ErrorCode::Section, "an azimuth of " + std::to_string(*beyond) + " is beyond a turn: 35999 is the largest");
 }
 
 void RangeHistory::forget() {

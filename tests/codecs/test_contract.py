@@ -14,7 +14,11 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from tests.contracts import codec as contract
 
-VARIANTS = {"pcodec with mask history": contract.from_table("pcodec", mask_history=True)}
+VARIANTS = {
+    "pcodec with mask history": contract.from_table("pcodec", mask_history=True),
+    "predictive without memory": contract.from_table("predictive", memory=False),
+    "predictive with motion": contract.from_table("predictive", motion=True),
+}
 """Settings of a codec that change what its messages refer to."""
 
 

@@ -224,7 +224,7 @@ def test_a_sensor_whose_blocks_fire_apart(data_file) -> None:
 def test_bad_input_is_refused() -> None:
     model, history = sensor(), RangeHistory()
     azimuth = AZIMUTHS[:, :5]
-    with pytest.raises(SectionError, match="36000: 35999 is the largest"):
+    with pytest.raises(SectionError, match="36000 is beyond a turn: 35999 is the largest"):
         history.expected(STILL, np.full((2, 3), 36000, np.uint16), np.ones((2, 3), bool), model)
     with pytest.raises(SectionError, match="ranges are"):
         history.remember(np.zeros((64, 4), np.uint16), azimuth, everywhere(azimuth), model)

@@ -42,6 +42,9 @@ def settings_of() -> dict[str, StreamSettings]:
         found[f"{name}_coarse"] = StreamSettings(codec=name, max_error_m=bound, intensity="levels=16", key_interval=3)
     found["pcodec_modelled_lossless"] = found["pcodec_lossless"]
     found["pcodec_modelled_coarse"] = found["pcodec_coarse"]
+    found["predictive_motion"] = StreamSettings(
+        codec="predictive", codec_settings={"motion": True}, max_error_m=0.01, key_interval=6
+    )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
