@@ -59,7 +59,7 @@ fuzz: $(STAMPS)/dev ## hostile bytes: the core under AddressSanitizer, then the 
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
 	$(BIN)/python -m benchmarks.soak $(ARGS)
 
-faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (5 min)
+faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (4 min)
 	$(BIN)/python -m tests.faults $(ARGS)
 
 format: $(STAMPS)/dev ## put every file into the house's form
