@@ -2,7 +2,7 @@
 
 The motion that a frame needs is that of one turn, whatever the frame's length: in every direction the history holds
 what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. Without
-poses a frame of half a turn or more is registered with the history (`find_motion` of the native core, 5-9 ms); shorter
+poses a frame of half a turn or more is registered with the history (`find_motion` of the native core, 6 ms); shorter
 ones, slabs, do not hold a motion firmly, so they are gathered, registered once a turn, and go on with the motion found.
 
 A motion that could not be found is the last one that was, for a second; then the sensor is taken to stand.

@@ -62,24 +62,7 @@ inline Turned turned(Angle angle) {
 }
 
 // Turns (x, y), each up to 2^27, onto the x axis, n of them: then x is their length times 1.6467, and `angle` what they
-// were turned by, within 2^-19 rad. Written so that compilers make vector code of it.
-inline void land(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n) {
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::int32_t back = x[k] >> 31;  // all ones: on the far side
-    angle[k] = static_cast<Angle>(back) & 0x80000000u;
-    x[k] = (x[k] ^ back) - back;
-    y[k] = (y[k] ^ back) - back;
-  }
-  for (int i = 0; i < kLandingSteps; ++i) {
-    const auto by = static_cast<std::int32_t>((kArctangent[static_cast<std::size_t>(i)] + 128) >> 8);
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::int32_t down = y[k] >> 31;  // all ones: below the axis
-      const std::int32_t dx = ((x[k] >> i) ^ down) - down, dy = ((y[k] >> i) ^ down) - down;
-      x[k] += dy;
-      y[k] -= dx;
-      angle[k] += static_cast<Angle>((by ^ down) - down);
-    }
-  }
-}
+// were turned by, within 2^-19 rad.
+void land(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n);
 
 }  // namespace lidarcodec

@@ -39,10 +39,9 @@ bool far_enough(const View& view, std::size_t row, int by, Angle angle, const Me
   return false;
 }
 
-// The plane through a point and its four neighbours; false: there is none.
-bool patch_at(const View& view, std::size_t row, std::size_t slot, Patch& patch) {
+// The plane through a point, that of the patch, and its four neighbours; false: there is none.
+bool make_patch(const View& view, std::size_t row, std::size_t slot, Patch& patch) {
   Metres left, right, up, down;
-  if (!view.at(row, slot, patch.at)) return false;
   const Angle angle = view.looks(row, slot);
   const double away = length_of(patch.at);
   if (!(away > 1) || away > 80) return false;
@@ -76,22 +75,17 @@ std::size_t facing(const Metres& n) {
 // Cubes in which there is a point already: near things would otherwise outweigh far ones.
 class Cubes {
  public:
-  // Whether the cube of a point was free; from now on it is not.
-  bool take(const Metres& p, std::size_t kind) {
-    const auto cell = [](double v) { return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / kCubeM))); };
-    const std::uint32_t key = (cell(p.x) & 0x3FFu) | (cell(p.y) & 0x3FFu) << 10 | (cell(p.z) & 0xFFu) << 20 |
-                              static_cast<std::uint32_t>(kind + 1) << 28;
-    std::uint32_t at = key * 2'654'435'761u >> 18;
-    for (int tries = 0; tries < 8; ++tries, at = (at + 1) % kSize) {
-      if (taken_[at] == key) return false;
-      if (taken_[at] == 0) return taken_[at] = key, true;
-    }
-    return false;
-  }
+  bool taken(const Metres& p) const { return cell_[cell(p)] != 0; }
+  void take(const Metres& p) { cell_[cell(p)] = 1; }
 
  private:
-  static constexpr std::uint32_t kSize = 1u << 14;
-  std::vector<std::uint32_t> taken_ = std::vector<std::uint32_t>(kSize);
+  // Two cubes that share a cell are no harm: one of them goes without a point.
+  static std::size_t cell(const Metres& p) {
+    const auto part = [](double v) { return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / kCubeM))); };
+    return (part(p.x) * 73'856'093u ^ part(p.y) * 19'349'663u ^ part(p.z) * 83'492'791u) * 2'654'435'761u >> 16;
+  }
+
+  std::vector<std::uint8_t> cell_ = std::vector<std::uint8_t>(1u << 16);
 };
 
 // Points that hold the motion in all directions: as many of each way to face as there are, up to a limit.
@@ -101,12 +95,13 @@ std::vector<Patch> patches_of(const View& view) {
   Patch patch;
   for (std::size_t row = 1; row + 1 < kRows; ++row) {
     for (std::size_t s = row * 5 % kEvery; s < kSlots; s += kEvery) {
-      for (std::size_t d = 0; d < 3; ++d) {
-        if (s + d < kSlots && patch_at(view, row, s + d, patch)) {
-          const std::size_t way = facing(patch.normal);
-          if (cubes.take(patch.at, way)) by_facing[way].push_back(patch);
-          break;
+      for (std::size_t d = 0; d < 3 && s + d < kSlots; ++d) {
+        if (!view.at(row, s + d, patch.at)) continue;
+        if (!cubes.taken(patch.at) && make_patch(view, row, s + d, patch)) {
+          cubes.take(patch.at);
+          by_facing[facing(patch.normal)].push_back(patch);
         }
+        break;
       }
     }
   }

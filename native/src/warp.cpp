@@ -44,7 +44,8 @@ struct Taken {
   std::vector<Angle> angle;
   std::vector<Turned> turn;
 
-  Taken(const RangeHistory& history, std::size_t half) {
+  // other: the half taken before, which mostly fired at the same azimuths.
+  Taken(const RangeHistory& history, std::size_t half, const Taken* other) {
     const std::uint16_t* azimuths = history.azimuths(half);
     for (std::size_t s = 0; s < kSlots; ++s) {
       if (azimuths[s] == kNoAzimuth) continue;
@@ -52,7 +53,9 @@ struct Taken {
       angle.push_back(angle_of_azimuth(azimuths[s]));
     }
     turn.reserve(angle.size());
-    for (const Angle a : angle) turn.push_back(turned(a));
+    const bool same = other != nullptr && other->angle.size() == angle.size();
+    for (std::size_t k = 0; k < angle.size(); ++k)
+      turn.push_back(same && other->angle[k] == angle[k] ? other->turn[k] : turned(angle[k]));
   }
 };
 
@@ -80,25 +83,30 @@ class MovedRow {
             const std::bitset<kSectors>& sectors) {
     size_ = 0;
     if (!beam.usable) return;
-    for (std::size_t k = 0; k < taken.slot.size(); ++k) {
+    // Pointers of its own: the compiler need not think that a point written moves the vectors.
+    std::int32_t *x = x_.data(), *y = y_.data(), *z = z_.data();
+    Angle* angle = angle_.data();
+    const std::size_t slots = taken.slot.size();
+    std::size_t n = 0;
+    for (std::size_t k = 0; k < slots; ++k) {
       const std::uint16_t range = ranges[taken.slot[k]];
       if (range == 0 || !sectors[sector_of(taken.angle[k] - beam.rotation)]) continue;
       const std::int64_t length = range * kLengthsPerStep + beam.distance;
       if (length <= 0) continue;
       const Point at = motion.move(beam.point(length, taken.turn[k]));
       if (std::max({at.x, at.y, at.z}) > kFarthest || std::min({at.x, at.y, at.z}) < -kFarthest) continue;
-      x_[size_] = static_cast<std::int32_t>(at.x * 16);
-      y_[size_] = static_cast<std::int32_t>(at.y * -16);
-      z_[size_++] = static_cast<std::int32_t>(at.z);
+      x[n] = static_cast<std::int32_t>(at.x * 16);
+      y[n] = static_cast<std::int32_t>(at.y * -16);
+      z[n++] = static_cast<std::int32_t>(at.z);
     }
-    land(x_.data(), y_.data(), angle_.data(), size_);
+    land(x, y, angle, n);
     std::size_t kept = 0;
-    for (std::size_t k = 0; k < size_; ++k) {
-      const auto away = static_cast<std::int32_t>((x_[k] * kShrink + (std::int64_t{1} << 33)) >> 34);
+    for (std::size_t k = 0; k < n; ++k) {
+      const auto away = static_cast<std::int32_t>((x[k] * kShrink + (std::int64_t{1} << 33)) >> 34);
       if (away < kNearest) continue;
-      x_[kept] = away;
-      z_[kept] = z_[k];
-      angle_[kept++] = angle_[k];
+      x[kept] = away;
+      z[kept] = z[k];
+      angle[kept++] = angle[k];
     }
     size_ = kept;
   }
@@ -106,43 +114,50 @@ class MovedRow {
   // Lays the row out as beams see it that lie this far to the side of the axis.
   void lay(std::size_t row, std::int64_t sideways, Surface& surface) {
     const auto aside = static_cast<std::int32_t>(divided_down(sideways * kAngleOfRadian, 1 << 10));
-    for (std::size_t k = 0; k < size_; ++k) seen_[k] = angle_[k] + static_cast<Angle>(aside / (x_[k] >> 6)) * 16u;
-    bool alone = true;  // no stretch ends at point k
-    bool first_met = false;
-    for (std::size_t k = 0; k < size_; ++k) {
-      const std::size_t next = k + 1 < size_ ? k + 1 : 0;
-      const Angle apart = seen_[next] - seen_[k];
-      const bool near = apart != 0 && apart <= kWidestStretch;
-      if (near) {
-        lay_stretch(k, next, apart, row, surface);
-        if (next == 0) first_met = true;
-      } else if (alone && k != 0) {
-        lay_point(k, row, surface);
+    const std::int32_t *away = x_.data(), *height = z_.data();
+    const Angle* landed = angle_.data();
+    Angle* seen = seen_.data();
+    const std::size_t n = size_;
+    for (std::size_t k = 0; k < n; ++k) seen[k] = landed[k] + static_cast<Angle>(aside / (away[k] >> 6)) * 16u;
+
+    const RingPlaces ring = surface.ring(row);
+    bool before = false;  // whether point k is joined to the one before it
+    bool first = false;   // and the first point to the last
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::size_t next = k + 1 < n ? k + 1 : 0;
+      const Angle apart = seen[next] - seen[k];
+      const bool joined = apart != 0 && apart <= kWidestStretch;
+      if (joined) {
+        lay_stretch(seen[k], apart, {away[k], height[k]}, {away[next], height[next]}, ring);
+        if (next == 0) first = true;
+      } else if (!before && k != 0) {
+        lay_point(seen[k], {away[k], height[k]}, ring);
       }
-      if (k == 0) first_met = first_met || near;
-      alone = !near;
+      if (k == 0) first = joined;
+      before = joined;
     }
-    if (size_ != 0 && !first_met) lay_point(0, row, surface);
+    if (n != 0 && !first) lay_point(seen[0], {away[0], height[0]}, ring);
   }
 
  private:
-  void lay_point(std::size_t k, std::size_t row, Surface& surface) const {
-    surface.put((seen_[k] + kDirection / 2) / kDirection, row, x_[k], z_[k]);
+  static void lay_point(Angle angle, Place at, const RingPlaces& ring) {
+    ring.put((angle + kDirection / 2) / kDirection, at);
   }
 
   // The directions between two points, or at one of them; across a jump the nearer point in angle.
-  void lay_stretch(std::size_t from, std::size_t to, Angle apart, std::size_t row, Surface& surface) const {
-    const std::int64_t rise = x_[to] - x_[from], climb = z_[to] - z_[from];
-    const bool jump = std::abs(rise) * 16 > std::min(x_[from], x_[to]);
-    std::uint32_t direction = seen_[from] / kDirection + (seen_[from] % kDirection != 0);
-    for (std::uint64_t at = static_cast<Angle>(direction * kDirection - seen_[from]); at <= apart; at += kDirection) {
+  static void lay_stretch(Angle angle, Angle apart, Place from, Place to, const RingPlaces& ring) {
+    std::uint32_t direction = angle / kDirection + (angle % kDirection != 0);
+    std::uint64_t at = static_cast<Angle>(direction * kDirection - angle);
+    if (at > apart) return;
+    const std::int64_t rise = to.away - from.away, climb = to.height - from.height;
+    const bool jump = std::abs(rise) * 16 > std::min(from.away, to.away);
+    for (; at <= apart; at += kDirection) {
       if (jump) {
-        const std::size_t k = 2 * at < apart ? from : to;
-        surface.put(direction++, row, x_[k], z_[k]);
+        ring.put(direction++, 2 * at < apart ? from : to);
       } else {
         const auto part = static_cast<std::int64_t>((at << 16) / apart);
-        surface.put(direction++, row, x_[from] + static_cast<std::int32_t>((rise * part + 32768) >> 16),
-                    z_[from] + static_cast<std::int32_t>((climb * part + 32768) >> 16));
+        ring.put(direction++, {from.away + static_cast<std::int32_t>((rise * part + 32768) >> 16),
+                               from.height + static_cast<std::int32_t>((climb * part + 32768) >> 16)});
       }
     }
   }
@@ -163,12 +178,17 @@ std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const Be
   if (looking.sectors.none()) return expected;
 
   const std::array<Side, 2> sides = {Side(beams, false), Side(beams, true)};
-  const std::array<Taken, 2> taken = {Taken(history, 0), Taken(history, 1)};
+  const Taken upper(history, 0, nullptr), lower(history, 1, &upper);
   const std::bitset<kSectors> sources = widened(looking.sectors, 3), seen = widened(looking.sectors, 1);
-  std::array<Surface, 2> surfaces = {Surface(beams, sides[0].rows), Surface(beams, sides[1].rows)};
+  // One piece of memory each for both sides: what is asked for and given back in small pieces, the system takes away.
+  std::vector<Place> places(2 * Surface::kPlaces);
+  std::vector<std::int32_t> met(2 * Surface::kPlaces);
+  std::array<Surface, 2> surfaces = {
+      Surface(beams, sides[0].rows, places.data(), met.data()),
+      Surface(beams, sides[1].rows, places.data() + Surface::kPlaces, met.data() + Surface::kPlaces)};
   MovedRow moved;
   for (std::size_t row = 0; row < kRows; ++row) {
-    moved.move(history.ranges(row), taken[table.half[row]], beams[row], motion, sources);
+    moved.move(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources);
     for (std::size_t side = 0; side < 2; ++side) {
       const bool own = (beams[row].sideways < 0) == (side == 1);
       if (!sides[side].rows.empty()) moved.lay(row, own ? beams[row].sideways : sides[side].sideways, surfaces[side]);

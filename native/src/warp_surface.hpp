@@ -22,59 +22,48 @@ inline constexpr std::size_t kRingsApart = 3;         // rings further apart are
 
 constexpr std::size_t sector_of(Angle angle) { return angle >> 26; }
 
+// A point of a ring: its distance from the axis, and its height.
+struct Place {
+  std::int32_t away, height;
+};
+
+// The places of a ring, one for each direction.
+class RingPlaces {
+ public:
+  explicit RingPlaces(Place* places) : places_(places) {}
+
+  // Of several places in a direction the nearest stays.
+  void put(std::uint32_t direction, Place at) const {
+    Place& place = places_[direction % kDirections];
+    if (at.away < place.away) place = at;
+  }
+
+ private:
+  Place* places_;
+};
+
 class Surface {
  public:
-  // rows: those whose beams ask, from the top.
-  Surface(const Beams& beams, const std::vector<std::uint8_t>& rows) : beams_(beams), rows_(rows), met_(kDirections * kRows) {
-    points_.assign(kDirections * kRows, {kUnknown, 0});
+  // Rows a little longer than the turn: else a column's places would all fall into the same lines of the cache.
+  static constexpr std::size_t kStride = kDirections + 8;
+  static constexpr std::size_t kPlaces = kStride * kRows;
+
+  // rows: those whose beams ask, from the top; points, met: kPlaces each, those of `met` 0.
+  Surface(const Beams& beams, const std::vector<std::uint8_t>& rows, Place* points, std::int32_t* met)
+      : beams_(beams), rows_(rows), points_(points), met_(met) {
+    std::fill(points, points + kPlaces, Place{kUnknown, 0});
+    for (std::size_t i = 0; i < rows.size(); ++i) asking_[i] = {beams[rows[i]].up_0, beams[rows[i]].back, beams[rows[i]].slope};
   }
 
-  // A point of a ring, its distance from the axis and height; of several the nearest stays.
-  void put(std::uint32_t direction, std::size_t row, std::int32_t away, std::int32_t height) {
-    Place& place = points_[(direction % kDirections) * kRows + row];
-    if (away < place.away) place = {away, height};
-  }
+  RingPlaces ring(std::size_t row) const { return RingPlaces(points_ + row * kStride); }
 
   // Finds what each beam that looks in this direction meets first.
-  void cross(std::size_t direction) {
-    const Place* points = points_.data() + direction * kRows;
-    std::array<std::uint8_t, kRows> ring, below;  // rings with a point, and how many beams pass above it or through it
-    std::size_t n = 0, pass = 0;
-    for (std::size_t r = 0; r < kRows; ++r) {
-      if (points[r].away == kUnknown) continue;
-      const Place& at = points[r];
-      while (pass < rows_.size() && above(rows_[pass], at) <= 0) ++pass;
-      while (pass > 0 && above(rows_[pass - 1], at) > 0) --pass;
-      ring[n] = static_cast<std::uint8_t>(r);
-      below[n++] = static_cast<std::uint8_t>(pass);
-    }
-    std::int32_t* met = met_.data() + direction * kRows;
-    for (std::size_t k = 1; k < n; ++k) {
-      if (ring[k] - ring[k - 1] > static_cast<int>(kRingsApart)) continue;
-      const Place &a = points[ring[k - 1]], &b = points[ring[k]];
-      const std::size_t end = std::max(below[k - 1], below[k]);
-      if (std::min(below[k - 1], below[k]) == end) continue;
-      const bool jump = jumps(a, b);
-      for (std::size_t beam = std::min(below[k - 1], below[k]); beam < end; ++beam) {
-        const std::size_t r = rows_[beam];
-        const std::int64_t from = above(r, a), to = above(r, b);
-        if ((from > 0) == (to > 0)) continue;
-        std::int64_t away;
-        if (jump) {
-          away = 2 * std::abs(from) < std::abs(from - to) ? a.away : b.away;
-        } else {
-          away = a.away + (b.away - a.away) * from / (from - to);
-        }
-        meet(met, r, away);
-      }
-    }
-    graze(met, points, ring.data(), below.data(), n);
-  }
+  void cross(std::size_t direction);
 
   // What the beam of a row meets when it looks at this angle, range steps, 0: unknown.
   std::uint16_t range(Angle angle, std::size_t row) const {
     const std::uint32_t direction = angle / kDirection;
-    const std::int64_t left = met_[direction * kRows + row], right = met_[(direction + 1) % kDirections * kRows + row];
+    const std::int64_t left = met_[row * kStride + direction], right = met_[row * kStride + (direction + 1) % kDirections];
     const std::int64_t part = angle % kDirection;
     std::int64_t length;
     if (left != 0 && right != 0 && std::abs(right - left) * 16 <= std::min(left, right)) {
@@ -90,14 +79,14 @@ class Surface {
   }
 
  private:
-  struct Place {
-    std::int32_t away, height;
+  struct Asking {
+    std::int64_t up_0, back, slope;
   };
 
-  // How far the point lies above the beam of a row.
-  std::int64_t above(std::size_t row, const Place& at) const {
-    const Beam& beam = beams_[row];
-    return at.height - beam.up_0 - (((at.away + beam.back) * beam.slope) >> 24);
+  // How far the point lies above a beam.
+  std::int64_t above(std::size_t beam, const Place& at) const {
+    const Asking& asking = asking_[beam];
+    return at.height - asking.up_0 - (((at.away + asking.back) * asking.slope) >> 24);
   }
 
   // A depth edge, or two surfaces at one height: nothing is between them.
@@ -107,36 +96,15 @@ class Surface {
            (apart > 150 * kLengthsPerStep && apart * 4 > near && std::abs(std::int64_t{b.height} - a.height) * 50 < apart);
   }
 
-  // Keeps the length at which the beam of a row is this far from the axis, if it is the shortest yet.
-  void meet(std::int32_t* met, std::size_t row, std::int64_t away) const {
-    const std::int64_t length = ((away + beams_[row].back) * beams_[row].lengthen) >> 24;
-    if (!beams_[row].usable || length <= 0) return;
-    if (met[row] == 0 || length < met[row]) met[row] = static_cast<std::int32_t>(length);
-  }
-
-  // A beam that meets nothing, but passes a point within 0.006 of the distance: it meets the closest such point.
-  void graze(std::int32_t* met, const Place* points, const std::uint8_t* ring, const std::uint8_t* below,
-             std::size_t n) const {
-    std::array<std::int64_t, kRows> off{};
-    std::array<std::int32_t, kRows> away{};  // 0: no point yet
-    for (std::size_t k = 0; k < n; ++k) {
-      const Place& at = points[ring[k]];
-      for (std::size_t beam = below[k] - (below[k] != 0); beam <= below[k] && beam < rows_.size(); ++beam) {
-        const std::size_t r = rows_[beam];
-        if (met[r] != 0) continue;
-        const std::int64_t by = std::abs(above(r, at));
-        if (by * 500 >= std::int64_t{at.away} * 3 || (away[r] != 0 && by * away[r] >= off[r] * at.away)) continue;
-        off[r] = by, away[r] = at.away;
-      }
-    }
-    for (std::size_t r = 0; r < kRows; ++r)
-      if (away[r] != 0) meet(met, r, away[r]);
-  }
+  // An open beam, one that meets nothing, but passes a point within 0.006 of its distance: it meets the closest such point.
+  void graze(std::uint64_t open, std::array<std::int64_t, kRows>& met, const Place* places, const std::uint8_t* below,
+             std::size_t n) const;
 
   const Beams& beams_;
   const std::vector<std::uint8_t>& rows_;
-  std::vector<Place> points_;     // [direction][ring]
-  std::vector<std::int32_t> met_;  // [direction][row], length along the beam, 0: none
+  std::array<Asking, kRows> asking_{};
+  Place* points_;      // [ring][direction]
+  std::int32_t* met_;  // [row][direction], length along the beam, 0: none
 };
 
 }  // namespace lidarcodec
