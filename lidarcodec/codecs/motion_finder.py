@@ -1,17 +1,18 @@
 """The encoder's idea of how the sensor moved in the last turn: from poses where frames have them, else from ranges.
 
 The motion that a frame needs is that of one turn, whatever the frame's length: in every direction the history holds
-what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. Without
-poses a frame of half a turn or more is registered with the history (`find_motion` of the native core, 6 ms); shorter
-ones, slabs, do not hold a motion firmly, so they are gathered, registered once a turn, and go on with the motion found.
+what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. A frame of
+half a turn or more is registered with the history (`find_motion` of the native core, 6 ms). Slabs do not hold a motion
+firmly: those of a turn are registered together when it is complete, and each by itself, held close to what is known.
 
-A motion that could not be found is the last one that was, for a second; then the sensor is taken to stand.
+A motion that could not be found is that of the poses, else the last one that was, for a second; then the sensor is
+taken to stand.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ import numpy.typing as npt
 from lidarcodec.codecs.motion import STILL, Motion
 from lidarcodec.codecs.warp import RangeHistory, beam_rows
 from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import AZIMUTH_TURN
 
 Origin = Literal["poses", "found", "kept", "still"]
@@ -50,10 +52,32 @@ class FoundMotion:
     median_m: float = 0.0
 
 
-class MotionFinder:
-    """Gives the motion for each frame of a stream, in order. Call `next` before the history remembers the frame."""
+class _Seen(NamedTuple):
+    """What the sensor saw in one frame or in several that follow each other."""
 
-    def __init__(self) -> None:
+    ranges: npt.NDArray[np.uint16]
+    azimuth: npt.NDArray[np.uint16]
+    fired: npt.NDArray[np.bool_]
+    sensor: SensorModel
+
+    @classmethod
+    def of(cls, frames: list[Frame]) -> _Seen:
+        if len(frames) == 1:
+            return cls(frames[0].range, frames[0].azimuth, frames[0].fired, frames[0].sensor)
+        ranges, azimuth, fired = ([frame.range for frame in frames], [frame.azimuth for frame in frames],
+                                  [frame.fired for frame in frames])  # fmt: skip
+        return cls(np.hstack(ranges), np.hstack(azimuth), np.hstack(fired), frames[-1].sensor)
+
+
+class MotionFinder:
+    """Gives the motion for each frame of a stream, in order. Call `next` before the history remembers the frame.
+
+    refine: whether poses are only where the search begins (6 ms), or are taken as they are (free). KITTI's, from GPS
+    and inertia, are 0.2 bit worse than what is found.
+    """
+
+    def __init__(self, *, refine: bool = True) -> None:
+        self._refine = refine
         self._last = STILL
         self._swept_since = AZIMUTH_TURN * KEPT_TURNS + 1  # azimuth steps since the last motion was found
         self._before: Frame | None = None
@@ -62,7 +86,6 @@ class MotionFinder:
         self._gathered: list[Frame] = []
         self._gathered_sweep = 0
         self._older = RangeHistory()  # what was seen before the frames that are gathered
-        self._origin: Origin = "still"
 
     def next(self, frame: Frame, history: RangeHistory) -> FoundMotion:
         """The motion to code this frame with.
@@ -70,9 +93,14 @@ class MotionFinder:
         history: what was sent before; frame.range: the original ranges
         """
         swept = _sweep(frame)
-        result = self._from_poses(frame)
-        if result is None:
-            result = self._whole(frame, history) if swept >= _HALF else self._slab(frame, swept)
+        posed = self._from_poses(frame)
+        if posed is not None and not self._refine:
+            result = posed
+        elif swept >= _HALF:
+            self._gathered, self._gathered_sweep = [], 0
+            result = self._registered(history, _Seen.of([frame]), posed)
+        else:
+            result = self._slab(frame, history, swept, posed)
         if result.origin in ("poses", "found"):
             self._last, self._swept_since = result.motion, 0
         self._before, self._swept_before = frame, swept
@@ -94,42 +122,30 @@ class MotionFinder:
         scaled = None if moved is None else moved.scaled(max(1, round(turns)) / turns)
         return None if scaled is None else FoundMotion(scaled, "poses")
 
-    def _whole(self, frame: Frame, history: RangeHistory) -> FoundMotion:
-        self._gathered, self._gathered_sweep = [], 0
-        return self._registered(history, frame.range, frame.azimuth, frame.fired, frame)
-
-    def _slab(self, frame: Frame, swept: int) -> FoundMotion:
-        """Registers the slabs of a turn when they are complete; until then the last motion goes on."""
+    def _slab(self, frame: Frame, history: RangeHistory, swept: int, posed: FoundMotion | None) -> FoundMotion:
+        """Registers a slab close to the motion that is known, and the slabs of a turn when they are complete."""
         self._gathered.append(frame)
         self._gathered_sweep += swept
-        if self._gathered_sweep < AZIMUTH_TURN:
-            return self._kept("found" if self._origin == "found" else "kept")
-        slabs, self._gathered, self._gathered_sweep = self._gathered, [], 0
-        ranges, azimuth, fired = (
-            np.concatenate([getattr(slab, name) for slab in slabs], axis=1) for name in ("range", "azimuth", "fired")
-        )
-        result = self._registered(self._older, ranges, azimuth, fired, frame)
-        self._older.remember(ranges, azimuth, fired, frame.sensor)
-        self._origin = result.origin
-        return result
+        known = posed or self._kept("kept")
+        if self._gathered_sweep >= AZIMUTH_TURN:
+            seen, self._gathered, self._gathered_sweep = _Seen.of(self._gathered), [], 0
+            turn = self._registered(self._older, seen, posed)
+            self._older.remember(seen.ranges, seen.azimuth, seen.fired, seen.sensor)
+            known = turn if turn.origin == "found" else known
+        return known if known.origin == "still" else self._registered(history, _Seen.of([frame]), known, hold=True)
 
     def _registered(
-        self,
-        history: RangeHistory,
-        ranges: npt.NDArray[np.uint16],
-        azimuth: npt.NDArray[np.uint16],
-        fired: npt.NDArray[np.bool_],
-        frame: Frame,
+        self, history: RangeHistory, seen: _Seen, start: FoundMotion | None, *, hold: bool = False
     ) -> FoundMotion:
-        start = self._last if self._swept_since <= AZIMUTH_TURN * KEPT_TURNS else STILL
+        start = start or self._kept("kept")
         numbers, found, points, matched, _, median_m = history.native.find_motion(
-            ranges, azimuth, fired.view(np.uint8), beam_rows(frame.sensor), start.numbers
+            seen.ranges, seen.azimuth, seen.fired.view(np.uint8), beam_rows(seen.sensor), start.motion.numbers, hold
         )
         if found and matched >= LEAST_MATCHED * points:
             motion = Motion.nearest(_matrix_of(numbers))
             if motion is not None:
                 return FoundMotion(motion, "found", points, matched, median_m)
-        return self._kept("kept")
+        return start
 
     def _kept(self, origin: Origin) -> FoundMotion:
         if self._swept_since > AZIMUTH_TURN * KEPT_TURNS:

@@ -84,7 +84,7 @@ void bind_motion(nb::module_& m) {
       .def(
           "find_motion",
           [](const RangeHistory& self, In<std::uint16_t, 2> ranges, In<std::uint16_t, 2> azimuth,
-             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows, In<std::int32_t, 1> start) {
+             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows, In<std::int32_t, 1> start, bool hold) {
             const Columns columns = columns_of(azimuth, fired);
             const BeamTable table = table_of(rows);
             if (ranges.shape(0) != kRows || ranges.shape(1) != columns.width)
@@ -93,7 +93,7 @@ void bind_motion(nb::module_& m) {
             lidarcodec::FoundMotion result;
             {
               nb::gil_scoped_release release;
-              result = lidarcodec::find_motion(self, ranges.data(), columns, table, from);
+              result = lidarcodec::find_motion(self, ranges.data(), columns, table, from, hold);
             }
             std::vector<std::int32_t> numbers(result.motion.rotation.begin(), result.motion.rotation.end());
             numbers.insert(numbers.end(), result.motion.translation.begin(), result.motion.translation.end());
@@ -101,6 +101,6 @@ void bind_motion(nb::module_& m) {
                                   result.iterations, result.median_m);
           },
           nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-          nb::arg("rows").noconvert(), nb::arg("start").noconvert(),
+          nb::arg("rows").noconvert(), nb::arg("start").noconvert(), nb::arg("hold") = false,
           "Motion since a turn ago: its 12 numbers, whether it was found, points tried and matched, iterations, median in m.");
 }

@@ -82,7 +82,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     history.remember(first.ranges.data(), first.columns(), table.half);
     const std::vector<std::uint16_t> ranges = expected_ranges(history, table, motion, second.columns());
     if (ranges.size() != kRows * now) __builtin_trap();
-    if (kind & 32u) find_motion(history, second.ranges.data(), second.columns(), table, motion);
+    if (kind & 32u) find_motion(history, second.ranges.data(), second.columns(), table, motion, (kind & 64u) != 0);
   } catch (const Error&) {
   }
   return 0;

@@ -18,7 +18,8 @@ constexpr int kRingsAway = 6;                // to those above and below, at mos
 constexpr std::size_t kReach = 3;            // slots in which a neighbour is looked for
 constexpr double kFlatM = 0.05, kFlatPart = 0.005;  // a neighbour further off the plane: no plane
 constexpr std::uint32_t kIterations = 20;
-constexpr std::uint32_t kLeastMatched = 150;
+constexpr std::uint32_t kLeastMatched = 150, kLeastMatchedHeld = 40;
+constexpr double kHoldTurn = 400, kHoldShift = 0.4;  // as much as points 2 cm off say against 1 mrad and 3 cm
 constexpr double kWorstMedianM = 0.2;
 constexpr double kFarthestM = 20;
 
@@ -249,7 +250,8 @@ class Search {
   }
 
   // A step towards the surface; false: nothing holds it.
-  bool step(double scale, Metres& w, Metres& v) const {
+  // turned, shifted: how far it is from the start, if that holds it.
+  bool step(double scale, bool hold, const Metres& turned, const Metres& shifted, Metres& w, Metres& v) const {
     std::array<std::array<double, 6>, 6> h{};
     std::array<double, 6> b{}, x{};
     for (const Match& m : matches_) {
@@ -261,7 +263,12 @@ class Search {
         for (std::size_t c = 0; c <= r; ++c) h[r][c] += weight * j[r] * j[c];
       }
     }
-    for (std::size_t r = 0; r < 6; ++r) h[r][r] += 1e-3;  // nothing moves that nothing holds
+    const std::array<double, 6> moved = {turned.x, turned.y, turned.z, shifted.x, shifted.y, shifted.z};
+    for (std::size_t r = 0; r < 6; ++r) {
+      const double weight = !hold ? 0 : r < 3 ? kHoldTurn : kHoldShift;
+      h[r][r] += weight + 1e-3;  // nothing moves that nothing holds
+      b[r] -= weight * moved[r];
+    }
     if (!solve(h, b, x)) return false;
     w = {x[0], x[1], x[2]};
     v = {x[3], x[4], x[5]};
@@ -304,7 +311,7 @@ class Search {
 }  // namespace
 
 FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges, const Columns& columns,
-                        const BeamTable& table, const Motion& start) {
+                        const BeamTable& table, const Motion& start, bool hold) {
   const Beams beams = beams_of(table);
   RangeHistory current;
   current.remember(ranges, columns, table.half);
@@ -314,25 +321,29 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
   FoundMotion result;
   result.motion = start;
   result.points = static_cast<std::uint32_t>(patches.size());
-  if (patches.size() < kLeastMatched) return result;
+  const std::uint32_t least = hold ? kLeastMatchedHeld : kLeastMatched;
+  if (patches.size() < least) return result;
   Search search(before, beams, patches);
   Rigid rigid = rigid_of(start).inverse();
-  double farthest_m = 2, wide_m = 1;
+  double farthest_m = hold ? 0.5 : 2, wide_m = hold ? 0.1 : 1;
+  Metres turned, shifted;
   for (result.iterations = 0; result.iterations < kIterations; ++result.iterations) {
     search.match(rigid, farthest_m);
-    if (search.matched() < kLeastMatched) break;
+    if (search.matched() < least) break;
     result.median_m = search.median();
     Metres w, v;
-    if (!search.step(std::max({0.03, 3 * result.median_m, wide_m}), w, v)) break;
+    if (!search.step(std::max({0.03, 3 * result.median_m, wide_m}), hold, turned, shifted, w, v)) break;
     if (!(dot(w, w) < 1 && dot(v, v) < kFarthestM * kFarthestM)) break;
     rigid = turned_by(w, v, rigid);
+    turned = turned + w;
+    shifted = shifted + v;
     farthest_m = std::max(0.5, 0.8 * farthest_m);
     wide_m *= 0.7;
     if (result.iterations >= 4 && dot(w, w) < 1e-10 && dot(v, v) < 1e-6) break;
   }
   result.matched = static_cast<std::uint32_t>(search.matched());
   const Rigid back = rigid.inverse();  // of a rotation: a start that is none is not found
-  if (result.matched < kLeastMatched || !(result.median_m < kWorstMedianM) || !(length_of(back.shift) < kFarthestM) ||
+  if (result.matched < least || !(result.median_m < kWorstMedianM) || !(length_of(back.shift) < kFarthestM) ||
       !(std::abs(dot(back.row[0], back.row[0]) - 1) < 1e-6 && std::abs(dot(back.row[1], back.row[1]) - 1) < 1e-6))
     return result;
   result.motion = motion_of(back);

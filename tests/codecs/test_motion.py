@@ -91,7 +91,7 @@ def test_poses_give_the_motion_of_a_turn() -> None:
     """A frame of 348 packets is 0.97 of a turn, a slab a twelfth: both need the motion of a whole one."""
     model = sensor()
     for columns in (2088, 174):
-        finder, ahead = MotionFinder(), np.eye(4)
+        finder, ahead = MotionFinder(refine=False), np.eye(4)
         for index in range(3):
             at = np.arange(index * columns, (index + 1) * columns)
             azimuth = np.tile((at * 36000 // 2150 % 36000).astype(np.uint16), (2, 1))
