@@ -6,7 +6,7 @@ import logging
 import threading
 from typing import Any, Protocol
 
-from lidarcodec.apps.flight import Flight
+from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.ratecontrol.adaptive import (
     CAUTION_S,
     Landing,
@@ -69,7 +69,9 @@ class Adapting:
             return
         self._stalled = not landing.landed
         if self._stalled:
-            logger.warning("a message did not arrive within %.1f s: the bitrate falls until one does", landing.send_s)
+            long = landing.send_s >= LIMIT_S  # less is a lost message, counted as `timeouts`
+            level = logging.WARNING if long else logging.DEBUG
+            logger.log(level, "a message did not arrive within %.1f s; a bitrate that adapts falls", landing.send_s)
         else:
             logger.info("messages arrive again; the bitrate rises, for %.0f s with care", CAUTION_S)
 

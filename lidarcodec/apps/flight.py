@@ -18,7 +18,11 @@ from lidarcodec.ratecontrol.adaptive import Landing
 from lidarcodec.transport.keys import SERVER_RECEIVER
 
 LIMIT_S = 1.0
-"""How long a receiver may leave a message without a report before the next one goes all the same."""
+"""How long a receiver may leave a message without a report before the next one goes all the same, and another receiver
+that does report is followed."""
+SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
+"""Where so many reports came in less than a quarter of it, a message without one is given up after so long already: a
+lost message, or report, then costs three frames and not ten. Each further one in a row doubles it."""
 FORGET_S = 10.0
 """A receiver without a liveliness token that reported nothing for so long is gone."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
@@ -52,7 +56,7 @@ class Flight:
     ) -> None:
         self._condition = threading.Condition()
         self._clock = clock
-        self._follow, self._limit_s = follow, limit_s
+        self._follow, self._limit_s, self._lossless = follow, limit_s, limit_s > LIMIT_S
         self._alive: OrderedDict[str, float | None] = OrderedDict()  # None: has a token; else time of the last report
         self._sent: OrderedDict[int, Sent] = OrderedDict()
         self._late: set[int] = set()  # were given up: when they arrive after all they say nothing of the path
@@ -62,7 +66,8 @@ class Flight:
         self._last_free = self._last_landing = float("-inf")
         self._send_s: list[float] = []
         self._rtt_s: dict[str, float] = {}
-        self._patient = 0
+        self._patient = self._given_up = 0
+        self._took_s: deque[float] = deque(maxlen=REMEMBERED)  # from put to report
         self.timeouts = self.switches = 0
         self.arrive_ms = Timings()
 
@@ -139,6 +144,8 @@ class Flight:
             if name != self._following() or index not in self._sent:
                 return
             sent, self._patient = self._sent[index], max(self._patient - 1, 0)
+            self._given_up = 0
+            self._took_s.append(now - sent.at_s)
             self.arrive_ms.add(1e3 * (now - sent.at_s))
             rtt = self._rtt_s.get(name, 0.0)
             held_s = min(max(held_s, 0.0), now - sent.at_s)
@@ -220,6 +227,8 @@ class Flight:
         if self._following() != before:
             self._open.clear()
             self._send_s.clear()
+            self._took_s.clear()
+            self._given_up = 0
             self._landings.clear()
             self._last_free = float("-inf")
             self._late.update(self._sent)
@@ -235,8 +244,9 @@ class Flight:
     def _time_out(self) -> None:
         """The receiver that is followed did not report: the next message goes, and others that do report come first."""
         self.timeouts += 1
-        silent = self._following()
         now = self._clock()
+        silent = self._following() if self._limit() >= self._limit_s else None
+        self._given_up += 1
         waiting = [self._sent[one] for one in sorted(self._open)]
         if waiting:  # all of it was under way for as long as the oldest
             all_of_it = waiting[0]._replace(size=sum(one.size for one in waiting))
@@ -249,15 +259,22 @@ class Flight:
     def _window(self) -> int:
         rtt = self._rtt_s.get(self._following() or "", 0.0)
         send = percentile(sorted(self._send_s), 0.5)
-        if rtt < SHORT_PATH_S or not send:
-            return 1
+        if self._lossless or rtt < SHORT_PATH_S or not send:
+            return 1  # of two, one may take the other's place in a receiver's ring
         return min(MAX_IN_FLIGHT, 1 + round(rtt / send))
 
     def _may_send(self) -> bool:
         return self._following() is None or len(self._open) < self._window()
 
     def _due(self) -> float:
-        """When the oldest message under way has waited long enough; a path that needs long for one gets longer."""
+        """When the oldest message under way has waited long enough."""
+        return min((self._sent[one].at_s for one in self._open), default=float("-inf")) + self._limit()
+
+    def _limit(self) -> float:
+        """How long a message may take; a path that needs long for one gets longer, one that is quick less."""
         usual = percentile(sorted(self._send_s), 0.5) or 0.0
         limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
-        return min((self._sent[one].at_s for one in self._open), default=float("-inf")) + limit
+        if self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
+            return limit
+        soon = max(SOONEST_S, SOONEST_TIMES * (percentile(sorted(self._took_s), 0.9) or 0.0))
+        return float(min(limit, soon * 2**self._given_up))

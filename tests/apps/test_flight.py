@@ -60,6 +60,51 @@ def test_a_silent_receiver_holds_the_stream_up_for_a_second_only(clock):
     assert not flight.wait(0)
 
 
+def settled(clock, took_s: float, **options) -> Flight:
+    """A flight whose receiver has reported often, each time so soon."""
+    flight = Flight(clock=clock, **options)
+    flight.came("server")
+    for index in range(10):
+        flight.sent(index)
+        clock.now += took_s
+        flight.reported("server", index)
+    return flight
+
+
+@pytest.mark.parametrize(("took_s", "limits_s"), [(0.01, [0.3, 0.6, 1.0, 1.0]), (0.1, [0.4, 0.8, 1.0]), (0.3, [1.0])])
+def test_a_lost_message_on_a_quick_path_costs_three_frames_and_not_ten(clock, took_s, limits_s):
+    flight = settled(clock, took_s)
+    for index, limit_s in enumerate(limits_s, 10):
+        flight.sent(index)
+        clock.now += limit_s - 0.01
+        assert not flight.wait(0.0)
+        clock.now += 0.02
+        assert flight.wait(0.0)
+    flight.sent(20)
+    flight.reported("server", 20)
+    flight.sent(21)
+    clock.now += limits_s[0] + 0.01
+    assert flight.wait(0.0)
+
+
+def test_a_receiver_that_misses_one_message_is_still_followed(clock):
+    flight = settled(clock, 0.01)
+    flight.came("viewer")
+    flight.sent(10)
+    clock.now += 0.31
+    assert flight.wait(0.0)
+    assert flight.following == "server"
+
+
+def test_where_every_message_is_to_arrive_none_is_given_up_early_nor_two_sent_at_once(clock):
+    flight = settled(clock, 0.01, limit_s=30.0)
+    flight.round_trip("server", 1.0)
+    flight.sent(10)
+    clock.now += 29
+    assert not flight.wait(0.0)
+    assert flight.following == "server"
+
+
 def test_a_path_that_needs_long_for_a_message_gets_long(clock):
     flight = Flight(clock=clock)
     flight.came("office")
