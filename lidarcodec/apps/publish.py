@@ -17,7 +17,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from lidarcodec.apps.adapting import Adapting
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied, settings_with
 from lidarcodec.apps.flight import LIMIT_S, Flight
@@ -25,6 +24,7 @@ from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publish_desk import Desk
+from lidarcodec.apps.publish_sending import Sending
 from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
@@ -38,18 +38,14 @@ from lidarcodec.sources.poses import Poses
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.wire import pack
 
 logger = logging.getLogger(__name__)
 
 Rate = float | Literal["max"]
-KEY_INTERVAL_S = 0.5
-"""Requests for a key frame are merged: at most one in this time."""
 PATIENT_S = 30.0
 """With rate `max` no frame is to be lost: a receiver that is there may take so long for each."""
 TICK_S = 0.2
 """How soon a thread that waits sees that it should stop."""
-LAST_ARRIVAL_S = 2.0
 LAST_FRAME_S = 1.0
 """What is being encoded at the end may take so long before its process is killed."""
 STATUS_S = 1.0
@@ -96,7 +92,7 @@ class Publisher:
         self._once = Once(logger)
         self._isolation = Isolation(isolate, self._worker_failed)
         self._encoder = StreamEncoder(settings, make_encoder=self._isolation.make_encoder)
-        self._encoding, self._changing = threading.Lock(), threading.Lock()
+        self._changing = threading.Lock()
         self._preparing: str | None = None
         self._own_transport = transport is None
         self._transport: Transport | None = None
@@ -127,13 +123,19 @@ class Publisher:
             clock,
         )
         self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
-        self._adapting = Adapting(self._flight)
         self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
+        self._sending = Sending(
+            self._encoder,
+            self._mailbox,
+            self._feed,
+            self._flight,
+            self._isolation,
+            self._board,
+            self._once,
+            self._stop,
+            every=self._every,
+        )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock)
-        self._matching = False
-        self._key_wanted = threading.Event()
-        self._last_key = float("-inf")
-        self.next_index = 0
         self._tell_now = threading.Event()
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
@@ -150,6 +152,11 @@ class Publisher:
     def failure(self) -> BaseException | None:
         """What ended the source, or the network; None while all is well, and after a source that came to its end."""
         return self._failure
+
+    @property
+    def next_index(self) -> int:
+        """Index of the next frame to be encoded."""
+        return self._sending.next_index
 
     @property
     def stream_id(self) -> int:
@@ -229,7 +236,7 @@ class Publisher:
         return self._board.status(
             settings=self.settings,
             rate=self._encoder.rate,
-            path=self._adapting.report(),
+            path=self._sending.adapting.report(),
             feed=self._feed,
             flight=self._flight.state(),
             errors=self._once.counts,
@@ -237,7 +244,7 @@ class Publisher:
             worker=self._isolation.state(),
             worker_restarts=self._isolation.restarts,
             recording=None if self._recorder is None else self._recorder.state(),
-            matching=self._matching,
+            matching=self._sending.matching,
             ended=self._done.is_set(),
         )
 
@@ -250,13 +257,7 @@ class Publisher:
         with self._changing:
             wanted = settings_with(self.settings, changes)
             self._prepare(wanted)
-            with self._encoding:
-                if wanted.codec != self.settings.codec:
-                    self._flight.new_codec()
-                framing = wanted.framing != self.settings.framing
-                key = self._encoder.apply(wanted)
-                first = self._feed.reframe(wanted.framing) if framing else self.next_index
-                self._flight.follow(wanted.follow)
+            first, key = self._sending.apply(wanted)
             self._isolation.changed(wanted.codec)
         logger.info("settings changed from frame %d on: %s", first, changes)
         return Applied(wanted, first, key)
@@ -280,9 +281,7 @@ class Publisher:
 
     def request_key(self) -> bool:
         """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
-        before = self._key_wanted.is_set()
-        self._key_wanted.set()
-        return before
+        return self._sending.request_key()
 
     def _end(self) -> None:
         self._done.set()
@@ -308,7 +307,7 @@ class Publisher:
                 self._transport = self._open(self._stop)
             sender = self._declare(self._transport)
             self._opened.set()
-            self._send_frames(sender)
+            self._sending.run(sender)
         except Exception as error:
             if not self._stop.is_set():
                 self._failure = self._failure or error
@@ -322,74 +321,9 @@ class Publisher:
         keys = self.keys
         self._declared += self._desk.declare(transport)
         sender = transport.sender(keys.frame, Priority.FRAMES, self._matched)
-        self._matching = sender.matching
+        self._sending.matching = sender.matching
         self._declared += [sender, transport.token(keys.alive)]
         return sender
-
-    def _send_frames(self, sender: Sender) -> None:
-        while not self._stop.is_set() and not self._mailbox.finished:
-            if not self._matching:
-                if self._every:
-                    self._stop.wait(TICK_S / 10)
-                elif self._mailbox.take(TICK_S) is not None:
-                    self._board.no_receiver += 1
-                continue
-            if not self._flight.wait(TICK_S) or not self._coder_ready():
-                continue
-            frame = self._mailbox.take(TICK_S)
-            if frame is not None:
-                self._send(sender, frame)
-        if not self._stop.is_set():
-            self._flush(sender)
-            self._flight.wait_landed(LAST_ARRIVAL_S)
-
-    def _coder_ready(self) -> bool:
-        """Whether a frame may be taken out of the mailbox. The last one does not wait for a process that rests."""
-        return self._isolation.ready(self.settings.codec, TICK_S) or (self._mailbox.closed and self._isolation.rests)
-
-    def _send(self, sender: Sender, frame: Frame) -> None:
-        now = time.monotonic()
-        key = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
-        start = time.perf_counter()
-        try:
-            with self._encoding:
-                self.next_index = frame.index + 1
-                if key:
-                    self._key_wanted.clear()
-                self._adapting.aim(self._encoder, self._feed.replaced)
-                messages = self._encoder.encode(frame, key=key)
-            data = [(message, pack(message)) for message in messages]
-        except Exception as error:  # whatever a codec does, the stream goes on with a key frame
-            if self._stop.is_set():
-                return
-            self._once.add("encode errors", error)
-            self.request_key()
-            return
-        self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
-        for message, packed in data:
-            if message.key:
-                self._last_key = now
-            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
-
-    def _put(self, sender: Sender, index: int, data: bytes, frames: int, *, key: bool) -> None:
-        self._flight.sent(index, len(data), key=key)
-        start = time.perf_counter()
-        try:
-            sender.put(data)
-        except TransportError as error:
-            self._once.add("put errors", error)
-            return
-        self._board.sent(index, len(data), frames, 1e3 * (time.perf_counter() - start), key=key)
-
-    def _flush(self, sender: Sender) -> None:
-        try:
-            with self._encoding:
-                data = [(message, pack(message)) for message in self._encoder.flush()]
-        except Exception as error:
-            self._once.add("encode errors", error)
-            return
-        for message, packed in data:
-            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
 
     # --- the status thread ------------------------------------------------------------------------------------------
 
@@ -416,8 +350,8 @@ class Publisher:
     def _matched(self, matching: bool) -> None:
         logger.info("%s: %s", self.keys.prefix, "somebody receives" if matching else "nobody receives")
         if matching:
-            self.request_key()
-        self._matching = matching
+            self._sending.request_key()
+        self._sending.matching = matching
 
     def _worker_failed(self, error: WorkerError) -> None:
         self._once.add(f"worker {error.cause}", error)

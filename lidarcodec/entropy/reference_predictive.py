@@ -13,181 +13,30 @@ import numpy.typing as npt
 from lidarcodec.entropy import predictive_tables as tables
 from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
 from lidarcodec.entropy.reference_mask import ROWS, Layout, padded
+from lidarcodec.entropy.reference_predictive_place import (
+    LEAF_BITS,
+    LIMITS,
+    MARGIN,
+    MAX_DIFFERENCE,
+    Coder,
+    Half,
+    Model,
+    Place,
+    Surroundings,
+    leaf_start,
+)
 from lidarcodec.errors import SectionError, TruncatedError
 
 ALONE, EXPECTING = 1, 2
 HEAD_BYTES: Final = 7
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
-MAX_DIFFERENCE: Final = 1 << 20
 RATES: Final = (720, 460, 320, 230)
 OFFSET_RATE: Final = 655
 DEPTH: Final = 3
-MARGIN: Final = 8
 
-LAST, LEVELLED, PLAIN, SLOPE, MEAN, UPPER, STEP, UPPER_SLOPE = range(0, 32, 4)
-SCALE, MASK, MEAN_SIZE, LAST_SIZE, UP_SIZE, LAST_LEAF = range(32, 38)
-SEEN, SEEN_PLAIN, SEEN_SLOPE, SURPRISE = range(38, 54, 4)
-SEEN_MASK, SEEN_SIZE = 54, 55
-CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
-    (LAST + 1, LAST + 2),
-    (PLAIN + 1, MEAN_SIZE),
-    (LAST, LAST + 3),
-    (MASK, SLOPE + 1, LEVELLED + 3),
-    (SCALE, LAST),
-    (UPPER + 2, MASK, LAST + 1),
-    (UPPER_SLOPE + 1, PLAIN + 2),
-    (MEAN + 3, LAST),
-    (LAST_LEAF, LAST_SIZE, LAST + 3),
-)
-"""Features of each context, of 16 classes where there are two of them, else of 8."""
-EXPECTED_CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
-    (SEEN_PLAIN, SEEN_SLOPE),
-    (SEEN + 1, SEEN_SLOPE + 1, LAST),
-    (SEEN + 2, SEEN_PLAIN + 2),
-    (SEEN + 3, SEEN_SLOPE + 3, MASK),
-    (SEEN_PLAIN + 1, SURPRISE + 2, SCALE),
-    (SEEN_PLAIN + 1, SEEN + 1),
-)
-"""Those of frames that know what to expect, beside the others."""
-
-LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
-LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
-FIRST_LOG_ODDS: Final = [tables.log_odds(c) for c in range(tables.CLASSES)]
-
-Coder = WideWriter | WideReader
 Image = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.uint8]
-
-
-def half_octaves(x: int) -> int:
-    """2 log2 of a number, rounded down; 0 for 0."""
-    octave = max(x.bit_length() - 1, 0)
-    return 2 * octave + (x * x >> (2 * octave + 1) & 1)
-
-
-def scale_class(mean: int) -> int:
-    """Class of a mean difference, sixteenths of a cell."""
-    return min(max(half_octaves(mean + 2) - 1, 0), tables.CLASSES - 1)
-
-
-def leaf_start(scale: int, leaf: int) -> int:
-    """Distance from the last return at which a leaf begins."""
-    return sum(1 << bits for bits in LEAF_BITS[scale][:leaf])
-
-
-def position(difference: int, scale: int) -> int:
-    """Position, 0 to 15, of a difference in quarters of a cell."""
-    d = max(-32767, min(32767, difference))
-    n = sum(abs(d) >= limit for limit in LIMITS[scale])
-    return 7 - n if d < 0 else 8 + n
-
-
-class Model:
-    """What contexts have learned. Cells are log odds; a context also counts how often it was seen."""
-
-    def __init__(self) -> None:
-        self.cells: dict[tuple[int, ...], list[int]] = {}
-        self.offsets: dict[tuple[object, ...], int] = {}
-
-    def slot(self, context: tuple[int, ...]) -> list[int]:
-        """16 cells: how often the context was seen, and the nodes of its tree."""
-        if context not in self.cells:
-            self.cells[context] = list(FIRST_LOG_ODDS[context[1]]) if context[0] == 0 else [0] * 16
-        return self.cells[context]
-
-
-class Half:
-    """One half of each row: its coder, and what is known from the returns before."""
-
-    def __init__(self, coder: Coder) -> None:
-        self.coder = coder
-
-    def begin(self, start: int) -> None:
-        """Begin a row."""
-        self.last: list[int] = []
-        self.size1 = self.size2 = self.mean = start
-        self.level, self.leaves = 0, (8, 8)
-        self.bias, self.miss = 0, start
-
-
-class Place:
-    """What is known of a return before it is coded."""
-
-    def __init__(self, half: Half, about: Surroundings, k: int, first: int) -> None:
-        at = k + MARGIN
-        above, upper, sizes = about.above, about.upper, about.sizes
-        self.cell = k
-        self.base = half.last[0] if half.last else above[at] if above else first
-        up = above[at - 1 : at + 5] if above else [self.base] * 6
-        upper_up = upper[at - 1 : at + 5] if upper else [self.base] * 6
-        last = half.last[1:5] if half.last else [self.base] * 4
-        mean = 5 * half.size1 + 3 * half.size2 + 3 * sizes[at] + sizes[at - 1] + 2 * (sizes[at + 1] + sizes[at + 2])
-        self.scale = scale_class(mean // 16)
-        level = half.level >> 2
-        differences = [
-            [4 * (x - self.base) for x in last],
-            [4 * (x - self.base) + level for x in up[:4]],
-            [4 * (x - self.base) for x in up[:4]],
-            [4 * (up[i + 1] - up[i]) for i in range(4)],
-            [2 * (up[i + 2] - up[i]) for i in range(4)],
-            [4 * (x - self.base) for x in upper_up[:4]],
-            [4 * (upper_up[i] - up[i]) for i in range(4)],
-            [4 * (upper_up[i + 1] - upper_up[i]) for i in range(4)],
-        ]
-        of = [position(d, self.scale) for group in differences for d in group]
-        m, a, b = about.mask, about.above_mask, about.below_mask
-        of += [self.scale // 2, m[at + 1] | b[at] << 1 | a[at] << 2 | m[at - 1] << 3]
-        of += [self._relative(size) for size in (half.mean, half.size1, sizes[at])] + [half.leaves[0]]
-        near = (m[at - 1], m[at - 2], m[at + 1], m[at + 2], b[at], b[at - 1], b[at + 1], a[at], a[at + 1])
-        self.contexts = [(0, self.scale), (1, *half.leaves), (2, *near), (3, of[LEVELLED + 1], self.scale)]
-        for number, features in enumerate(CONTEXTS):
-            shift = len(features) - 2
-            self.contexts.append((4 + number, *(of[feature] >> shift for feature in features)))
-        levelled = up[1] + (half.level >> 4)
-        self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
-        if about.expected:
-            self._expect(half, about, at, up, of)
-
-    def _expect(self, half: Half, about: Surroundings, at: int, up: list[int], of: list[int]) -> None:
-        seen, known, bias = about.expected[at - 1 : at + 4], about.known, half.bias >> 2
-        above = about.expected_above[at - 1 : at + 3] if about.above else up
-        differences = [
-            [4 * (x - self.base) + bias for x in seen[:4]],
-            [4 * (x - self.base) for x in seen[:4]],
-            [4 * (seen[i + 1] - seen[i]) for i in range(4)],
-            [4 * (up[i] - above[i]) for i in range(4)],
-        ]
-        of += [position(d, self.scale) for group in differences for d in group]
-        of += [known[at - 1] | known[at + 1] << 1 | known[at] << 2 | about.above_mask[at] << 3]
-        of += [self._relative(half.miss)]
-        for number, features in enumerate(EXPECTED_CONTEXTS, 4 + len(CONTEXTS)):
-            shift = len(features) - 2
-            self.contexts.append((number, *(of[feature] >> shift for feature in features)))
-        if known[at]:
-            self.near = [seen[1] + (half.bias >> 4), *self.near[:7]]
-
-    def _relative(self, size: int) -> int:
-        return max(0, min(15, scale_class(size) - self.scale + 7))
-
-
-class Surroundings:
-    """The rows around as seen from a row, cell k at k + 8."""
-
-    def __init__(
-        self,
-        mask: list[int],
-        above_mask: list[int],
-        below_mask: list[int],
-        above: list[int],
-        upper: list[int],
-        sizes: list[int],
-    ) -> None:
-        self.mask, self.above_mask, self.below_mask = mask, above_mask, below_mask
-        self.above, self.upper, self.sizes = above, upper, sizes
-        self.expected: list[int] = []  # ranges, and whether anything is known; empty where nothing is expected at all
-        self.expected_above: list[int] = []
-        self.known: list[int] = []
 
 
 class RowCoder:
@@ -424,3 +273,6 @@ def decode(
         came = np.clip(np.array(rows[row], np.int64) * step - levels[row], 1, MAX_RANGE)
         image[row, columns] = came * np.array(mask[row], np.int64)
     return image
+
+
+__all__ = ["Model", "decode", "encode"]

@@ -118,7 +118,7 @@ async def test_without_viewers_there_is_no_receiver_and_no_decoder(server, vehic
         await frame(socket)
         assert len(decoders()) == 1
     assert eventually(lambda: not server.hub.watches() and not decoders())
-    assert eventually(lambda: not vehicle._matching), "the vehicle stops sending when nobody looks"
+    assert eventually(lambda: not vehicle.status()["matching"]), "the vehicle stops sending when nobody looks"
 
 
 async def test_the_frames_socket_sends_what_the_vehicle_sent_and_decodes_nothing(server, vehicle):

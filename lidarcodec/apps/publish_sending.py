@@ -1,0 +1,143 @@
+"""What the encode thread of a publisher does: the newest frame -> encoder -> bytes -> network, one at a time."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from lidarcodec.apps.adapting import Adapting
+from lidarcodec.apps.flight import Flight
+from lidarcodec.apps.isolation import Isolation
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publish_source import TICK_S, FrameFeed
+from lidarcodec.apps.publish_status import StatusBoard
+from lidarcodec.errors import TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.base import Sender
+from lidarcodec.wire import pack
+
+KEY_INTERVAL_S = 0.5
+"""Requests for a key frame are merged: at most one in this time."""
+LAST_ARRIVAL_S = 2.0
+
+
+class Sending:
+    """Sends the frames of a mailbox, when somebody receives and the last one has arrived.
+
+    every:    nothing is thrown away while nobody receives
+    matching: whether somebody receives; set by who declares the sender
+    """
+
+    def __init__(
+        self,
+        encoder: StreamEncoder,
+        mailbox: Mailbox[Frame],
+        feed: FrameFeed,
+        flight: Flight,
+        isolation: Isolation,
+        board: StatusBoard,
+        once: Once,
+        stop: threading.Event,
+        *,
+        every: bool,
+    ) -> None:
+        self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
+        self._isolation, self._board, self._once = isolation, board, once
+        self._stop, self._every = stop, every
+        self._encoding = threading.Lock()
+        self._key_wanted = threading.Event()
+        self._last_key = float("-inf")
+        self.adapting = Adapting(flight)
+        self.matching = False
+        self.next_index = 0
+
+    def request_key(self) -> bool:
+        """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
+        before = self._key_wanted.is_set()
+        self._key_wanted.set()
+        return before
+
+    def apply(self, wanted: StreamSettings) -> tuple[int, bool]:
+        """Take new settings between two frames: the first frame that has them, and whether it is a key frame."""
+        with self._encoding:
+            now = self._encoder.settings
+            if wanted.codec != now.codec:
+                self._flight.new_codec()
+            key = self._encoder.apply(wanted)
+            first = self._feed.reframe(wanted.framing) if wanted.framing != now.framing else self.next_index
+            self._flight.follow(wanted.follow)
+        return first, key
+
+    def run(self, sender: Sender) -> None:
+        """Send until the source ends, what the encoder still holds at the end, or until stopped."""
+        while not self._stop.is_set() and not self._mailbox.finished:
+            if not self.matching:
+                if self._every:
+                    self._stop.wait(TICK_S / 10)
+                elif self._mailbox.take(TICK_S) is not None:
+                    self._board.no_receiver += 1
+                continue
+            if not self._flight.wait(TICK_S) or not self._coder_ready():
+                continue
+            frame = self._mailbox.take(TICK_S)
+            if frame is not None:
+                self._send(sender, frame)
+        if not self._stop.is_set():
+            self._flush(sender)
+            self._flight.wait_landed(LAST_ARRIVAL_S)
+
+    def _coder_ready(self) -> bool:
+        """Whether a frame may be taken out of the mailbox. The last one does not wait for a process that rests."""
+        if self._isolation.ready(self._encoder.settings.codec, TICK_S):
+            return True
+        return self._mailbox.closed and self._isolation.rests
+
+    def _send(self, sender: Sender, frame: Frame) -> None:
+        now = time.monotonic()
+        key = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
+        start = time.perf_counter()
+        try:
+            with self._encoding:
+                self.next_index = frame.index + 1
+                if key:
+                    self._key_wanted.clear()
+                self.adapting.aim(self._encoder, self._feed.replaced)
+                messages = self._encoder.encode(frame, key=key)
+            data = [(message, pack(message)) for message in messages]
+        except Exception as error:  # whatever a codec does, the stream goes on with a key frame
+            if self._stop.is_set():
+                return
+            self._once.add("encode errors", error)
+            self.request_key()
+            return
+        self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
+        for message, packed in data:
+            if message.key:
+                self._last_key = now
+            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+
+    def _put(self, sender: Sender, index: int, data: bytes, frames: int, *, key: bool) -> None:
+        self._flight.sent(index, len(data), key=key)
+        start = time.perf_counter()
+        try:
+            sender.put(data)
+        except TransportError as error:
+            self._once.add("put errors", error)
+            return
+        self._board.sent(index, len(data), frames, 1e3 * (time.perf_counter() - start), key=key)
+
+    def _flush(self, sender: Sender) -> None:
+        try:
+            with self._encoding:
+                data = [(message, pack(message)) for message in self._encoder.flush()]
+        except Exception as error:
+            self._once.add("encode errors", error)
+            return
+        for message, packed in data:
+            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+
+
+__all__ = ["Sending"]
