@@ -320,7 +320,8 @@ class Publisher:
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
         self._declared += self._desk.declare(transport)
-        sender = transport.sender(keys.frame, Priority.FRAMES, self._matched)
+        priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
+        sender = transport.sender(keys.frame, priority, self._matched)
         self._sending.matching = sender.matching
         self._declared += [sender, transport.token(keys.alive)]
         return sender

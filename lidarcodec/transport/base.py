@@ -33,6 +33,8 @@ class Priority(Enum):
     """Arrival reports: a few bytes, sent at once, never behind a frame."""
     FRAMES = "frames"
     """Messages: never block the sender; one that the link cannot take while another waits is dropped there."""
+    EVERY_FRAME = "every_frame"
+    """Messages none of which is to be dropped: `put` waits for a full link; after 5 s Zenoh begins the link anew."""
     STATUS = "status"
     """Once a second; dropped when the link is full."""
 
@@ -51,7 +53,7 @@ class Sender(Closeable, Protocol):
         """Whether anybody else receives this key."""
 
     def put(self, data: bytes) -> None:
-        """Hand the bytes to the network; never waits for a receiver.
+        """Hand the bytes to the network; never waits for a receiver, and for a full link only with EVERY_FRAME.
 
         Raises TransportError when the transport is closed.
         """

@@ -51,8 +51,13 @@ UNREACHABLE = "Unable to connect"
 LATE_THREADS_S = 0.1
 
 _QOS: dict[Priority, dict[str, Any]] = {
-    Priority.REAL_TIME: {"priority": zenoh.Priority.REAL_TIME, "express": True},
+    Priority.REAL_TIME: {
+        "priority": zenoh.Priority.REAL_TIME,
+        "congestion_control": zenoh.CongestionControl.BLOCK_FIRST,  # dropped, a report would hold the publisher up
+        "express": True,
+    },
     Priority.FRAMES: {"priority": zenoh.Priority.DATA, "congestion_control": zenoh.CongestionControl.BLOCK_FIRST},
+    Priority.EVERY_FRAME: {"priority": zenoh.Priority.DATA, "congestion_control": zenoh.CongestionControl.BLOCK},
     Priority.STATUS: {"priority": zenoh.Priority.DATA_LOW},
 }
 
