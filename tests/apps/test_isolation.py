@@ -78,19 +78,22 @@ def ends():
         one.close()
 
 
-@pytest.mark.parametrize("codec", ["zstd", "pcodec", "jpeg-layered"])
-def test_frames_and_messages_are_those_of_this_process(ends, codec):
-    settings = StreamSettings(codec=codec, codec_settings={"group": 4} if codec == "jpeg-layered" else {})
-    there, here = ends(settings), StreamEncoder(settings, 7)
-    sent = SCENES[:6] if codec == "jpeg-layered" else [*frames.ordinary().values()]
-    messages = [message for frame in sent for message in there.encoder.encode(frame)] + there.encoder.flush()
-    expected = [message for frame in sent for message in here.encode(frame)] + here.flush()
-    assert [wire.pack(message) for message in messages] == [wire.pack(message) for message in expected]
-    came = [frame for message in messages for frame in there.decoder.decode(message)] + there.decoder.flush()
-    assert len(came) == len(sent)
-    for one, other in zip(came, sent, strict=True):
-        assert_equal(one, other, from_table(codec))
-    assert there.failures == []
+def test_frames_and_messages_are_those_of_this_process(ends):
+    """One stream after the other through the same two processes."""
+    pair = ends()
+    for codec in ("zstd", "pcodec", "jpeg-layered"):
+        settings = StreamSettings(codec=codec, codec_settings={"group": 4} if codec == "jpeg-layered" else {})
+        there, here = StreamEncoder(settings, 7, pair.sender.make_encoder), StreamEncoder(settings, 7)
+        decoder = StreamDecoder(pair.receiver.make_decoder)
+        sent = SCENES[:6] if codec == "jpeg-layered" else [*frames.ordinary().values()]
+        messages = [message for frame in sent for message in there.encode(frame)] + there.flush()
+        expected = [message for frame in sent for message in here.encode(frame)] + here.flush()
+        assert [wire.pack(message) for message in messages] == [wire.pack(message) for message in expected]
+        came = [frame for message in messages for frame in decoder.decode(message)] + decoder.flush()
+        assert len(came) == len(sent)
+        for one, other in zip(came, sent, strict=True):
+            assert_equal(one, other, from_table(codec))
+    assert pair.failures == []
 
 
 def starve(pid: int) -> None:

@@ -91,7 +91,7 @@ async def test_the_document_names_every_setting_that_can_be_changed(serving):
 def test_hostile_requests_get_answers_that_the_document_allows(tmp_path):
     """`make faults` asks a thousand; these few hold the way open."""
     with hostile.serving(tmp_path) as (url, vehicle):
-        seen = hostile.attack(url, 40, 7)
-        assert seen.total() >= 40
-        assert seen[422] > 20
+        seen = hostile.attack(url, 20, 7)
+        assert seen.total() >= 20
+        assert seen[422] > 8
         hostile.check_unharmed(url, vehicle)
