@@ -93,11 +93,11 @@ def test_requests_for_key_frames_are_merged(network):
         assert stream.next(5)
         end = network.end()
         time.sleep(0.6)
-        before = car.status()["key_frames"]
+        before, begin = car.status()["key_frames"], time.monotonic()
         for _ in range(40):
             assert "first_frame" in json.loads(end.ask(KEYS.control_keyframe))
             time.sleep(0.02)
-        assert 1 <= car.status()["key_frames"] - before <= 3
+        assert 1 <= car.status()["key_frames"] - before <= 2 + (time.monotonic() - begin) / 0.5
 
 
 def test_a_key_frame_that_was_asked_for_comes_though_frames_decode_meanwhile(network):
@@ -108,7 +108,7 @@ def test_a_key_frame_that_was_asked_for_comes_though_frames_decode_meanwhile(net
         for _ in range(3):
             keys = car.status()["key_frames"]
             stream.request_key()
-            assert eventually(lambda keys=keys: stream.next(1) and car.status()["key_frames"] > keys, 10)
+            assert eventually(lambda keys=keys: stream.next(1) and car.status()["key_frames"] > keys, 30)
 
 
 def test_a_target_is_kept_and_the_status_says_what_is_in_reach(network):
@@ -130,7 +130,7 @@ def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(ne
     quick = StreamSettings(intensity="off")  # what is slow here is to be the consumer, on any machine
     with publisher(network, settings=quick, rate=60.0) as car, live(network) as stream:
         indices = []
-        for _ in range(4):
+        while len(indices) < 4 or (stream.replaced <= 5 and len(indices) < 40):
             indices.append(stream.next(5).index)
             time.sleep(0.2)
         assert stream.replaced > 5

@@ -17,6 +17,8 @@ PARTS = ((12_000.0, 2.0), (2_500.0, 3.5), (12_000.0, 3.0))
 @pytest.fixture(params=["relay", pytest.param("namespaces", marks=pytest.mark.namespaces)])
 def link(request):
     if request.param == "relay":
+        if Namespaces.missing() is None:
+            pytest.skip("shown between namespaces here")
         with Relayed(PARTS[0][0], free_port=free_port) as one:
             yield one
         return
