@@ -1,9 +1,15 @@
 """The command line in real processes, for tests: nothing of the environment's settings, and this checkout's package."""
 
+import contextlib
+import io
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
+
+from lidarcodec import cli
 
 ROOT = Path(__file__).resolve().parent.parent
 COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
@@ -40,6 +46,23 @@ def run(*words, cwd=None, **variables):
         timeout=LIMIT_S,
         check=False,
     )
+
+
+def run_here(*words):
+    """The same within this process, in a tenth of the time: for what is refused before anything runs."""
+    out, complaints = io.StringIO(), io.StringIO()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(complaints),
+            mock.patch.dict(os.environ, environment(), clear=True),
+        ):
+            code = cli.run([str(word) for word in words])
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return subprocess.CompletedProcess(words, code, out.getvalue(), complaints.getvalue())
 
 
 def the_one_line(result):

@@ -189,7 +189,7 @@ def test_what_operators_set_comes_back_after_a_kill_of_either_side(processes, pl
     again = Server(*place)
     processes.append(again.process)
     until(again.alive)
-    told = until(lambda: again.get(f"{STREAM}/settings"))
+    told = until(lambda: (one := again.get(f"{STREAM}/settings")).get("applied") and one)
     assert told["applied"] == told["desired"]
     assert told["operator"] == {"codec": "zstd", "key_interval": 11}
     results = [(entry["who"], entry["result"]) for entry in again.get(f"{STREAM}/audit")]
