@@ -15,6 +15,7 @@ from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.protocol import ViewerProtocol
+from lidarcodec_server.request_protocol import RequestProtocol
 from lidarcodec_server.store import Store
 from lidarcodec_server.tokens import TokenBook
 
@@ -41,7 +42,7 @@ def run(config: ServerConfig) -> None:
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http="h11",  # it bounds headers
+            http=RequestProtocol,
             ws=ViewerProtocol,
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,
