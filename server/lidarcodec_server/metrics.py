@@ -19,6 +19,7 @@ from lidarcodec_server.totals import Totals
 
 MEDIA_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 LABELS = ["vehicle", "sensor"]
+LARGEST = 2**63
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 COUNTERS = {
     "frames": ("frames", "Frames sent."),
@@ -112,7 +113,7 @@ class Metrics:
             gauge = GaugeMetricFamily(f"lidarcodec_stream_{name}", text, labels=LABELS)
             for stream in streams:
                 value = (stream.status or {}).get(name)
-                if stream.alive and isinstance(value, int | float):
+                if stream.alive and isinstance(value, int | float) and abs(value) < LARGEST:  # or it fits no float
                     gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(value))
             yield gauge
         yield from _counted(streams, totals)

@@ -15,7 +15,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import HTTPConnection
+from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import Response
 from starlette.websockets import WebSocket, WebSocketState
 
@@ -110,6 +110,8 @@ def problem_of(error: Exception, what: str) -> ProblemError:
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
+    if isinstance(error, ClientDisconnect):  # in the middle of its body: nobody reads the answer, nothing is wrong here
+        return ProblemError(400, "the body did not come to its end")
     known = of(error) if isinstance(error, LidarCodecError) else None
     return known or unexpected(error, what)
 

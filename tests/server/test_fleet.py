@@ -92,12 +92,19 @@ async def test_hostile_vehicles_hurt_nobody(serving, network, vehicle):
         ]
         for data in HOSTILE:
             sender.put(data)
+        fits_no_float = json.dumps({"fps": 10**400, "kbps": -(10**400), "frames": 10**400}).encode()
         async with serving(answer_s=0.5, changes_per_second=1000.0, burst=100) as client:
 
             async def seen():
                 return [one["vehicle"] for one in (await client.get("/api/v1/streams")).json()] == ["car-7"]
 
             await until(seen)
+            sender.put(fits_no_float)
+
+            async def taken():
+                return (await client.get(STREAM)).json()["status"] is not None
+
+            await until(taken)
             for _ in range(5):
                 assert (await client.get(f"{STREAM}/settings")).status_code == 200
             assert (await client.patch(f"{STREAM}/settings", json={"codec": "zstd"})).status_code == 202
