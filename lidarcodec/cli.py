@@ -219,7 +219,8 @@ def publish(
         str | None, _option("--record-as", metavar="packets|lossless", help="In which form; default: packets.")
     ] = None,
     record_gb: Annotated[
-        float | None, _option("--record-gb", metavar="N", help="Size of DIR (8); the oldest files go first.")
+        float | None,
+        _option("--record-gb", min=0.001, max=1e6, metavar="N", help="Size of DIR (8); the oldest files go first."),
     ] = None,
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
@@ -366,7 +367,8 @@ def serve(
         Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
     ] = None,
     recordings_gb: Annotated[
-        float | None, _option("--recordings-gb", min=0.001, metavar="N", help="Size of that folder; default: 64.")
+        float | None,
+        _option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,

@@ -98,6 +98,8 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
     ("words", "code", "says"),
     [
         (("publish", "sim:city", "--rate", "fast"), 2, "--rate fast"),
+        (("publish", "sim:city", "--record", "kept", "--record-gb", "nan"), 2, "--record-gb"),
+        (("serve", "--recordings-gb", "inf"), 2, "--recordings-gb"),
         (("publish", "sim:city", "--connect", "somewhere"), 2, "tcp/192.168.1.5:7447"),
         (("publish", "sim:city", "--vehicle", "a/b"), 2, "a/b"),
         (("publish", "sim:city", "--zenoh-config", "nowhere.json5"), 1, "nowhere.json5"),
