@@ -24,6 +24,8 @@ from lidarcodec.transport.keys import StreamKeys
 logger = logging.getLogger(__name__)
 
 MAX_STATUS_BYTES = 64 * 1024
+MAX_WAITING = 1024
+"""Streams left out that are taken when there is room."""
 ANSWER_HOLDS_S = 3.0
 """A status that left the vehicle before a change may arrive behind the answer to it: so long the answer is believed."""
 
@@ -80,6 +82,7 @@ class Fleet:
         self._max = max_streams
         self._lock = threading.Lock()
         self._streams: dict[StreamKeys, Stream] = {}
+        self._waiting: dict[StreamKeys, None] = {}  # left out, and still there as far as is known; oldest first
         self.left_out = 0
         """Times that a stream was not taken, because there were too many."""
 
@@ -94,21 +97,32 @@ class Fleet:
             return self._streams.get(keys)
 
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
-        """A publisher came or went. False if there is no room for it."""
+        """A publisher came or went. False if there is no room for it; then its statuses are looked at until there is."""
         with self._lock:
+            if not alive:
+                self._waiting.pop(keys, None)
             if keys not in self._streams and not (alive and self._room()):
+                if alive:
+                    self._wait(keys)
                 return False
+            self._waiting.pop(keys, None)
             self._streams[keys] = replace(self._streams.get(keys, Stream(keys)), alive=alive)
             return True
 
     def told(self, keys: StreamKeys, data: bytes) -> bool:
-        """A status came. True if it is the first one of another start of a publisher that was known."""
+        """A status came. True if it is the first one of another start of a publisher that was known, or of one for
+        which there was no room before.
+        """
         status = read_status(data)
         if status is None:
             return False
         now = time.monotonic()
         with self._lock:
             stream = self._streams.get(keys)
+            waited = stream is None and keys in self._waiting and self._has_room()
+            if waited:
+                del self._waiting[keys]
+                stream = Stream(keys, alive=self._room())
             if stream is None:  # only a token makes a stream: a status may be anybody's last word
                 return False
             settings = known_settings(status.get("settings"))
@@ -116,13 +130,21 @@ class Fleet:
                 settings = stream.settings
             new = replace(stream, status=status, settings=settings, status_s=now)
             self._streams[keys] = new
-            return stream.stream_id is not None and new.stream_id != stream.stream_id
+            return waited or (stream.stream_id is not None and new.stream_id != stream.stream_id)
 
     def answered(self, keys: StreamKeys, settings: StreamSettings) -> None:
         """A vehicle told the settings in force, asked."""
         with self._lock:
             if keys in self._streams:
                 self._streams[keys] = replace(self._streams[keys], settings=settings, answer_s=time.monotonic())
+
+    def _wait(self, keys: StreamKeys) -> None:
+        self._waiting[keys] = None
+        if len(self._waiting) > MAX_WAITING:
+            del self._waiting[next(iter(self._waiting))]
+
+    def _has_room(self) -> bool:
+        return len(self._streams) < self._max or not all(one.alive for one in self._streams.values())
 
     def _room(self) -> bool:
         if len(self._streams) < self._max:

@@ -158,3 +158,25 @@ def test_a_new_codec_drops_what_was_set_for_the_one_before():
     assert kept == {"codec": "jpeg", "codec_settings": {"quality": 30}, "key_interval": 5}
     with pytest.raises(SettingsError):
         wanted_with({"max_error_m": 0.1, "codec": "pcodec"}, {"codec": "jpeg"}, None)
+
+
+def test_a_stream_that_was_left_out_comes_in_when_there_is_room() -> None:
+    fleet, late = Fleet(max_streams=1), StreamKeys("car-8", "roof")
+    assert fleet.changed(KEYS, alive=True)
+    assert not fleet.changed(late, alive=True)
+    assert not fleet.told(late, b'{"stream_id": "1"}')
+    fleet.changed(KEYS, alive=False)
+    assert not fleet.told(StreamKeys("nobody", "roof"), b'{"stream_id": "1"}')
+    assert fleet.told(late, b'{"stream_id": "1"}')
+    assert [(one.keys, one.alive) for one in fleet.streams()] == [(late, True)]
+    assert not fleet.told(late, b'{"stream_id": "1"}')
+
+
+def test_a_stream_that_was_left_out_and_went_does_not_come_in() -> None:
+    fleet, late = Fleet(max_streams=1), StreamKeys("car-8", "roof")
+    fleet.changed(KEYS, alive=True)
+    fleet.changed(late, alive=True)
+    fleet.changed(late, alive=False)
+    fleet.changed(KEYS, alive=False)
+    assert not fleet.told(late, b'{"stream_id": "1"}')
+    assert fleet.get(late) is None
