@@ -97,7 +97,7 @@ class Fleet:
             return self._streams.get(keys)
 
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
-        """A publisher came or went. False if there is no room for it; then its statuses are looked at until there is."""
+        """A publisher came or went. False if there is no room: then its statuses are looked at until there is."""
         with self._lock:
             if not alive:
                 self._waiting.pop(keys, None)
