@@ -10,17 +10,16 @@ import contextlib
 import errno
 import logging
 import os
-import signal
 import sys
 import traceback
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
 
 from lidarcodec.commands import token
 from lidarcodec.commands.options import option as _option
+from lidarcodec.commands.stopping import Interrupter
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
@@ -435,17 +434,12 @@ def _flush() -> None:
             stream.flush()
 
 
-def _stop(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
 def run(arguments: list[str]) -> int:
     """Run one command; its exit code."""
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
     given = [word for word in arguments if word != "--debug"]
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
-    signal.signal(signal.SIGTERM, _stop)
-    signal.signal(signal.SIGINT, _stop)
+    Interrupter().install()
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
         _flush()

@@ -12,6 +12,27 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SAME_WISH_S = 1.0
 
 
+class Interrupter:
+    """The handler of a command that is still starting: it interrupts, and remembers that it did.
+
+    The KeyboardInterrupt alone is not enough: raised while a module of native code is loaded, or something is thrown
+    away, Python tells of it and goes on.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+        raise KeyboardInterrupt
+
+    def install(self) -> None:
+        """Take the signals, with nothing to remember yet."""
+        self.asked = False
+        for number in SIGNALS:
+            signal.signal(number, self)
+
+
 @contextmanager
 def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
     """Function that says whether a signal asked to stop. A second one, a second later or more, interrupts at once.
@@ -34,6 +55,8 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
             wake()
 
     before = [signal.signal(number, ask) for number in SIGNALS]
+    if any(isinstance(handler, Interrupter) and handler.asked for handler in before):
+        ask(signal.SIGTERM, None)
     try:
         yield lambda: asked_s is not None
     finally:
