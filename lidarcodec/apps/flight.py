@@ -22,7 +22,8 @@ LIMIT_S = 1.0
 that does report is followed."""
 SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
 """Where so many reports came in less than a quarter of it, a message without one is given up after so long already: a
-lost message, or report, then costs three frames and not ten. Each further one in a row doubles it."""
+lost message, or report, then costs three frames and not ten. Each further one in a row doubles it. Not so where
+messages need others: a busy receiver would lose what later ones refer to."""
 FORGET_S = 10.0
 """A receiver without a liveliness token that reported nothing for so long is gone."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
@@ -36,11 +37,12 @@ MAX_RECEIVERS = 64
 
 
 class Sent(NamedTuple):
-    """A message that was put: when, how large, whether a key frame."""
+    """A message that was put: when, how large, whether a key frame, and whether it can be decoded without others."""
 
     at_s: float
     size: int
     key: bool
+    alone: bool = True
 
 
 class Flight:
@@ -118,10 +120,10 @@ class Flight:
         with self._condition:
             self._patient = NEW_CODEC_MESSAGES
 
-    def sent(self, index: int, size: int = 0, *, key: bool = False) -> None:
-        """A message of so many bytes is put now."""
+    def sent(self, index: int, size: int = 0, *, key: bool = False, alone: bool = True) -> None:
+        """A message of so many bytes is put now. alone: it needs no other."""
         with self._condition:
-            self._sent[index] = Sent(self._clock(), size, key)
+            self._sent[index] = Sent(self._clock(), size, key, alone)
             while len(self._sent) > REMEMBERED:
                 oldest = self._sent.popitem(last=False)[0]
                 self._open.discard(oldest)
@@ -274,7 +276,8 @@ class Flight:
         """How long a message may take; a path that needs long for one gets longer, one that is quick less."""
         usual = percentile(sorted(self._send_s), 0.5) or 0.0
         limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
-        if self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
+        together = not all(self._sent[one].alone for one in self._open)  # a receiver that is only busy would lose one
+        if together or self._lossless or self._patient or len(self._took_s) < KNOWN_REPORTS:
             return limit
         soon = max(SOONEST_S, SOONEST_TIMES * (percentile(sorted(self._took_s), 0.9) or 0.0))
         return float(min(limit, soon * 2**self._given_up))

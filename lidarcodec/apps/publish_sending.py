@@ -14,6 +14,7 @@ from lidarcodec.apps.publish_source import TICK_S, FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Sender
@@ -117,17 +118,19 @@ class Sending:
         for message, packed in data:
             if message.key:
                 self._last_key = now
-            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+            self._put(sender, message, packed)
 
-    def _put(self, sender: Sender, index: int, data: bytes, frames: int, *, key: bool) -> None:
-        self._flight.sent(index, len(data), key=key)
+    def _put(self, sender: Sender, message: Message, data: bytes) -> None:
+        index = message.frame_index
+        self._flight.sent(index, len(data), key=message.key, alone=message.needs is None)
         start = time.perf_counter()
         try:
             sender.put(data)
         except TransportError as error:
             self._once.add("put errors", error)
             return
-        self._board.sent(index, len(data), frames, 1e3 * (time.perf_counter() - start), key=key)
+        took_ms = 1e3 * (time.perf_counter() - start)
+        self._board.sent(index, len(data), message.frame_count, took_ms, key=message.key)
 
     def _flush(self, sender: Sender) -> None:
         try:
@@ -137,7 +140,7 @@ class Sending:
             self._once.add("encode errors", error)
             return
         for message, packed in data:
-            self._put(sender, message.frame_index, packed, message.frame_count, key=message.key)
+            self._put(sender, message, packed)
 
 
 __all__ = ["Sending"]

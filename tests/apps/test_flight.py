@@ -96,6 +96,15 @@ def test_a_receiver_that_misses_one_message_is_still_followed(clock):
     assert flight.following == "server"
 
 
+def test_a_message_that_needs_another_is_not_given_up_early(clock):
+    flight = settled(clock, 0.01)
+    flight.sent(10, alone=False)
+    clock.now += LIMIT_S - 0.01
+    assert not flight.wait(0.0)
+    clock.now += 0.02
+    assert flight.wait(0.0)
+
+
 def test_where_every_message_is_to_arrive_none_is_given_up_early_nor_two_sent_at_once(clock):
     flight = settled(clock, 0.01, limit_s=30.0)
     flight.round_trip("server", 1.0)
