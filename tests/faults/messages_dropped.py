@@ -20,7 +20,8 @@ def run(seconds: float = SECONDS) -> Outcome:
     return Outcome(
         f"{LOSS:.0%} of messages dropped by a relay that republishes",
         max(intra["outage s"], video["outage s"]),
-        f"the dropped ones, and what the publisher held back for 0.3 s after each, with h264 for a second: {intra['missing']} of "
+        "the dropped ones, and what the publisher held back for 0.3 s after each, with h264 for a second: "
+        f"{intra['missing']} of "
         f"{intra['indices']} frames with pcodec ({intra['dropped']} dropped), {video['missing']} of "
         f"{video['indices']} with h264 ({video['dropped']} dropped)",
         f"publisher: {intra['timeouts']} `timeouts`; receiver: `missing` and `gaps`, with h264 also "
