@@ -1,16 +1,19 @@
-"""The mask that was sent a turn ago, looked up by azimuth: the same for whole turns, slabs and frames of any width.
+"""What a stream has shown since its last key frame, looked up by azimuth: the same for turns, slabs and any width.
 
-A table of 2000 directions (0.18 degree, a little more than an HDL-64E's step between firings) holds, for each row, what
-was last sent in that direction. Rows of the two blocks are looked up by the azimuth of their own block.
+Encoder and decoder keep one of each, in step. `MaskHistory` is what masks refer to: a table of 2000 directions (0.18
+degree, a little more than an HDL-64E's step between firings) holds, for each row, what was last sent in that direction.
+Rows of the two blocks are looked up by the azimuth of their own block. `StreamHistory` is what ranges refer to.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.codecs.motion import Motion
+from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK
 
@@ -19,6 +22,7 @@ DIRECTION_STEP: Final = 18
 DIRECTIONS: Final = AZIMUTH_TURN // DIRECTION_STEP
 
 Mask = npt.NDArray[np.bool_]
+Ranges = npt.NDArray[np.uint16]
 
 
 class MaskHistory:
@@ -51,3 +55,34 @@ class MaskHistory:
         lower = sensor.laser_of_ring >= LASERS_PER_BLOCK
         directions = (azimuth // DIRECTION_STEP).astype(np.intp)
         return [(np.flatnonzero(~lower), directions[0]), (np.flatnonzero(lower), directions[1])]
+
+
+class Memory(Protocol):
+    """What a coder of ranges learns from frame to frame."""
+
+    def reset(self) -> None:
+        """Forget it, as before a key frame."""
+
+
+class StreamHistory:
+    """What ranges refer to: what their coder has learned, and the ranges of the last turn in every direction.
+
+    memory: of the codec; it learns by itself, and is reset here
+    """
+
+    def __init__(self, memory: Memory) -> None:
+        self._memory = memory
+        self.seen = RangeHistory()
+
+    def forget(self) -> None:
+        """Forgets everything, before a message that needs no other."""
+        self._memory.reset()
+        self.seen.forget()
+
+    def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
+        """(64, W) uint16, what a frame should look like if the sensor moved so: `RangeHistory.expected`."""
+        return self.seen.expected(motion, azimuth, fired, sensor)
+
+    def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> None:
+        """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns."""
+        self.seen.remember(ranges, azimuth, fired, sensor)

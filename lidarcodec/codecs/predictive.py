@@ -20,16 +20,11 @@ import numpy.typing as npt
 from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
-from lidarcodec.codecs.motion import decode_motion, encode_motion
-from lidarcodec.codecs.motion_finder import MotionFinder
+from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
 from lidarcodec.codecs.planes import Planes
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.warp import RangeHistory
-from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
-from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 
@@ -51,95 +46,37 @@ class PredictiveSettings(CodecSettings):
         return self.memory and self.motion
 
 
-def as_decoded(ranges: Ranges, valid: Mask, step: int, sensor: SensorModel) -> Ranges:
-    """(64, W) uint16, the ranges that a decoder gets, 0 outside of `valid`."""
-    if step == 1:
-        return np.where(valid, ranges, 0).astype(np.uint16)
-    levels = level_offsets(sensor)[:, None]
-    cells = (ranges.astype(np.int32) + (levels + step // 2)) // np.int32(step)
-    return np.where(valid, (cells * np.int32(step) - levels).clip(1, 65535), 0).astype(np.uint16)
-
-
-class PredictiveEncoder(IntraEncoder):
+class PredictiveEncoder(ExpectingEncoder):
     """Encoder of `predictive`."""
 
     def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
-        super().__init__(codec_id, settings, stream_id)
         self._coder = entropy.PredictiveCoder()
-        self._seen = RangeHistory()
-        self._finder: MotionFinder | None = None
-        self._expected: Ranges | None = None
+        super().__init__(codec_id, settings, stream_id, self._coder)
 
-    def apply(self, settings: StreamSettings) -> bool:
-        """Takes new settings; a frame that is to expect something for the first time begins from nothing."""
-        due = super().apply(settings)
-        if not own_settings(PredictiveSettings, settings).expects:
-            self._finder = None
-        elif self._finder is None:
-            self._history = None
-        return due
-
-    def _mask_history(self) -> bool:
+    def _remembers(self) -> bool:
         return own_settings(PredictiveSettings, self.settings).memory
 
-    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
-        fresh = key or self._history is None or not self._mask_history()
-        try:
-            motion = self._expect(frame, fresh)
-            sections, needs = super()._sections(frame, key)
-            if self._finder is not None:
-                sent = as_decoded(frame.range, frame.valid, self.settings.step, frame.sensor)
-                self._seen.remember(sent, frame.azimuth, frame.fired, frame.sensor)
-        except LidarCodecError:
-            self._history = None  # what the frame taught no decoder learns
-            raise
-        return sections + motion, needs
+    def _expects(self) -> bool:
+        return own_settings(PredictiveSettings, self.settings).expects
 
-    def _expect(self, frame: Frame, fresh: bool) -> list[Section]:
-        """Work out what to expect, unless the frame begins from nothing; the MOTION section that says so."""
-        self._expected, motion = None, None
-        if own_settings(PredictiveSettings, self.settings).expects:
-            self._finder = self._finder or MotionFinder()
-            motion = self._finder.next(frame, self._seen).motion
-        if fresh:
-            self._coder.reset()
-            self._seen.forget()
-            return []
-        if motion is None:
-            return []
-        self._expected = self._seen.expected(motion, frame.azimuth, frame.fired, frame.sensor)
-        return [Section(SectionType.MOTION, encode_motion(motion))]
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
+    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None) -> bytes:
         step = self.settings.step
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
-        levels, expected = level_offsets(frame.sensor), self._expected
-        given = (frame.range, valid, frame.fired, frame.sensor, step, levels)
+        given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
         return with_step(step, self._coder.encode(*given, turn=turn, expected=expected))
 
 
-class PredictiveDecoder(IntraDecoder):
+class PredictiveDecoder(ExpectingDecoder):
     """Decoder of `predictive`."""
 
     def __init__(self, codec_id: int) -> None:
-        super().__init__(codec_id)
         self._coder = entropy.PredictiveCoder()
-        self._seen = RangeHistory()
+        super().__init__(codec_id, self._coder)
 
-    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
-        if message.needs is None:
-            self._coder.reset()
-            self._seen.forget()
-        self._last = None  # a message that fails halfway has taught something else than its encoder learned
-        step, data = split_step(message.section(SectionType.RANGE))
-        expected = None
-        if message.has(SectionType.MOTION):
-            motion = decode_motion(message.section(SectionType.MOTION))
-            expected = self._seen.expected(motion, planes.azimuth, planes.fired, sensor)
+    def _decoded(self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None) -> Ranges:
+        step, coded = split_step(data)
         given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
-        ranges = self._coder.decode(data, *given, expected=expected)
-        self._seen.remember(ranges, planes.azimuth, planes.fired, sensor)
-        return ranges
+        return self._coder.decode(coded, *given, expected=expected)
 
 
 KNOB = bound_knob(
