@@ -89,6 +89,7 @@ $(STAMPS)/base: $(STAMPS)/build pyproject.toml
 $(STAMPS)/dev: $(STAMPS)/base
 	@echo "Installing what its tests need ..."
 	@$(PIP) $(EDITABLE) -e '.[dev]'
+	@$(PIP) 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (README says where it is): tests of training are skipped"
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)
