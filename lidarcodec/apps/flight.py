@@ -37,12 +37,15 @@ MAX_RECEIVERS = 64
 
 
 class Sent(NamedTuple):
-    """A message that was put: when, how large, whether a key frame, and whether it can be decoded without others."""
+    """A message that was put: when, how large, whether a key frame, whether it can be decoded without others, of how
+    many frames, and who was followed."""
 
     at_s: float
     size: int
     key: bool
     alone: bool = True
+    frames: int = 1
+    to: str | None = None
 
 
 class Flight:
@@ -50,6 +53,8 @@ class Flight:
     came; another one while that one is silent. Thread-safe.
 
     timeouts: messages that went without the report of the one before; arrive_ms: put to report
+    unreported: frames of messages that who was followed never reported, though a later one; they were lost on the way,
+                or a later one took their place in the receiver's ring
     switches: how often another receiver was followed: what was measured before is of another path
     """
 
@@ -70,7 +75,7 @@ class Flight:
         self._rtt_s: dict[str, float] = {}
         self._patient = self._given_up = 0
         self._took_s: deque[float] = deque(maxlen=REMEMBERED)  # from put to report
-        self.timeouts = self.switches = 0
+        self.timeouts = self.switches = self.unreported = 0
         self.arrive_ms = Timings()
 
     @property
@@ -120,15 +125,14 @@ class Flight:
         with self._condition:
             self._patient = NEW_CODEC_MESSAGES
 
-    def sent(self, index: int, size: int = 0, *, key: bool = False, alone: bool = True) -> None:
-        """A message of so many bytes is put now. alone: it needs no other."""
+    def sent(self, index: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True) -> None:
+        """A message of so many bytes and frames is put now. alone: it needs no other."""
         with self._condition:
-            self._sent[index] = Sent(self._clock(), size, key, alone)
+            to = self._following()
+            self._sent[index] = Sent(self._clock(), size, key, alone, frames, to)
             while len(self._sent) > REMEMBERED:
-                oldest = self._sent.popitem(last=False)[0]
-                self._open.discard(oldest)
-                self._late.discard(oldest)
-            if self._following() is not None:
+                self._forget(next(iter(self._sent)), to)
+            if to is not None:
                 self._open.add(index)
 
     def reported(self, name: str, index: int, held_s: float = 0.0) -> None:
@@ -157,10 +161,9 @@ class Flight:
             if index not in self._late:
                 self._send_s = [*self._send_s[-8:], send_s]
                 self._landed(sent, send_s, rtt, now)
-            for one in [one for one in self._sent if one <= index]:
-                del self._sent[one]
-                self._open.discard(one)
-                self._late.discard(one)
+            self._forget(index, None)
+            for one in [one for one in self._sent if one < index]:
+                self._forget(one, name)
             self._condition.notify_all()
 
     def landings(self) -> list[Landing]:
@@ -176,11 +179,12 @@ class Flight:
         with self._condition:
             return self._window()
 
-    def wait(self, timeout_s: float) -> bool:
-        """Whether the next message may go; waits for a report until then, at most `timeout_s`."""
+    def wait(self, timeout_s: float, most: int = MAX_IN_FLIGHT) -> bool:
+        """Whether the next message may go, as one of so many under way; waits for a report until then, at most
+        `timeout_s`."""
         end = self._clock() + timeout_s
         with self._condition:
-            while not self._may_send():
+            while not self._may_send(most):
                 left = min(end, self._due()) - self._clock()
                 if left <= 0:
                     if self._due() <= self._clock():
@@ -209,8 +213,17 @@ class Flight:
                 "window": self._window(),
                 "in_flight": len(self._open),
                 "timeouts": self.timeouts,
+                "unreported": self.unreported,
                 "arrive_ms": self.arrive_ms.summary(),
             }
+
+    def _forget(self, index: int, missed_by: str | None) -> None:
+        """A message is not waited for any more; missed_by: who did not report it, though a later one."""
+        sent = self._sent.pop(index)
+        self._open.discard(index)
+        self._late.discard(index)
+        if sent.to is not None and sent.to == missed_by:
+            self.unreported += sent.frames
 
     def _following(self) -> str | None:
         now = self._clock()
@@ -265,8 +278,8 @@ class Flight:
             return 1  # of two, one may take the other's place in a receiver's ring
         return min(MAX_IN_FLIGHT, 1 + round(rtt / send))
 
-    def _may_send(self) -> bool:
-        return self._following() is None or len(self._open) < self._window()
+    def _may_send(self, most: int) -> bool:
+        return self._following() is None or len(self._open) < min(self._window(), most)
 
     def _due(self) -> float:
         """When the oldest message under way has waited long enough."""

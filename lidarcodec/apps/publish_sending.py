@@ -115,14 +115,21 @@ class Sending:
             self.request_key()
             return
         self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
-        for message, packed in data:
-            if message.key:
-                self._last_key = now
+        if any(message.key for message in messages):
+            self._last_key = now
+        for number, (message, packed) in enumerate(data):
+            if number > 0:  # a codec that held frames back gave way to another one
+                self._wait_alone()
             self._put(sender, message, packed)
+
+    def _wait_alone(self) -> None:
+        """Until nothing is under way: of two put at once, one may take the other's place in a receiver's ring."""
+        while not self._flight.wait(TICK_S, most=1) and not self._stop.is_set():
+            pass
 
     def _put(self, sender: Sender, message: Message, data: bytes) -> None:
         index = message.frame_index
-        self._flight.sent(index, len(data), key=message.key, alone=message.needs is None)
+        self._flight.sent(index, len(data), message.frame_count, key=message.key, alone=message.needs is None)
         start = time.perf_counter()
         try:
             sender.put(data)
@@ -140,6 +147,7 @@ class Sending:
             self._once.add("encode errors", error)
             return
         for message, packed in data:
+            self._wait_alone()
             self._put(sender, message, packed)
 
 

@@ -321,3 +321,62 @@ def test_a_decoder_that_has_to_be_started_gets_the_time_for_it(clock):
     flight.sent(9)
     clock.now += 10.0
     assert flight.wait(0)
+
+
+def test_frames_that_the_followed_receiver_did_not_report_though_later_ones_are_counted(clock):
+    """Else a message that is lost on the way, or given up and replaced in the receiver's ring, is lost in silence."""
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0, frames=8)
+    clock.now += LIMIT_S + 0.001
+    assert flight.wait(0)
+    flight.sent(8)
+    assert flight.unreported == 0, "it may still arrive"
+    flight.reported("office", 8)
+    assert flight.state()["unreported"] == 8
+
+
+def test_a_message_that_arrives_late_was_not_lost(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.sent(0)
+    clock.now += LIMIT_S + 0.001
+    assert flight.wait(0)
+    flight.sent(1)
+    flight.reported("office", 0)
+    flight.reported("office", 1)
+    assert (flight.timeouts, flight.unreported) == (1, 0)
+
+
+def test_nobody_answers_for_what_was_sent_to_another(clock):
+    flight = Flight(clock=clock)
+    flight.sent(0)  # before anybody was there
+    flight.came("viewer")
+    flight.sent(1)
+    flight.came("server")
+    flight.sent(2)
+    flight.reported("server", 2)
+    assert flight.unreported == 0
+
+
+def test_what_is_forgotten_without_a_report_is_counted(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    for index in range(REMEMBERED + 3):
+        flight.sent(index)
+        clock.now += LIMIT_S + 0.001
+        assert flight.wait(0)
+    assert flight.unreported == 3
+
+
+def test_a_second_message_of_one_frame_waits_whatever_the_window(clock):
+    flight = Flight(clock=clock)
+    flight.came("office")
+    flight.round_trip("office", 0.2)
+    for index in range(5):
+        flight.sent(index)
+        clock.now += 0.3
+        flight.reported("office", index)
+    flight.sent(5)
+    assert flight.wait(0)
+    assert not flight.wait(0, most=1)
