@@ -10,28 +10,29 @@ from __future__ import annotations
 
 import signal
 
-for _signal in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # before anything slow is imported
-    signal.signal(_signal, signal.SIG_IGN)
-signal.signal(signal.SIGALRM, signal.SIG_DFL)
-signal.setitimer(signal.ITIMER_REAL, 60.0)
+if __name__ == "__main__":  # before anything slow is imported, and never in the process of whoever imports this
+    for _signal in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(_signal, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, 60.0)
 
-import contextlib  # noqa: E402
-import json  # noqa: E402
-import os  # noqa: E402
-import resource  # noqa: E402
-import socket  # noqa: E402
-import sys  # noqa: E402
-from typing import Final, TypeVar  # noqa: E402
+import contextlib
+import json
+import os
+import resource
+import socket
+import sys
+from typing import Final, TypeVar
 
-from lidarcodec.apps.worker_frames import FrameReader, FrameWriter  # noqa: E402
-from lidarcodec.apps.worker_wire import Channel, GarbledError, Head, Kind, error_bytes, message_parts  # noqa: E402
-from lidarcodec.codecs import table  # noqa: E402
-from lidarcodec.codecs.base import Decoder, Encoder  # noqa: E402
-from lidarcodec.errors import LidarCodecError  # noqa: E402
-from lidarcodec.frame import Frame  # noqa: E402
-from lidarcodec.message import Message  # noqa: E402
-from lidarcodec.settings import StreamSettings, settings_from  # noqa: E402
-from lidarcodec.wire import pack, unpack  # noqa: E402
+from lidarcodec.apps.worker_frames import FrameReader, FrameWriter
+from lidarcodec.apps.worker_wire import Channel, GarbledError, Head, Kind, error_bytes, message_parts
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.wire import pack, unpack
 
 MEMORY_BYTES: Final = 2 * 2**30
 """Of address space. A codec takes 125 to 250 MB of it; the limits of a message's header allow less than half a GB."""

@@ -1,0 +1,28 @@
+"""Importing the package changes nothing of the process that does it: programs that use it keep their own signals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from tests.conftest import ROOT
+
+SCRIPT = """
+import contextlib, importlib, pkgutil, signal
+before = [signal.getsignal(number) for number in signal.valid_signals()]
+import lidarcodec
+for found in pkgutil.walk_packages(lidarcodec.__path__, "lidarcodec."):
+    if not found.name.endswith("__main__"):
+        with contextlib.suppress(ModuleNotFoundError):  # what needs an extra that is not here
+            importlib.import_module(found.name)
+assert [signal.getsignal(number) for number in signal.valid_signals()] == before, "a signal is left otherwise"
+assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0), "an alarm is set"
+"""
+
+
+def test_no_module_changes_signals_or_sets_an_alarm_when_it_is_imported():
+    """A program that ignored SIGTERM would hand that on to every process it starts, and none of them could be ended."""
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], cwd=ROOT, check=False, capture_output=True, text=True, timeout=200
+    )
+    assert done.returncode == 0, done.stderr
