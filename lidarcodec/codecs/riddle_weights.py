@@ -1,0 +1,307 @@
+"""Weight files of codec `riddle`: small integer networks, what they were trained on, and a name that is their hash.
+
+A network looks at int8 inputs, 32 of them to a unit, and gives 32 log odds, of which 32768 are six natural units. Two
+hidden layers, each clamped to 0..4095 (128 to a unit); all sums fit 32 bits, which is checked when a file is read, so
+that any order of adding gives the same. The format is docs/wire-format-riddle-weights.md. `run` is the reference of
+what the native core does.
+
+>>> rng = np.random.default_rng(1)
+>>> sizes = [(8, 72), (8, 8), (32, 8)]
+>>> net = quantised(False, False, [(rng.normal(0, 0.2, size), np.zeros(size[0])) for size in sizes])
+>>> weights = unpack_weights(pack_weights([net], {"trained on": "nothing"}))
+>>> len(weights.name), weights.provenance["trained on"], weights.net(expects=False, large=False).inputs
+(16, 'nothing', 72)
+>>> run(weights.nets[0], np.zeros((2, 72), np.int8)).shape
+(2, 32)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec._native import crc32c
+from lidarcodec.errors import (
+    ChecksumError,
+    HeaderError,
+    SectionError,
+    SettingsError,
+    SourceError,
+    TruncatedError,
+    UnknownNameError,
+    UnsupportedVersionError,
+)
+
+MAGIC: Final = b"LCRW"
+VERSION: Final = 1
+INPUTS_ALONE: Final = 72
+"""Inputs of a network for frames that expect nothing."""
+INPUTS_EXPECTING: Final = 112
+OUTPUTS: Final = 32
+"""Log odds: 1 to 15 of the nodes of the tree of leaves, 16 to 31 of the first offset bit in leaf 0 to 15."""
+INPUT_UNIT: Final = 32
+MIDDLE_BITS: Final = 7
+MIDDLE_TOP: Final = (1 << (5 + MIDDLE_BITS)) - 1
+"""Largest output of a hidden layer, just under 32."""
+OUTPUT_UNIT: Final = 32768 / 6
+"""Output of one natural unit of log odds."""
+SHIFTS: Final = range(5, 14)
+"""By how many bits weights may be shifted."""
+MAX_FILE: Final = 4 << 20
+MAX_PROVENANCE: Final = 1 << 16
+MAX_NETS: Final = 4
+_LAYERS: Final = 3
+_HIDDEN: Final = range(8, 257, 8)
+_INT32: Final = 2**31 - 1
+_LARGEST_INPUT: Final = (128, MIDDLE_TOP, MIDDLE_TOP)
+_SIZES: Final = ("small", "large")
+
+Integers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A layer: weights (out, in) int16 shifted by `shift` bits, bias (out,) int32 in units of the sums. Read-only."""
+
+    weights: npt.NDArray[np.int16]
+    bias: npt.NDArray[np.int32]
+    shift: int
+
+    def __post_init__(self) -> None:
+        self.weights.flags.writeable = self.bias.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Net:
+    """A network. expects: whether it knows what to expect (112 inputs, else 72); large: its size class; three layers.
+
+    Raises SectionError for layers that do not fit each other, a shift out of range, or sums that may pass 32 bits.
+    """
+
+    expects: bool
+    large: bool
+    layers: tuple[Layer, ...]
+
+    def __post_init__(self) -> None:
+        check_dims(self.expects, self.dims)
+        for number, (layer, largest) in enumerate(zip(self.layers, _LARGEST_INPUT, strict=True)):
+            out, into = self.dims[number + 1], self.dims[number]
+            weights, bias = layer.weights, layer.bias
+            if weights.dtype != np.int16 or bias.dtype != np.int32 or bias.shape != (out,) or weights.ndim != 2:
+                raise SectionError(f"layer {number + 1} is {weights.dtype}{weights.shape} and {bias.dtype}{bias.shape}")
+            if weights.shape[1] != into:
+                raise SectionError(f"layer {number + 1} takes {weights.shape[1]} values, not {into}")
+            if layer.shift not in SHIFTS:
+                raise SectionError(f"a layer shifted by {layer.shift} bits: 5 to 13 are possible")
+            if _largest_sum(layer.weights.astype(np.int64), layer.bias.astype(np.int64), largest) > _INT32:
+                raise SectionError(f"sums of layer {number + 1} of a network may pass 32 bits")
+
+    @property
+    def dims(self) -> tuple[int, ...]:
+        """Inputs, the two hidden layers, outputs."""
+        if len(self.layers) != _LAYERS:
+            raise SectionError(f"a network of {len(self.layers)} layers, not {_LAYERS}")
+        return (int(self.layers[0].weights.shape[1]), *(len(layer.weights) for layer in self.layers))
+
+    @property
+    def inputs(self) -> int:
+        """72 or 112."""
+        return self.dims[0]
+
+    @property
+    def size(self) -> str:
+        """`small` or `large`."""
+        return _SIZES[self.large]
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """A weight file. name: the first 8 bytes of its SHA-256, 16 hex digits; data: its bytes, to be sent as they are.
+
+    provenance: on what the networks were trained, how long, under which licence
+    """
+
+    nets: tuple[Net, ...]
+    provenance: Mapping[str, Any]
+    name: str
+    data: bytes
+
+    def net(self, *, expects: bool, large: bool) -> Net:
+        """The network of this kind and size; the other size where the file has only that.
+
+        Raises UnknownNameError if the file has none of the kind.
+        """
+        kind = sorted((net for net in self.nets if net.expects == expects), key=lambda net: net.large != large)
+        if not kind:
+            wanted = "expecting" if expects else "alone"
+            raise UnknownNameError(
+                "network", wanted, sorted({"expecting" if n.expects else "alone" for n in self.nets})
+            )
+        return kind[0]
+
+
+def check_dims(expects: bool, dims: Sequence[int]) -> None:
+    """Checks inputs, hidden layers and outputs of a network. Raises SectionError."""
+    inputs = INPUTS_EXPECTING if expects else INPUTS_ALONE
+    inside = dims[1:-1]
+    if len(dims) != _LAYERS + 1 or dims[0] != inputs or dims[-1] != OUTPUTS or any(n not in _HIDDEN for n in inside):
+        raise SectionError(
+            f"a network of {'-'.join(map(str, dims))}: {inputs}, twice 8 to 256 by 8, and {OUTPUTS} are possible"
+        )
+
+
+def _largest_sum(weights: Integers, bias: Integers, largest: int) -> int:
+    return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max())
+
+
+def quantised(
+    expects: bool, large: bool, layers: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.floating[Any]]]]
+) -> Net:
+    """The network in integers: each layer shifted by as much as fits. layers: weights (out, in) and bias (out,), float.
+
+    Raises SettingsError for weights that are not finite or too large.
+    """
+    made = []
+    for number, ((weights, bias), largest) in enumerate(zip(layers, _LARGEST_INPUT, strict=True)):
+        scale = OUTPUT_UNIT / 4096 if number == _LAYERS - 1 else 1.0
+        unit = INPUT_UNIT if number == 0 else 1 << MIDDLE_BITS
+        wanted = np.asarray(weights, np.float64) * scale, np.asarray(bias, np.float64) * scale
+        if not all(np.isfinite(values).all() and np.abs(values).max(initial=0) < 2**24 for values in wanted):
+            raise SettingsError(f"layer {number + 1} has weights that are not finite, or far too large")
+        for shift in reversed(SHIFTS):
+            w, b = (np.rint(values * 2.0**shift * times).astype(np.int64)
+                    for values, times in zip(wanted, (1, unit), strict=True))  # fmt: skip
+            if np.abs(w).max() <= 32767 and _largest_sum(w, b, largest) <= _INT32:
+                made.append(Layer(w.astype(np.int16), b.astype(np.int32), shift))
+                break
+        else:
+            raise SettingsError(f"the weights of layer {number + 1} are too large for whole numbers")
+    return Net(expects, large, tuple(made))
+
+
+def run(net: Net, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
+    """(n, 32) int16 log odds of (n, 72 or 112) int8 inputs; raises SectionError for another shape or type."""
+    if inputs.dtype != np.int8 or inputs.ndim != 2 or inputs.shape[1] != net.inputs:
+        raise SectionError(f"inputs are {inputs.dtype}{inputs.shape}, not int8(n, {net.inputs})")
+    first, second, third = net.layers
+    hidden = np.clip(_sums(first, inputs) >> (first.shift - 2), 0, MIDDLE_TOP)
+    hidden = np.clip(_sums(second, hidden) >> second.shift, 0, MIDDLE_TOP)
+    odds: npt.NDArray[np.int16] = np.clip(_sums(third, hidden) >> (third.shift - 5), -32768, 32767).astype(np.int16)
+    return odds
+
+
+def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]]) -> Integers:
+    exact = values.astype(np.float64) @ layer.weights.T.astype(np.float64)  # below 2^53, so exact in any order
+    sums: Integers = exact.astype(np.int64) + layer.bias
+    return sums
+
+
+def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
+    """The bytes of a weight file. provenance: what JSON can hold.
+
+    Raises SettingsError for no or too many networks, two of one kind and size, or a provenance of over 64 KiB.
+    """
+    text = json.dumps(dict(provenance), ensure_ascii=False, sort_keys=True).encode()
+    if not 1 <= len(nets) <= MAX_NETS or len({(net.expects, net.large) for net in nets}) != len(nets):
+        raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
+    if len(text) > MAX_PROVENANCE:
+        raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
+    parts = [MAGIC, bytes([VERSION]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
+    for net in nets:
+        parts.append(bytes([net.expects, net.large, len(net.layers)]))
+        parts.append(np.array(net.dims, "<u2").tobytes() + bytes(layer.shift for layer in net.layers))
+        parts += [layer.weights.astype("<i2").tobytes() + layer.bias.astype("<i4").tobytes() for layer in net.layers]
+    body = b"".join(parts)
+    return body + int(crc32c(body)).to_bytes(4, "little")
+
+
+class _Reader:
+    """Takes bytes one after the other, never more than there are."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self.at = data, 0
+
+    def take(self, count: int) -> bytes:
+        if count > len(self._data) - self.at:
+            raise TruncatedError("weights end before what they announce", len(self._data))
+        self.at += count
+        return self._data[self.at - count : self.at]
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self.at
+
+
+def unpack_weights(data: bytes) -> Weights:
+    """The weights of a file's bytes, from anybody: nothing is used before it is checked.
+
+    Raises HeaderError, UnsupportedVersionError, TruncatedError, ChecksumError or SectionError.
+    """
+    if len(data) > MAX_FILE:
+        raise SectionError(f"weights of {len(data)} bytes: {MAX_FILE} are possible")
+    if data[: len(MAGIC)] != MAGIC:
+        raise HeaderError("not a weight file")
+    reader = _Reader(data[:-4])
+    reader.take(len(MAGIC))
+    if (version := reader.number(1)) != VERSION:
+        raise UnsupportedVersionError(f"weights of version {version}: this build reads {VERSION}", len(MAGIC))
+    if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
+        raise ChecksumError("the checksum of the weights does not match", len(data) - 4)
+    provenance = _provenance(reader)
+    count = reader.number(1)
+    if not 1 <= count <= MAX_NETS:
+        raise SectionError(f"weights of {count} networks: 1 to {MAX_NETS} are possible", reader.at)
+    nets = tuple(_net(reader) for _ in range(count))
+    if len({(net.expects, net.large) for net in nets}) != count:
+        raise SectionError("weights with two networks of one kind and size", reader.at)
+    if reader.left:
+        raise SectionError(f"weights with {reader.left} bytes too many", reader.at)
+    return Weights(nets, provenance, hashlib.sha256(data).hexdigest()[:16], bytes(data))
+
+
+def _provenance(reader: _Reader) -> Mapping[str, Any]:
+    size = reader.number(4)
+    if size > MAX_PROVENANCE:
+        raise SectionError(f"a provenance of {size} bytes: {MAX_PROVENANCE} are possible", reader.at)
+    try:
+        found = json.loads(reader.take(size).decode())
+    except (ValueError, RecursionError):
+        raise SectionError("the provenance of the weights is no JSON", reader.at) from None
+    if not isinstance(found, dict):
+        raise SectionError("the provenance of the weights is no JSON object", reader.at)
+    return MappingProxyType(found)
+
+
+def _net(reader: _Reader) -> Net:
+    expects, large, layers = reader.take(3)
+    if expects > 1 or large > 1 or layers != _LAYERS:
+        raise SectionError(f"a network of kind {expects}, size {large} and {layers} layers", reader.at)
+    dims = np.frombuffer(reader.take(2 * (layers + 1)), "<u2").tolist()
+    check_dims(bool(expects), dims)
+    shifts = reader.take(layers)
+    made = []
+    for into, out, shift in zip(dims, dims[1:], shifts, strict=False):
+        weights = np.frombuffer(reader.take(2 * into * out), "<i2").astype(np.int16).reshape(out, into)
+        made.append(Layer(weights, np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32), shift))
+    return Net(bool(expects), bool(large), tuple(made))
+
+
+def read_weights(path: Path) -> Weights:
+    """The weights in a file. Raises SourceError if it cannot be read, else as `unpack_weights`."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE + 1)
+    except OSError as error:
+        raise SourceError(f"cannot read the weights {path}: {error.strerror or error}") from None
+    return unpack_weights(data)

@@ -1,0 +1,206 @@
+"""If these fail, a weight file means something else on another machine, or a hostile one takes the program down."""
+
+from __future__ import annotations
+
+import tracemalloc
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from lidarcodec._native import crc32c
+from lidarcodec.codecs import riddle_weights as rw
+from lidarcodec.errors import (
+    ChecksumError,
+    DecodeError,
+    HeaderError,
+    LidarCodecError,
+    SectionError,
+    SettingsError,
+    SourceError,
+    TruncatedError,
+    UnknownNameError,
+    UnsupportedVersionError,
+)
+
+Floats = npt.NDArray[np.float64]
+
+
+def float_layers(inputs: int, hidden: tuple[int, int], seed: int = 1) -> list[tuple[Floats, Floats]]:
+    """Layers of random weights, of the size that trained ones have."""
+    rng = np.random.default_rng(seed)
+    dims = (inputs, *hidden, 32)
+    return [(rng.normal(0, 1 / np.sqrt(into), (out, into)), rng.normal(0, 0.3, out)) for into, out in pairwise(dims)]
+
+
+def four_nets() -> list[rw.Net]:
+    """A file's usual contents."""
+    return [
+        rw.quantised(expects, large, float_layers(112 if expects else 72, (32, 32) if not large else (96, 32)))
+        for expects in (False, True)
+        for large in (False, True)
+    ]
+
+
+def with_sum(body: bytes) -> bytes:
+    """The bytes with a right checksum."""
+    return body + int(crc32c(body)).to_bytes(4, "little")
+
+
+def test_a_file_comes_back_whole(tmp_path: Path) -> None:
+    nets = four_nets()
+    data = rw.pack_weights(nets, {"licence": "CC0", "steps": 12, "straße": ["ß"]})
+    (tmp_path / "some.weights").write_bytes(data)
+    found = rw.read_weights(tmp_path / "some.weights")
+    assert dict(found.provenance) == {"licence": "CC0", "steps": 12, "straße": ["ß"]}
+    assert [(net.expects, net.large, net.dims) for net in found.nets] == [
+        (net.expects, net.large, net.dims) for net in nets
+    ]
+    for net, was in zip(found.nets, nets, strict=True):
+        for layer, before in zip(net.layers, was.layers, strict=True):
+            assert np.array_equal(layer.weights, before.weights)
+            assert np.array_equal(layer.bias, before.bias)
+            assert layer.shift == before.shift
+    assert found.data == data
+    assert rw.pack_weights(found.nets, found.provenance) == data
+    with pytest.raises(ValueError, match="read-only"):
+        found.nets[0].layers[0].weights[0, 0] = 1
+
+
+def test_the_name_is_that_of_the_bytes() -> None:
+    nets = four_nets()[:1]
+    first, second = (rw.unpack_weights(rw.pack_weights(nets, {"steps": steps})) for steps in (1, 2))
+    assert len(first.name) == 16
+    assert first.name != second.name
+    assert rw.unpack_weights(first.data).name == first.name
+
+
+def test_the_size_that_is_missing_is_stood_in_for_by_the_other() -> None:
+    weights = rw.unpack_weights(rw.pack_weights(four_nets()[2:3], {}))
+    assert weights.net(expects=True, large=True).size == "small"
+    with pytest.raises(UnknownNameError, match="alone"):
+        weights.net(expects=False, large=False)
+
+
+@pytest.mark.parametrize("expects", [False, True])
+def test_whole_numbers_say_what_floats_say(expects: bool) -> None:
+    layers = float_layers(112 if expects else 72, (48, 32))
+    net = rw.quantised(expects, True, layers)
+    inputs = np.random.default_rng(2).integers(-128, 128, (500, net.inputs)).astype(np.int8)
+    values = inputs / 32
+    for weights, bias in layers[:-1]:
+        values = np.clip(values @ weights.T + bias, 0, 4095 / 128)
+    wanted = np.clip((values @ layers[-1][0].T + layers[-1][1]) * 32768 / 6, -32768, 32767)
+    assert np.abs(rw.run(net, inputs) - wanted).mean() < 80  # 0.015 of a natural unit
+    assert np.abs(rw.run(net, inputs)).max() > 5000
+
+
+def test_shifts_are_towards_minus_infinity() -> None:
+    """The native core shifts arithmetically: a reference that rounds towards 0 would give other bytes."""
+    layers = tuple(
+        rw.Layer(np.zeros((out, into), np.int16), np.full(out, bias, np.int32), 5)
+        for into, out, bias in ((72, 8, 0), (8, 8, 0), (8, 32, -1))
+    )
+    rw.run(rw.Net(False, False, layers), np.zeros((1, 72), np.int8))
+    shifted = (*layers[:2], rw.Layer(layers[2].weights, layers[2].bias, 6))
+    out = rw.run(rw.Net(False, False, shifted), np.zeros((1, 72), np.int8))
+    assert out.dtype == np.int16
+    assert out.tolist() == [[-1] * 32]
+
+
+def test_sums_that_may_pass_32_bits_are_refused() -> None:
+    def net(weight: int, bias: int) -> rw.Net:
+        first = rw.Layer(np.ones((256, 72), np.int16), np.zeros(256, np.int32), 6)
+        second = rw.Layer(np.full((8, 256), weight, np.int16), np.full(8, bias, np.int32), 6)
+        return rw.Net(False, False, (first, second, rw.Layer(np.ones((32, 8), np.int16), np.zeros(32, np.int32), 6)))
+
+    net(2048, 0)
+    for weight, bias in ((2049, 0), (-2049, 0), (2048, 1_000_000), (2048, -(2**31)), (-32768, 5)):
+        with pytest.raises(SectionError, match="32 bits"):
+            net(weight, bias)
+
+
+def test_large_weights_take_a_smaller_shift_and_too_large_ones_are_refused() -> None:
+    layers = float_layers(72, (32, 32))
+    large = [(layers[0][0] * 100, layers[0][1]), *layers[1:]]
+    assert rw.quantised(False, False, large).layers[0].shift < rw.quantised(False, False, layers).layers[0].shift
+    for wrong in (1e5, np.nan, np.inf):
+        with pytest.raises(SettingsError, match="layer 1"):
+            rw.quantised(False, False, [(layers[0][0] * wrong, layers[0][1]), *layers[1:]])
+
+
+@pytest.mark.parametrize("hidden", [(4, 32), (32, 264), (20, 32)])
+def test_only_sizes_that_the_core_knows_are_read(hidden: tuple[int, int]) -> None:
+    with pytest.raises(SectionError, match="network of"):
+        rw.quantised(False, False, float_layers(72, hidden))
+
+
+def test_files_cut_anywhere_raise_what_is_documented() -> None:
+    data = rw.pack_weights(four_nets()[:1], {"steps": 3})
+    for end in [*range(80), *range(80, len(data), 97)]:
+        with pytest.raises((HeaderError, TruncatedError, ChecksumError, SectionError)):
+            rw.unpack_weights(data[:end])
+        with pytest.raises(DecodeError):
+            rw.unpack_weights(with_sum(data[:end]))
+
+
+def test_mutated_files_raise_only_our_errors_and_take_no_memory() -> None:
+    data = rw.pack_weights(four_nets()[:2], {"steps": 3, "of": ["a", {"b": None}]})
+    rng = np.random.default_rng(7)
+    read = 0
+    tracemalloc.start()
+    for _ in range(1500):
+        body = bytearray(data[:-4])
+        for _ in range(int(rng.integers(1, 6))):
+            body[int(rng.integers(0, 90 if rng.random() < 0.8 else len(body)))] = int(rng.integers(0, 256))
+        try:
+            weights = rw.unpack_weights(with_sum(bytes(body)))
+        except LidarCodecError:
+            continue
+        read += 1
+        rw.run(weights.nets[0], np.full((1, weights.nets[0].inputs), -128, np.int8))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert read > 20  # mutated weights are weights
+    assert peak < 4 << 20
+
+
+def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
+    net = four_nets()[0]
+    data = rw.pack_weights([net], {})
+    body = data[:-4]
+    head = 4 + 1 + 4 + 2  # magic, version, length of the provenance, {}
+    for changed, error in (
+        (b"LCRX" + body[4:], HeaderError),
+        (body[:4] + b"\x02" + body[5:], UnsupportedVersionError),
+        (body[:5] + (2**32 - 1).to_bytes(4, "little") + body[9:], SectionError),
+        (body[:5] + (60_000).to_bytes(4, "little") + body[9:], TruncatedError),
+        (body[:9] + b"[]" + body[11:], SectionError),
+        (body[:9] + b"{x" + body[11:], SectionError),
+        (body[:5] + (60_000).to_bytes(4, "little") + b"[" * 60_000 + body[11:], SectionError),
+        (body[:head] + b"\x00", SectionError),
+        (body[:head] + b"\xff" + body[head + 1 :], SectionError),
+        (body[:head] + b"\x02" + body[head + 1 :] * 2, SectionError),
+        (body + b"\x00", SectionError),
+    ):
+        with pytest.raises(error):
+            rw.unpack_weights(with_sum(changed))
+    with pytest.raises(ChecksumError):
+        rw.unpack_weights(data[:-1] + bytes([data[-1] ^ 1]))
+    with pytest.raises(SectionError, match="possible"):
+        rw.unpack_weights(bytes(rw.MAX_FILE + 1))
+
+
+def test_what_cannot_be_packed_or_read_says_so(tmp_path: Path) -> None:
+    net = four_nets()[0]
+    for nets in ([], [net, net], [net] * 5):
+        with pytest.raises(SettingsError, match="networks"):
+            rw.pack_weights(nets, {})
+    with pytest.raises(SettingsError, match="provenance"):
+        rw.pack_weights([net], {"x": "y" * 70_000})
+    with pytest.raises(SourceError, match="cannot read"):
+        rw.read_weights(tmp_path / "none.weights")
+    with pytest.raises(SectionError, match="inputs"):
+        rw.run(net, np.zeros((2, 112), np.int8))
