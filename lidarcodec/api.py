@@ -16,9 +16,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.codecs import table
 from lidarcodec.frame import Frame
-from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, check_offline, frames_of
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import Source
@@ -45,7 +44,7 @@ def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **ch
     Raises SettingsError or UnknownNameError, before the first frame is read, when a setting is not allowed.
     """
     chosen = settings.changed(**changes) if settings else settings_from(changes)
-    encoder = StreamEncoder(table.check_offline(chosen))
+    encoder = StreamEncoder(check_offline(chosen))
 
     def messages() -> Iterator[bytes]:
         for frame in frames:

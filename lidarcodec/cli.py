@@ -19,6 +19,7 @@ import typer
 
 from lidarcodec.commands import token
 from lidarcodec.commands.options import option as _option
+from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.commands.stopping import Interrupter
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 
@@ -98,6 +99,9 @@ def encode(
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", show_default=False)],
     codec: CodecName = None,
     pairs: Pairs = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
@@ -106,7 +110,8 @@ def encode(
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
-    command.run(source, out, codec, pairs or [], frames, skip, calibration, poses)
+    pairs = reduced(pairs, reduction, keep_points, keep_fraction)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses)
 
 
 @app.command()
@@ -144,6 +149,9 @@ def bench(
         list[str] | None,
         _option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable: all combinations."),
     ] = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
@@ -165,7 +173,8 @@ def bench(
     """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
-    command.run(source, codec, pairs or [], frames, skip, calibration, poses, plot, as_json, metrics, curve, peers)
+    pairs = reduced(pairs, reduction, keep_points, keep_fraction)
+    command.run(source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers)
 
 
 @app.command()
@@ -204,6 +213,9 @@ def publish(
     sensor: Annotated[str | None, _option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
     codec: CodecName = None,
     pairs: Pairs = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
     rate: Annotated[
         str | None,
         _option("--rate", metavar="HZ|max", help="Frames a second of a recorded source (default 10), or every one."),
@@ -236,7 +248,8 @@ def publish(
 
         command.check_alone(
             {
-                "SOURCE": source, "--sensor": sensor, "--codec": codec, "--set": pairs, "--rate": rate,
+                "SOURCE": source, "--sensor": sensor, "--codec": codec, "--set": pairs, "--reduction": reduction,
+                "--keep-points": keep_points, "--keep-fraction": keep_fraction, "--rate": rate,
                 "--record": record, "--record-as": record_as, "--record-gb": record_gb,
                 "--calibration": calibration, "--poses": poses,
             }
@@ -246,7 +259,8 @@ def publish(
     if source is None:
         raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
     command.run(
-        source, vehicle, sensor or "lidar", codec, pairs or [], rate, (connect or [], listen or [], zenoh_config),
+        source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
+        (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
     )  # fmt: skip
 

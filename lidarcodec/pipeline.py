@@ -14,12 +14,15 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Steered
+from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
 from lidarcodec.ratecontrol import RateControl
+from lidarcodec.reduction.reducing import Reducing
+from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 
 
 def frames_of(packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets") -> Iterator[Frame]:
@@ -34,8 +37,26 @@ def frames_of(packets: Iterable[Packet], sensor: SensorModel, framing: str = "pa
         yield last
 
 
+def check(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if the codec and the reduction that they name can follow them.
+
+    Raises UnknownNameError or SettingsError with the field and the reason.
+    """
+    return check_reduction(table.check(settings))
+
+
+def check_offline(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if they can be followed where no path is.
+
+    Raises SettingsError.
+    """
+    if settings.target_kbps == AUTO:
+        raise SettingsError("target_kbps=auto is found on a live path: give a number of kbit/s here", "target_kbps")
+    return settings
+
+
 class StreamEncoder:
-    """Encodes the frames of one stream; settings, the codec among them, may change between two frames.
+    """Reduces and encodes the frames of one stream; settings, the codec among them, may change between two frames.
 
     make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
     Raises SettingsError or UnknownNameError when settings are not allowed; nothing has changed then.
@@ -48,15 +69,19 @@ class StreamEncoder:
         make_encoder: Callable[[StreamSettings, int], Encoder] = table.make_encoder,
     ) -> None:
         self._make_encoder = make_encoder
-        self.settings = table.check(settings or StreamSettings())
+        self.settings = check(settings or StreamSettings())
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
+        self._reducing = Reducing(self.settings)
         self._encoder = make_encoder(self.settings, self.stream_id)
         self._rate = self._rate_control(self.settings)
         self._steer()
         self._held: list[Message] = []
+        self.reduced: Frame | None = None
+        """The last frame, as it was encoded: with `keep` set where it was reduced."""
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
+        frame = self.reduced = self._reducing.reduce(frame)
         if self._rate is not None:
             key_is_due = key or (self._rate.dear and self._encoder.apply(self._rate.settings))
             self._encoder.apply(self._rate.settings_for(frame, key=key_is_due))
@@ -71,7 +96,8 @@ class StreamEncoder:
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
-        checked = table.check(settings)
+        checked = check(settings)
+        reducing = Reducing(checked, self._reducing)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)
             if self._rate is not None and checked.target_kbps is not None:
@@ -84,7 +110,7 @@ class StreamEncoder:
             self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
         self._steer()
-        self.settings = checked
+        self._reducing, self.settings = reducing, checked
         return key
 
     def aim(self, target_kbps: float) -> None:
@@ -103,6 +129,12 @@ class StreamEncoder:
         and where the codec's knob stands; None without a target."""
         control = self._rate
         return None if control is None else control.report()
+
+    @property
+    def reduction(self) -> dict[str, Any] | None:
+        """How frames are reduced: `name`, `returns` of the last frame and `kept` of them, what the reducer says, and a
+        `note` for who chooses it; None where all returns are sent."""
+        return self._reducing.report()
 
     def _flushed(self) -> list[Message]:
         messages = self._encoder.flush()

@@ -104,8 +104,8 @@ def test_every_option_has_an_environment_variable():
 
 BENCH_FIELDS = {
     "source", "codec", "settings", "frames", "points", "points_per_frame", "bits_per_point", "ratio", "kbps_at_10hz",
-    "rmse_m", "max_error_m", "psnr_db", "kept_fraction", "lost", "invented", "bits_per_kept_point", "packets_identical",
-    "calibration", "encode_ms", "decode_ms", "version",
+    "rmse_m", "max_error_m", "psnr_db", "kept_fraction", "lost", "invented", "bits_per_kept_point", "kb_per_frame",
+    "packets_identical", "calibration", "encode_ms", "decode_ms", "version",
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from lidarcodec import errors
 from lidarcodec.cli import app
 from lidarcodec.codecs import table
 from lidarcodec.evaluation.peers import table as peers
+from lidarcodec.reduction import table as reducers
 from lidarcodec.settings import StreamSettings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -63,6 +64,10 @@ def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
         section = text.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
         for setting in table.codec(name).settings.model_fields:
             assert f"`{setting}`" in section, f"{setting} of {name}"
+
+
+def test_every_reducer_has_its_heading():
+    assert set(reducers.names()) <= headings("reduction.md")
 
 
 def test_every_codec_is_chosen_for_something_or_not():

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from lidarcodec.apps.reports import finite, refuse_constant
-from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
 
 logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
         if field not in StreamSettings.model_fields:
             known = ", ".join(StreamSettings.model_fields)
             raise SettingsError(f"unknown setting '{field}': known are {known}", field)
-    return table.check(settings.changed(**changes))
+    return check(settings.changed(**changes))
 
 
 def field_of(error: LidarCodecError) -> str | None:

@@ -236,6 +236,7 @@ class Publisher:
         return self._board.status(
             settings=self.settings,
             rate=self._encoder.rate,
+            reduction=self._encoder.reduction,
             path=self._sending.adapting.report(),
             feed=self._feed,
             flight=self._flight.state(),

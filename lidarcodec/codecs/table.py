@@ -12,7 +12,7 @@ from typing import Final, cast
 
 from lidarcodec.codecs.base import Codec, Decoder, Encoder, own_settings
 from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
-from lidarcodec.settings import AUTO, StreamSettings
+from lidarcodec.settings import StreamSettings
 
 _TABLE: Final[dict[str, tuple[int, str]]] = {
     "raw": (1, "lidarcodec.codecs.raw"),
@@ -75,11 +75,6 @@ def check(settings: StreamSettings) -> StreamSettings:
     if settings.max_error_m is not None and not chosen.bounded:
         raise SettingsError(f"codec {settings.codec} cannot keep a bound: leave max_error_m out", "max_error_m")
     _check_target(settings, chosen)
-    if settings.reduction != "all":
-        raise SettingsError(f"unknown reduction '{settings.reduction}': there is only 'all'", "reduction")
-    for field in ("keep_points", "keep_fraction"):
-        if getattr(settings, field) is not None:
-            raise SettingsError(f"{field} needs a reduction that drops points, not '{settings.reduction}'", field)
     return settings
 
 
@@ -88,16 +83,6 @@ def _check_target(settings: StreamSettings, chosen: Codec) -> None:
         able = ", ".join(name for name in names() if codec(name).knob is not None)
         raise SettingsError(f"codec {settings.codec} cannot be steered to a target bitrate: leave target_kbps out, "
                             f"or take one of {able}", "target_kbps")  # fmt: skip
-
-
-def check_offline(settings: StreamSettings) -> StreamSettings:
-    """The settings themselves, if they can be followed where no path is.
-
-    Raises SettingsError.
-    """
-    if settings.target_kbps == AUTO:
-        raise SettingsError("target_kbps=auto is found on a live path: give a number of kbit/s here", "target_kbps")
-    return settings
 
 
 def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from itertools import chain, islice
 from pathlib import Path
 
-from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.pipeline import StreamEncoder, frames_of
+from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
@@ -34,7 +33,7 @@ def run(
     """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
-    encoder = StreamEncoder(table.check_offline(one_setting(codec, pairs)))
+    encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
     count = packets = coded = 0

@@ -6,11 +6,10 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.pipeline import StreamDecoder, frames_of
+from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
@@ -44,7 +43,7 @@ class RecordedFrames:
         if text is None:
             return None
         try:
-            return table.check(StreamSettings.model_validate_json(text))
+            return check(StreamSettings.model_validate_json(text))
         except (ValueError, SettingsError, UnknownNameError) as error:
             raise SourceError(f"{self._path} was made with settings that this build does not know: {error}") from None
 

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
-from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
+from lidarcodec.pipeline import check, check_offline
 from lidarcodec.settings import StreamSettings, settings_from
 
 
@@ -35,7 +35,7 @@ def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     if "" in names:
         raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
     choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
-    return [table.check_offline(_settings(name, chosen)) for name in names for chosen in product(*choices)]
+    return [check_offline(_settings(name, chosen)) for name in names for chosen in product(*choices)]
 
 
 def _key_and_text(pair: str) -> tuple[str, str]:
@@ -73,4 +73,4 @@ def settings_of(codec: str | None, values: Mapping[str, Any]) -> StreamSettings:
     for key, value in values.items():
         is_common = key in StreamSettings.model_fields and key != "codec_settings"
         (common if is_common else own)[key] = value
-    return table.check(settings_from(common | {"codec_settings": own}))
+    return check(settings_from(common | {"codec_settings": own}))

@@ -21,12 +21,16 @@ log = logging.getLogger(__name__)
 def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> bool:
     """Compare, print, and say whether every promise was kept."""
     recorded = RecordedFrames(recording)
+    settings = recorded.settings()
     comparison = Comparison()
     with open_source(spec, calibration=calibration) as source, progress("comparing") as tick:
         packets = PacketsByTime(source.packets())
         for frame in recorded:
             message = recorded.message
-            comparison.add(frame, packets, None if message is None else promise_of(message))
+            promise = None if message is None else promise_of(message)
+            if promise is not None and settings is not None and settings.codec == "raw":  # its messages do not say it
+                promise = promise._replace(reduced=settings.reduction != "all")
+            comparison.add(frame, packets, promise)
             tick()
     for text in recorded.warnings():
         log.warning("%s", text)
@@ -34,7 +38,6 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
         raise SourceError(f"{recording} holds no frame that can be decoded: there is nothing to compare")
     if comparison.not_in_source == comparison.frames:
         raise SourceError(f"{spec} has no packet of the times in {recording}: it was not made from this source")
-    settings = recorded.settings()
     broken = missing_parts(recorded) + broken_promises(settings, comparison)
     result = comparison.result() | {
         "packets_passed_over": packets.passed,
@@ -104,7 +107,8 @@ def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list
         broken.append(f"the largest error is {worst_m:.3f} m, the bound is {bound_m:.3f} m")
     if found.errors.lost or found.errors.invented:
         broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
-    if settings.step == 1 and settings.intensity == "lossless" and not found.packets_identical:
+    whole = settings.step == 1 and settings.intensity == "lossless" and settings.reduction == "all"
+    if whole and not found.packets_identical:
         broken.append(f"only {found.identical_packets} of {found.packets} packets are identical")
     return broken
 
@@ -119,7 +123,8 @@ def _text(result: dict[str, Any]) -> str:
         f"packets          {result['packets']}, {same}",
         f"largest error    {metres(result['max_error_m'])}",
         f"RMS error        {metres(result['rmse_m'])}",
-        f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented",
+        f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented"
+        + (f", {result['left_out']:,} left out by the reduction" if result["left_out"] else ""),
         *(f"changed          {text}" for text in result["changed"]),
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]

@@ -155,8 +155,7 @@ class _Run:
         self.frames += 1
         self.packets += len(payloads)
         self.points += frame.points
-        self.waiting[frame.index] = frame, payloads
-        self._encode(partial(self.encoder.encode, frame))
+        self._encode(partial(self._reduced_and_encoded, frame, payloads))
 
     def flush(self) -> None:
         """Take what encoder and decoder held back.
@@ -167,6 +166,11 @@ class _Run:
         self._compare(self.decoder.flush())
         if self.waiting:
             raise DecodeError(f"{len(self.waiting)} of {self.frames} frames never came out of the decoder")
+
+    def _reduced_and_encoded(self, frame: Frame, payloads: list[bytes]) -> list[Message]:
+        messages = self.encoder.encode(frame)
+        self.waiting[frame.index] = self.encoder.reduced or frame, payloads
+        return messages
 
     def _encode(self, messages: Callable[[], list[Message]]) -> None:
         started = perf_counter()
@@ -218,6 +222,7 @@ class _Run:
             "lost": errors.lost,
             "invented": errors.invented,
             "bits_per_kept_point": round(self.sizes.total * 8 / kept, 6) if kept else None,
+            "kb_per_frame": round(self.sizes.total / self.frames / 1e3, 4),
             "packets_identical": self.identical,
             "encode_ms": times_ms(self.encoding.seconds),
             "decode_ms": times_ms(self.decoding.seconds),

@@ -43,6 +43,16 @@ def _more_columns() -> dict[str, Callable[[Result], str]]:
     }
 
 
+def _reduced_columns() -> dict[str, Callable[[Result], str]]:
+    return {
+        "kept": lambda r: _number(
+            None if r["kept_fraction"] is None else r["kept_fraction"] * r["points_per_frame"], 0
+        ),
+        "bit/kept": lambda r: _number(r["bits_per_kept_point"], 2),
+        "kB/frame": lambda r: _number(r.get("kb_per_frame"), 2),
+    }
+
+
 COLUMNS: dict[str, Callable[[Result], str]] = {
     "codec": label,
     "range": lambda r: _number(r["bits_per_point"]["range"], 2),
@@ -71,7 +81,8 @@ def text_table(results: Sequence[Result]) -> str:
         f"{first['source']}: {first['frames']} frames, {first['points_per_frame']:,.0f} points a frame, "
         f"calibration {calibration['origin']} {calibration['hash']}; bits per point"
     )
-    shown = COLUMNS | (_more_columns() if "chamfer_m" in first else {})
+    reduced = any(result["settings"].get("reduction", "all") != "all" for result in results)
+    shown = COLUMNS | (_reduced_columns() if reduced else {}) | (_more_columns() if "chamfer_m" in first else {})
     rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]
     columns = []
     for at, cells in enumerate(zip(*rows, strict=True)):

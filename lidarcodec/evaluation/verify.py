@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError
@@ -31,10 +33,11 @@ LOSSLESS_INTENSITY: Final = (0, 1, 3, 4)
 
 class Promise(NamedTuple):
     """What a message says of its frame. step: width of its quantiser in range steps, None where the codec keeps no
-    bound; identical: whether the packets have to come back byte for byte"""
+    bound; identical: whether the packets have to come back byte for byte; reduced: whether returns were left out"""
 
     step: int | None
     identical: bool
+    reduced: bool = False
 
 
 def bound_of(step: int) -> float:
@@ -49,15 +52,16 @@ def promise_of(message: Message) -> Promise:
     Raises UnsupportedVersionError for a codec that this build does not know.
     """
     name = table.codec_name(message.codec)
+    reduced = message.has(SectionType.KEEP)
     if not table.codec(name).bounded:
-        return Promise(None, False)
+        return Promise(None, False, reduced)
     if name == "raw":
         return Promise(1, False)
     sections = {section.type: bytes(section.data[:2]) for section in message.sections}
     intensity = sections.get(SectionType.INTENSITY, b"")
     step = int.from_bytes(sections.get(SectionType.RANGE, b""), "little") or 1
-    whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY and SectionType.KEEP not in sections
-    return Promise(step, step == 1 and whole)
+    whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY and not reduced
+    return Promise(step, step == 1 and whole, reduced)
 
 
 class PacketsByTime:
@@ -108,6 +112,7 @@ class Comparison:
     """What differs between a recording and its source, added up frame by frame.
 
     beyond: frames with an error beyond the bound of their own message; beyond_m: the largest such error
+    left_out: returns that a reducer dropped, which are not lost
     differing: packets that are not identical although their message says that they are
     steps: frames by the step of their message; None: of a codec that keeps no bound
     unjudged: frames that no message speaks for, such as those of recorded packets
@@ -119,6 +124,7 @@ class Comparison:
     not_in_source: int = 0
     beyond: int = 0
     beyond_m: float = 0.0
+    left_out: int = 0
     differing: int = 0
     unjudged: int = 0
     steps: Counter[int | None] = field(default_factory=Counter)
@@ -157,8 +163,11 @@ class Comparison:
                 f"frame {decoded.index} of the recording has {decoded.width} columns, the packets of that time have "
                 f"{original.width}: this recording was not made from this source"
             )
-        errors = RangeErrors()
-        errors.add(original.range, decoded.range)
+        errors, sent = RangeErrors(), original.range
+        if promise is not None and promise.reduced:
+            sent = np.where(decoded.range > 0, sent, np.uint16(0))
+            self.left_out += original.points - int(np.count_nonzero(sent))
+        errors.add(sent, decoded.range)
         self.errors.merge(errors)
         if promise is not None and promise.step is not None and errors.max_steps > promise.step // 2:
             self.beyond += 1
@@ -178,6 +187,7 @@ class Comparison:
             "rmse_m": errors.rmse_m,
             "lost": errors.lost,
             "invented": errors.invented,
+            "left_out": self.left_out,
             "frames_beyond_their_bound": self.beyond,
             "bounds_m": [bound_of(step) for step in sorted(step for step in self.steps if step is not None)],
         }

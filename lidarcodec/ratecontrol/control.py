@@ -169,6 +169,8 @@ class RateControl:
             raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
+        if settings.reduction != "all":  # a return among few costs more than one among many
+            model += f" {settings.reduction} {settings.keep_points} {settings.keep_fraction}"
         self._settings, self._knob = settings, knob
         if settings.target_kbps != AUTO:
             self._plan = Plan.of(settings, knob, model)

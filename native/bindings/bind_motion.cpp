@@ -1,6 +1,7 @@
 #include "beams.hpp"
 #include "bindings.hpp"
 #include "error.hpp"
+#include "frame_arrays.hpp"
 #include "motion_search.hpp"
 #include "range_history.hpp"
 #include "warp.hpp"
@@ -14,29 +15,6 @@ using lidarcodec::ErrorCode;
 using lidarcodec::kRows;
 using lidarcodec::Motion;
 using lidarcodec::RangeHistory;
-
-constexpr std::size_t kMostColumns = 24'576;
-
-Columns columns_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>& fired) {
-  if (azimuth.shape(0) != 2 || fired.shape(0) != 2 || azimuth.shape(1) != fired.shape(1) || fired.shape(1) > kMostColumns)
-    throw Error(ErrorCode::Section, "columns need azimuth (2, W) and fired (2, W), W up to 24576");
-  return {azimuth.shape(1), azimuth.data(), fired.data()};
-}
-
-BeamTable table_of(const In<std::int32_t, 2>& rows) {
-  if (rows.shape(0) != 6 || rows.shape(1) != kRows) throw Error(ErrorCode::Section, "beams need a table (6, 64)");
-  const std::int32_t* at = rows.data();
-  BeamTable table;
-  for (std::size_t r = 0; r < kRows; ++r) {
-    table.half[r] = at[r] != 0;
-    table.rotation[r] = at[kRows + r];
-    table.vertical[r] = at[2 * kRows + r];
-    table.distance[r] = at[3 * kRows + r];
-    table.vertical_offset[r] = at[4 * kRows + r];
-    table.horizontal_offset[r] = at[5 * kRows + r];
-  }
-  return table;
-}
 
 Motion motion_of(const In<std::int32_t, 1>& numbers) {
   if (numbers.shape(0) != 12) throw Error(ErrorCode::Section, "a motion is 12 numbers");

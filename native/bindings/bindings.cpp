@@ -15,4 +15,5 @@ NB_MODULE(_native, m) {
   bind_simulator(m);
   bind_assembly(m);
   bind_receiver(m);
+  bind_reduction(m);
 }

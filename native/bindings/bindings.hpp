@@ -40,3 +40,4 @@ void bind_intensity(nb::module_& m);
 void bind_predictive(nb::module_& m);
 void bind_entropy(nb::module_& m);
 void bind_receiver(nb::module_& m);
+void bind_reduction(nb::module_& m);

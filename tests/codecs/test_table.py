@@ -54,9 +54,6 @@ def test_unknown_codecs_are_named() -> None:
         ({"codec": "zstd", "codec_settings": {"level": 20}}, "codec_settings.level", "19"),
         ({"codec": "raw", "target_kbps": 3000}, "target_kbps", "raw cannot be steered .* take one of zstd"),
         ({"codec": "raw", "target_kbps": "auto"}, "target_kbps", "raw cannot be steered .* take one of zstd"),
-        ({"reduction": "voxel"}, "reduction", "voxel"),
-        ({"keep_points": 1000}, "keep_points", "reduction"),
-        ({"keep_fraction": 0.5}, "keep_fraction", "reduction"),
     ],
 )
 def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], field: str, says: str) -> None:

@@ -188,6 +188,7 @@ class _Run:
             "lost": errors.lost,
             "invented": errors.invented,
             "bits_per_kept_point": self._per(kept),
+            "kb_per_frame": round(self.size / self.frames / 1e3, 4),
             "packets_identical": self.identical if whole else None,
             "encode_ms": times_ms(self.encoding),
             "decode_ms": times_ms(self.decoding),

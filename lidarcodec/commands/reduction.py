@@ -1,0 +1,26 @@
+"""`--reduction`, `--keep-points`, `--keep-fraction`: short for `--set` of the settings of those names.
+
+>>> reduced(["intensity=off"], "voxel", "9000", None)
+['intensity=off', 'reduction=voxel', 'keep_points=9000']
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from lidarcodec.commands.options import option
+
+ReductionName = Annotated[
+    str | None, option("--reduction", metavar="NAME", help="Which returns are sent: all (default), voxel, ...")
+]
+KeepPoints = Annotated[str | None, option("--keep-points", metavar="N", help="How many returns of a frame stay.")]
+KeepFraction = Annotated[str | None, option("--keep-fraction", metavar="X", help="Or which share of them, up to 1.")]
+
+
+def reduced(
+    pairs: Sequence[str] | None, reduction: str | None, keep_points: str | None, keep_fraction: str | None
+) -> list[str]:
+    """The pairs of `--set`, and what the three options say as such pairs."""
+    options = {"reduction": reduction, "keep_points": keep_points, "keep_fraction": keep_fraction}
+    return [*(pairs or []), *(f"{key}={value}" for key, value in options.items() if value is not None)]

@@ -1,0 +1,7 @@
+"""Reducers: which returns of a frame are sent. docs/reduction.md says which is for what."""
+
+from lidarcodec.reduction.base import Budget, Reducer, Reduction
+from lidarcodec.reduction.spread import best_of_cells
+from lidarcodec.reduction.table import check, make_reducer, names, reduction
+
+__all__ = ["Budget", "Reducer", "Reduction", "best_of_cells", "check", "make_reducer", "names", "reduction"]

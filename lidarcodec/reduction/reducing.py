@@ -1,0 +1,42 @@
+"""Reducing: the reducer of a stream at work. Its settings may change between two frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lidarcodec.frame import Frame
+from lidarcodec.reduction.base import Reducer
+from lidarcodec.reduction.table import budget_of, make_reducer, note_of
+from lidarcodec.settings import StreamSettings
+
+
+class Reducing:
+    """Holds the reducer that settings name.
+
+    Raises SettingsError for settings that name none.
+    """
+
+    def __init__(self, settings: StreamSettings, before: Reducing | None = None) -> None:
+        """before: that of this stream under the settings before; under another budget a reducer keeps what it knows."""
+        self._name, self._budget = settings.reduction, budget_of(settings)
+        goes_on = before is not None and before._name == self._name
+        self._reducer: Reducer = before._reducer if before is not None and goes_on else make_reducer(settings)
+        self._last: dict[str, Any] = before._last if before is not None and goes_on else {}
+
+    def reduce(self, frame: Frame) -> Frame:
+        """The frame with `keep` set; as it is when all of it stays."""
+        if self._name == "all":
+            return frame
+        self._reducer.budget = self._budget
+        reduced = self._reducer.reduce(frame)
+        self._last = {"returns": int(frame.valid.sum()), "kept": int(reduced.valid.sum()), **self._reducer.report()}
+        return reduced
+
+    def report(self) -> dict[str, Any] | None:
+        """What a status says: the name, `returns` of the last frame and `kept` of them (null before the first), what
+        the reducer adds, and a `note` if it has one; None where all returns are sent."""
+        if self._name == "all":
+            return None
+        note = note_of(self._name)
+        about = {"name": self._name, "returns": None, "kept": None, **self._last}
+        return about if note is None else {**about, "note": note}

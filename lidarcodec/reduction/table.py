@@ -1,0 +1,86 @@
+"""The reducers by name. Modules are named as text and imported on first use; a new one is one file and one line here.
+
+>>> from lidarcodec.settings import StreamSettings
+>>> make_reducer(StreamSettings(reduction="columns:4")).argument
+'4'
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Final, cast
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction
+from lidarcodec.settings import StreamSettings
+
+_TABLE: Final = {
+    "all": "lidarcodec.reduction.keep_all",
+    "columns": "lidarcodec.reduction.columns",
+    "random": "lidarcodec.reduction.random_points",
+    "voxel": "lidarcodec.reduction.voxel",
+}
+
+
+def names() -> tuple[str, ...]:
+    """Names of all reducers; `columns` takes a number, as `columns:8`."""
+    return tuple(_TABLE)
+
+
+@cache
+def reduction(name: str) -> Reduction:
+    """What the reducer's file offers. name: without an argument.
+
+    Raises SettingsError.
+    """
+    if name not in _TABLE:
+        known = ", ".join(f"{name}:n" if name == "columns" else name for name in _TABLE)
+        raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
+    return cast(Reduction, import_module(_TABLE[name]).REDUCTION)
+
+
+def _parts(text: str) -> tuple[str, str | None]:
+    name, colon, argument = text.partition(":")
+    return name, argument if colon else None
+
+
+def check(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if there is such a reduction and it takes the budget that they set.
+
+    Raises SettingsError with the field and the reason.
+    """
+    name, argument = _parts(settings.reduction)
+    chosen = reduction(name)
+    if argument is not None and chosen.argument is None:
+        raise SettingsError(f"reduction {name} takes nothing behind a colon: not '{settings.reduction}'", "reduction")
+    if chosen.argument is not None:
+        try:
+            chosen.argument(argument or "")
+        except ValueError as error:
+            raise SettingsError(f"reduction '{settings.reduction}': {error}", "reduction") from None
+    for field in ("keep_points", "keep_fraction"):
+        if getattr(settings, field) is not None and not chosen.budgeted:
+            able = ", ".join(other for other in names() if reduction(other).budgeted)
+            raise SettingsError(f"{field} says nothing to the reduction '{settings.reduction}': leave it out, or take "
+                                f"one of {able}", field)  # fmt: skip
+    return settings
+
+
+def make_reducer(settings: StreamSettings, seed: int = DEFAULT_SEED) -> Reducer:
+    """A fresh reducer.
+
+    Raises as `check` does.
+    """
+    name, argument = _parts(check(settings).reduction)
+    return reduction(name).make(budget_of(settings), argument, seed)
+
+
+def budget_of(settings: StreamSettings) -> Budget:
+    """The budget that settings set."""
+    return Budget(settings.keep_points, settings.keep_fraction)
+
+
+def note_of(name: str) -> str | None:
+    """What an operator has to know before choosing the reduction of that name, with its argument if it has one."""
+    return reduction(_parts(name)[0]).note

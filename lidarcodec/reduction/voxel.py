@@ -1,0 +1,40 @@
+"""`voxel`: one return a cubic cell, the side of the cells fitted to the budget. No learning, 4 ms, and hard to beat.
+
+Near surfaces, of which the sensor takes thousands of returns that say the same, give up most of them; far ones, which
+hold a localiser from afar, keep theirs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lidarcodec.frame import Frame
+from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction, with_kept
+from lidarcodec.reduction.spread import Spread, returns_of
+
+
+class Voxel(Reducer):
+    """One return a cell."""
+
+    def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
+        super().__init__(budget, argument, seed)
+        self._spread = Spread(seed)
+
+    def reduce(self, frame: Frame) -> Frame:
+        """The frame with exactly as many returns as the budget allows."""
+        returns = returns_of(frame)
+        count = self.budget.of(len(returns.cells))
+        if count == len(returns.cells):
+            return frame
+        return with_kept(frame, self._spread.choose(returns, count, frame))
+
+    def reset(self) -> None:
+        """Forget the side of the cells."""
+        self._spread.reset()
+
+    def report(self) -> dict[str, Any]:
+        """`cell_m`: the side of the last frame's cells."""
+        return {"cell_m": round(self._spread.side_m, 3)}
+
+
+REDUCTION = Reduction(Voxel)

@@ -1,0 +1,27 @@
+// The returns of a frame as a list of points, in whole numbers: what reducers choose from.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "beams.hpp"
+#include "range_history.hpp"
+
+namespace lidarcodec {
+
+// In range-image order: row 0 from the first to the last column, then row 1, and so on.
+struct Returns {
+  std::vector<std::int32_t> xyz;    // (N, 3), 1/16 mm: forward, left, up
+  std::vector<std::uint32_t> cell;  // (N,), row * W + column
+};
+
+// ranges: (64, W), steps of 2 mm, 0 = no return. Every return has a point; a beam steeper than 75 degrees points straight up
+// or down. Raises Section if an azimuth is out of range.
+Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table);
+
+// Places in a list of returns, those on the coarsest lattice of directions first, then of rows, then in range-image order.
+// cell: (N,), each below 64 * W, rising.  Raises Section otherwise.
+std::vector<std::uint32_t> lattice_order(const std::uint32_t* cell, std::size_t count, const Columns& columns,
+                                         const BeamTable& table);
+
+}  // namespace lidarcodec
