@@ -86,14 +86,19 @@ def decode_intensity(
     return values
 
 
+def coding_paths() -> list[str]:
+    """How the processor at hand can compute (`plain`, `sse2` or `neon`, `avx2`), the quickest last: the same bytes."""
+    return cast(list[str], _native.coding_paths())
+
+
 class NativePredictiveCoder:
     """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,).
 
-    turn 0: find it; expected: (64, W), or (64, 0): nothing.
+    turn 0: find it; expected: (64, W), or (64, 0): nothing; path: one of `coding_paths`, by default the quickest.
     """
 
-    def __init__(self) -> None:
-        self._coder = _native.PredictiveCoder()
+    def __init__(self, path: str = "") -> None:
+        self._coder = _native.PredictiveCoder(path)
 
     def reset(self) -> None:
         """Forget everything."""

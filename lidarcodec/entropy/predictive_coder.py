@@ -32,10 +32,11 @@ class PredictiveCoder:
     """Codes the ranges of one frame after another; what one taught stays for the next, until `reset`.
 
     A decoder has to see the same frames as the encoder since the last `reset`. After an error only `reset` helps.
+    path: how it computes, one of `fast.coding_paths`; by default the quickest. Bytes do not depend on it.
     """
 
-    def __init__(self) -> None:
-        self._native = fast.NativePredictiveCoder()
+    def __init__(self, path: str = "") -> None:
+        self._native = fast.NativePredictiveCoder(path)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -34,8 +34,20 @@ lidarcodec::RangeCells cells_of(std::uint32_t step, const In<std::int32_t, 1>& l
 }  // namespace
 
 void bind_predictive(nb::module_& m) {
+  m.def(
+      "coding_paths",
+      [] {
+        nb::list names;
+        for (const lidarcodec::Path path : lidarcodec::paths_here()) names.append(lidarcodec::name_of(path));
+        return names;
+      },
+      "Ways to compute that this processor can run, the quickest last.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
-      .def(nb::init<>())
+      .def("__init__",
+           [](PredictiveCoder* coder, const char* path) {
+             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path));
+           },
+           nb::arg("path") = "", "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
       .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
       .def(
           "encode",

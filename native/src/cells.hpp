@@ -5,7 +5,7 @@
 // function, which costs 0.002 bit a value and needs no table; each of these cells then moves by the same amount, rate
 // times error. Eight decisions of a tree lie side by side and are computed together.
 //
-// The plain form says what is computed. The forms for SSE2 and NEON give the same results fifteen times as fast.
+// The plain form says what is computed. The forms for SSE2 and NEON, `Cells`, give the same results fifteen times as fast.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -27,30 +27,59 @@ namespace lidarcodec {
 inline constexpr std::int16_t kRarest = 10;  // smallest probability, of 32768
 inline constexpr std::int16_t kOne = 32767;  // what a probability should have been when a one came
 
-#if defined(LIDARCODEC_SSE2_CELLS)
-using Lanes = __m128i;
-#elif defined(LIDARCODEC_NEON_CELLS)
-using Lanes = int16x8_t;
-#else
-using Lanes = std::array<std::int16_t, 8>;
-#endif
+// Eight cells. Three functions: a + b is kept within -32768 to 32767; probabilities: of a one, 10 to 32757 of 32768, of
+// sums of log odds; moves: how far cells move, (wanted - p) * rate / 65536, rounded, where `taken` is -1; 0 where it is 0.
+template <class Form>
+struct alignas(16) CellsOf {
+  typename Form::Lanes lanes;
 
-struct alignas(16) Cells {
-  Lanes lanes;
-
-  static Cells load(const std::int16_t* from) {
-    Cells cells;
+  static CellsOf load(const std::int16_t* from) {
+    CellsOf cells;
     std::memcpy(&cells.lanes, from, sizeof cells.lanes);
     return cells;
   }
   void store(std::int16_t* to) const { std::memcpy(to, &lanes, sizeof lanes); }
 };
-static_assert(sizeof(Cells) == 16);
 
-// Three functions. a + b: kept within -32768 to 32767. probabilities: of a one, 10 to 32757 of 32768, of sums of log odds.
-// moves: how far cells move, (wanted - p) * rate / 65536, rounded, where `taken` is -1; 0 where it is 0.
+struct PlainForm {
+  using Lanes = std::array<std::int16_t, 8>;
+};
+using PlainCells = CellsOf<PlainForm>;
+
+inline PlainCells operator+(const PlainCells& a, const PlainCells& b) {
+  PlainCells sum;
+  for (std::size_t i = 0; i < 8; ++i)
+    sum.lanes[i] = static_cast<std::int16_t>(std::clamp(a.lanes[i] + b.lanes[i], -32768, 32767));
+  return sum;
+}
+
+inline PlainCells probabilities(const PlainCells& sums) {
+  PlainCells p;
+  for (std::size_t i = 0; i < 8; ++i) {
+    const int sum = sums.lanes[i];
+    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));
+    const std::uint32_t square = (t * t) >> 16;
+    const int rare = std::max(static_cast<int>((square * t) >> 18), int{kRarest});
+    p.lanes[i] = static_cast<std::int16_t>(sum < 0 ? rare : kOne - rare);
+  }
+  return p;
+}
+
+inline PlainCells moves(const PlainCells& wanted, const PlainCells& taken, const PlainCells& p, std::int16_t rate) {
+  PlainCells by;
+  for (std::size_t i = 0; i < 8; ++i) {
+    const int error = (wanted.lanes[i] - p.lanes[i]) & taken.lanes[i];
+    by.lanes[i] = static_cast<std::int16_t>((error * rate + 0x8000) >> 16);
+  }
+  return by;
+}
 
 #if defined(LIDARCODEC_SSE2_CELLS)
+
+struct Sse2Form {
+  using Lanes = __m128i;
+};
+using Cells = CellsOf<Sse2Form>;
 
 inline Cells operator+(const Cells& a, const Cells& b) { return {_mm_adds_epi16(a.lanes, b.lanes)}; }
 
@@ -72,6 +101,11 @@ inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std:
 }
 
 #elif defined(LIDARCODEC_NEON_CELLS)
+
+struct NeonForm {
+  using Lanes = int16x8_t;
+};
+using Cells = CellsOf<NeonForm>;
 
 inline Cells operator+(const Cells& a, const Cells& b) { return {vqaddq_s16(a.lanes, b.lanes)}; }
 
@@ -97,33 +131,7 @@ inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std:
 
 #else
 
-inline Cells operator+(const Cells& a, const Cells& b) {
-  Cells sum;
-  for (std::size_t i = 0; i < 8; ++i)
-    sum.lanes[i] = static_cast<std::int16_t>(std::clamp(a.lanes[i] + b.lanes[i], -32768, 32767));
-  return sum;
-}
-
-inline Cells probabilities(const Cells& sums) {
-  Cells p;
-  for (std::size_t i = 0; i < 8; ++i) {
-    const int sum = sums.lanes[i];
-    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));
-    const std::uint32_t square = (t * t) >> 16;
-    const int rare = std::max(static_cast<int>((square * t) >> 18), int{kRarest});
-    p.lanes[i] = static_cast<std::int16_t>(sum < 0 ? rare : kOne - rare);
-  }
-  return p;
-}
-
-inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std::int16_t rate) {
-  Cells by;
-  for (std::size_t i = 0; i < 8; ++i) {
-    const int error = (wanted.lanes[i] - p.lanes[i]) & taken.lanes[i];
-    by.lanes[i] = static_cast<std::int16_t>((error * rate + 0x8000) >> 16);
-  }
-  return by;
-}
+using Cells = PlainCells;
 
 #endif
 

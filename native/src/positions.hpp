@@ -52,160 +52,178 @@ inline constexpr auto kLaneLimits = [] {
 // in the row above against what was expected there.
 // A position is 8 + n for a difference that is not negative, and 7 - n for one that is; n limits are at most its size.
 
-// Which of eight numbers are at least `low` and below `high`: a bit for each.
-inline std::uint32_t neighbours_within(const std::array<std::int32_t, 8>& numbers, std::int32_t low, std::int32_t high) {
-#if defined(LIDARCODEC_SSE2_CELLS)
-  const __m128i at_least = _mm_set1_epi32(low - 1), below = _mm_set1_epi32(high);
-  std::uint32_t found = 0;
-  for (std::size_t v = 0; v < 2; ++v) {
-    const __m128i four = _mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data() + 4 * v));
-    const __m128i is = _mm_and_si128(_mm_cmpgt_epi32(four, at_least), _mm_cmplt_epi32(four, below));
-    found |= static_cast<std::uint32_t>(_mm_movemask_ps(_mm_castsi128_ps(is))) << (4 * v);
+// Eight ranges as they lie from a base: how far above it, or how far below the one below it.
+class NearRanges {
+ public:
+  NearRanges(const std::array<std::int32_t, 8>& ranges, std::int32_t base, bool down) {
+    for (std::size_t i = 0; i < away_.size(); ++i) away_[i] = (ranges[i] - base) ^ (down ? -1 : 0);
   }
-  return found;
+
+  // Which of them are at least so far away: a bit for each.
+  std::uint32_t from(std::uint32_t away) const {
+    const auto least = static_cast<std::int32_t>(away);
+#if defined(LIDARCODEC_SSE2_CELLS)
+    const __m128i below = _mm_set1_epi32(least - 1);
+    std::uint32_t found = 0;
+    for (std::size_t v = 0; v < 2; ++v) {
+      const __m128i is = _mm_cmpgt_epi32(_mm_load_si128(reinterpret_cast<const __m128i*>(away_.data() + 4 * v)), below);
+      found |= static_cast<std::uint32_t>(_mm_movemask_ps(_mm_castsi128_ps(is))) << (4 * v);
+    }
+    return found;
 #else
-  std::uint32_t found = 0;
-  for (std::size_t i = 0; i < numbers.size(); ++i)
-    found |= static_cast<std::uint32_t>(numbers[i] >= low && numbers[i] < high) << i;
-  return found;
+    std::uint32_t found = 0;
+    for (std::size_t i = 0; i < away_.size(); ++i) found |= static_cast<std::uint32_t>(away_[i] >= least) << i;
+    return found;
 #endif
-}
+  }
+
+ private:
+  alignas(16) std::array<std::int32_t, 8> away_;
+};
+
+struct PlainPositions {
+  // The position of one difference.
+  static std::uint8_t position_of(std::int32_t difference, std::uint32_t scale) {
+    const std::int32_t d = std::clamp(difference, -32767, 32767), size = d < 0 ? -d : d;
+    std::int32_t n = 0;
+    for (std::size_t k = 0; k < kPositionLimitCount; ++k) n += size >= kPositionLimits[scale][k];
+    return static_cast<std::uint8_t>(d < 0 ? 7 - n : 8 + n);
+  }
+
+  static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::int32_t here = expected.here[i], plain = 4 * (here - expected.base);
+      const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain, 4 * (expected.here[i + 1] - here),
+                                                       4 * (expected.came[i] - expected.above[i])};
+      for (std::size_t group = 0; group < differences.size(); ++group)
+        positions[4 * group + i] = position_of(differences[group], scale);
+    }
+  }
+
+  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::int32_t above = around.above[i], upper = around.upper[i];
+      const std::int32_t plain = 4 * (above - around.base);
+      const std::array<std::int32_t, 8> differences = {4 * (around.last[i] - around.base),
+                                                       plain + around.level,
+                                                       plain,
+                                                       4 * (around.above[i + 1] - above),
+                                                       2 * (around.above[i + 2] - above),
+                                                       4 * (upper - around.base),
+                                                       4 * (upper - above),
+                                                       4 * (around.upper[i + 1] - upper)};
+      for (std::size_t group = 0; group < differences.size(); ++group)
+        positions[4 * group + i] = position_of(differences[group], scale);
+    }
+  }
+};
 
 #if defined(LIDARCODEC_SSE2_CELLS)
 
-inline __m128i four(const std::int32_t* from) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from)); }
+struct Positions {
+  static __m128i four(const std::int32_t* from) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from)); }
 
-// Positions of Groups pairs of groups, 16 bytes for two of them.
-template <std::size_t Groups>
-inline void count_limits(const __m128i (&d)[Groups], std::uint32_t scale, std::uint8_t* positions) {
-  __m128i sign[Groups], size[Groups], count[Groups];
-  for (std::size_t v = 0; v < Groups; ++v) {
-    const __m128i kept = _mm_max_epi16(d[v], _mm_set1_epi16(-32767));
-    sign[v] = _mm_srai_epi16(kept, 15);
-    size[v] = _mm_sub_epi16(_mm_xor_si128(kept, sign[v]), sign[v]);
-    count[v] = _mm_set1_epi16(static_cast<std::int16_t>(kPositionLimitCount));
+  // Positions of Groups pairs of groups, 16 bytes for two of them.
+  template <std::size_t Groups>
+  static void count_limits(const __m128i (&d)[Groups], std::uint32_t scale, std::uint8_t* positions) {
+    __m128i sign[Groups], size[Groups], count[Groups];
+    for (std::size_t v = 0; v < Groups; ++v) {
+      const __m128i kept = _mm_max_epi16(d[v], _mm_set1_epi16(-32767));
+      sign[v] = _mm_srai_epi16(kept, 15);
+      size[v] = _mm_sub_epi16(_mm_xor_si128(kept, sign[v]), sign[v]);
+      count[v] = _mm_set1_epi16(static_cast<std::int16_t>(kPositionLimitCount));
+    }
+    for (const auto& limit : kLaneLimits[scale].of) {
+      const __m128i limits = _mm_load_si128(reinterpret_cast<const __m128i*>(limit.data()));
+      for (std::size_t v = 0; v < Groups; ++v) count[v] = _mm_add_epi16(count[v], _mm_cmpgt_epi16(limits, size[v]));
+    }
+    for (std::size_t v = 0; v < Groups; ++v)
+      count[v] = _mm_add_epi16(_mm_xor_si128(count[v], sign[v]), _mm_set1_epi16(8));
+    auto* const to = reinterpret_cast<__m128i*>(positions);
+    for (std::size_t v = 0; v < Groups; v += 2) _mm_storeu_si128(to + v / 2, _mm_packus_epi16(count[v], count[v + 1]));
   }
-  for (const auto& limit : kLaneLimits[scale].of) {
-    const __m128i limits = _mm_load_si128(reinterpret_cast<const __m128i*>(limit.data()));
-    for (std::size_t v = 0; v < Groups; ++v) count[v] = _mm_add_epi16(count[v], _mm_cmpgt_epi16(limits, size[v]));
+
+  static __m128i quarters(__m128i cells) { return _mm_slli_epi32(cells, 2); }
+
+  static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
+    const __m128i here = four(expected.here), base = _mm_set1_epi32(expected.base);
+    const __m128i plain = quarters(_mm_sub_epi32(here, base));
+    const __m128i d[2] = {
+        _mm_packs_epi32(_mm_add_epi32(plain, _mm_set1_epi32(expected.bias)), plain),
+        _mm_packs_epi32(quarters(_mm_sub_epi32(four(expected.here + 1), here)),
+                        quarters(_mm_sub_epi32(four(expected.came), four(expected.above)))),
+    };
+    count_limits(d, scale, positions);
   }
-  for (std::size_t v = 0; v < Groups; ++v)
-    count[v] = _mm_add_epi16(_mm_xor_si128(count[v], sign[v]), _mm_set1_epi16(8));
-  auto* const to = reinterpret_cast<__m128i*>(positions);
-  for (std::size_t v = 0; v < Groups; v += 2) _mm_storeu_si128(to + v / 2, _mm_packus_epi16(count[v], count[v + 1]));
-}
 
-inline __m128i quarters(__m128i cells) { return _mm_slli_epi32(cells, 2); }
-
-inline void find_expected_positions(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
-  const __m128i here = four(expected.here), base = _mm_set1_epi32(expected.base);
-  const __m128i plain = quarters(_mm_sub_epi32(here, base));
-  const __m128i d[2] = {
-      _mm_packs_epi32(_mm_add_epi32(plain, _mm_set1_epi32(expected.bias)), plain),
-      _mm_packs_epi32(quarters(_mm_sub_epi32(four(expected.here + 1), here)),
-                      quarters(_mm_sub_epi32(four(expected.came), four(expected.above)))),
-  };
-  count_limits(d, scale, positions);
-}
-
-inline void find_positions(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
-  const __m128i base = _mm_set1_epi32(around.base), level = _mm_set1_epi32(around.level);
-  const __m128i above = four(around.above), next = four(around.above + 1), upper = four(around.upper);
-  const __m128i plain = quarters(_mm_sub_epi32(above, base));
-  const __m128i d[4] = {
-      _mm_packs_epi32(quarters(_mm_sub_epi32(four(around.last), base)), _mm_add_epi32(plain, level)),
-      _mm_packs_epi32(plain, quarters(_mm_sub_epi32(next, above))),
-      _mm_packs_epi32(_mm_slli_epi32(_mm_sub_epi32(four(around.above + 2), above), 1),
-                      quarters(_mm_sub_epi32(upper, base))),
-      _mm_packs_epi32(quarters(_mm_sub_epi32(upper, above)), quarters(_mm_sub_epi32(four(around.upper + 1), upper))),
-  };
-  count_limits(d, scale, positions);
-}
+  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+    const __m128i base = _mm_set1_epi32(around.base), level = _mm_set1_epi32(around.level);
+    const __m128i above = four(around.above), next = four(around.above + 1), upper = four(around.upper);
+    const __m128i plain = quarters(_mm_sub_epi32(above, base));
+    const __m128i d[4] = {
+        _mm_packs_epi32(quarters(_mm_sub_epi32(four(around.last), base)), _mm_add_epi32(plain, level)),
+        _mm_packs_epi32(plain, quarters(_mm_sub_epi32(next, above))),
+        _mm_packs_epi32(_mm_slli_epi32(_mm_sub_epi32(four(around.above + 2), above), 1),
+                        quarters(_mm_sub_epi32(upper, base))),
+        _mm_packs_epi32(quarters(_mm_sub_epi32(upper, above)), quarters(_mm_sub_epi32(four(around.upper + 1), upper))),
+    };
+    count_limits(d, scale, positions);
+  }
+};
 
 #elif defined(LIDARCODEC_NEON_CELLS)
 
-template <std::size_t Groups>
-inline void count_limits(const int16x8_t (&d)[Groups], std::uint32_t scale, std::uint8_t* positions) {
-  int16x8_t sign[Groups], size[Groups], count[Groups];
-  for (std::size_t v = 0; v < Groups; ++v) {
-    const int16x8_t kept = vmaxq_s16(d[v], vdupq_n_s16(-32767));
-    sign[v] = vshrq_n_s16(kept, 15);
-    size[v] = vabsq_s16(kept);
-    count[v] = vdupq_n_s16(static_cast<std::int16_t>(kPositionLimitCount));
+struct Positions {
+  template <std::size_t Groups>
+  static void count_limits(const int16x8_t (&d)[Groups], std::uint32_t scale, std::uint8_t* positions) {
+    int16x8_t sign[Groups], size[Groups], count[Groups];
+    for (std::size_t v = 0; v < Groups; ++v) {
+      const int16x8_t kept = vmaxq_s16(d[v], vdupq_n_s16(-32767));
+      sign[v] = vshrq_n_s16(kept, 15);
+      size[v] = vabsq_s16(kept);
+      count[v] = vdupq_n_s16(static_cast<std::int16_t>(kPositionLimitCount));
+    }
+    for (const auto& limit : kLaneLimits[scale].of) {
+      const int16x8_t limits = vld1q_s16(limit.data());
+      for (std::size_t v = 0; v < Groups; ++v)
+        count[v] = vaddq_s16(count[v], vreinterpretq_s16_u16(vcgtq_s16(limits, size[v])));
+    }
+    for (std::size_t v = 0; v < Groups; ++v) count[v] = vaddq_s16(veorq_s16(count[v], sign[v]), vdupq_n_s16(8));
+    for (std::size_t v = 0; v < Groups; v += 2)
+      vst1q_u8(positions + 8 * v, vqmovun_high_s16(vqmovun_s16(count[v]), count[v + 1]));
   }
-  for (const auto& limit : kLaneLimits[scale].of) {
-    const int16x8_t limits = vld1q_s16(limit.data());
-    for (std::size_t v = 0; v < Groups; ++v)
-      count[v] = vaddq_s16(count[v], vreinterpretq_s16_u16(vcgtq_s16(limits, size[v])));
+
+  static int32x4_t quarters(int32x4_t cells) { return vshlq_n_s32(cells, 2); }
+  static int16x8_t pack(int32x4_t a, int32x4_t b) { return vqmovn_high_s32(vqmovn_s32(a), b); }
+
+  static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
+    const int32x4_t here = vld1q_s32(expected.here), base = vdupq_n_s32(expected.base);
+    const int32x4_t plain = quarters(vsubq_s32(here, base));
+    const int16x8_t d[2] = {
+        pack(vaddq_s32(plain, vdupq_n_s32(expected.bias)), plain),
+        pack(quarters(vsubq_s32(vld1q_s32(expected.here + 1), here)),
+             quarters(vsubq_s32(vld1q_s32(expected.came), vld1q_s32(expected.above)))),
+    };
+    count_limits(d, scale, positions);
   }
-  for (std::size_t v = 0; v < Groups; ++v) count[v] = vaddq_s16(veorq_s16(count[v], sign[v]), vdupq_n_s16(8));
-  for (std::size_t v = 0; v < Groups; v += 2)
-    vst1q_u8(positions + 8 * v, vqmovun_high_s16(vqmovun_s16(count[v]), count[v + 1]));
-}
 
-inline int32x4_t quarters(int32x4_t cells) { return vshlq_n_s32(cells, 2); }
-inline int16x8_t pack(int32x4_t a, int32x4_t b) { return vqmovn_high_s32(vqmovn_s32(a), b); }
-
-inline void find_expected_positions(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
-  const int32x4_t here = vld1q_s32(expected.here), base = vdupq_n_s32(expected.base);
-  const int32x4_t plain = quarters(vsubq_s32(here, base));
-  const int16x8_t d[2] = {
-      pack(vaddq_s32(plain, vdupq_n_s32(expected.bias)), plain),
-      pack(quarters(vsubq_s32(vld1q_s32(expected.here + 1), here)),
-           quarters(vsubq_s32(vld1q_s32(expected.came), vld1q_s32(expected.above)))),
-  };
-  count_limits(d, scale, positions);
-}
-
-inline void find_positions(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
-  const int32x4_t base = vdupq_n_s32(around.base), level = vdupq_n_s32(around.level);
-  const int32x4_t above = vld1q_s32(around.above), next = vld1q_s32(around.above + 1), upper = vld1q_s32(around.upper);
-  const int32x4_t plain = quarters(vsubq_s32(above, base));
-  const int16x8_t d[4] = {
-      pack(quarters(vsubq_s32(vld1q_s32(around.last), base)), vaddq_s32(plain, level)),
-      pack(plain, quarters(vsubq_s32(next, above))),
-      pack(vshlq_n_s32(vsubq_s32(vld1q_s32(around.above + 2), above), 1), quarters(vsubq_s32(upper, base))),
-      pack(quarters(vsubq_s32(upper, above)), quarters(vsubq_s32(vld1q_s32(around.upper + 1), upper))),
-  };
-  count_limits(d, scale, positions);
-}
+  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+    const int32x4_t base = vdupq_n_s32(around.base), level = vdupq_n_s32(around.level);
+    const int32x4_t above = vld1q_s32(around.above), next = vld1q_s32(around.above + 1), upper = vld1q_s32(around.upper);
+    const int32x4_t plain = quarters(vsubq_s32(above, base));
+    const int16x8_t d[4] = {
+        pack(quarters(vsubq_s32(vld1q_s32(around.last), base)), vaddq_s32(plain, level)),
+        pack(plain, quarters(vsubq_s32(next, above))),
+        pack(vshlq_n_s32(vsubq_s32(vld1q_s32(around.above + 2), above), 1), quarters(vsubq_s32(upper, base))),
+        pack(quarters(vsubq_s32(upper, above)), quarters(vsubq_s32(vld1q_s32(around.upper + 1), upper))),
+    };
+    count_limits(d, scale, positions);
+  }
+};
 
 #else
 
-// The position of one difference.
-inline std::uint8_t position_of(std::int32_t difference, std::uint32_t scale) {
-  const std::int32_t d = std::clamp(difference, -32767, 32767), size = d < 0 ? -d : d;
-  std::int32_t n = 0;
-  for (std::size_t k = 0; k < kPositionLimitCount; ++k) n += size >= kPositionLimits[scale][k];
-  return static_cast<std::uint8_t>(d < 0 ? 7 - n : 8 + n);
-}
-
-inline void find_expected_positions(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
-  for (std::size_t i = 0; i < 4; ++i) {
-    const std::int32_t here = expected.here[i], plain = 4 * (here - expected.base);
-    const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain, 4 * (expected.here[i + 1] - here),
-                                                     4 * (expected.came[i] - expected.above[i])};
-    for (std::size_t group = 0; group < differences.size(); ++group)
-      positions[4 * group + i] = position_of(differences[group], scale);
-  }
-}
-
-inline void find_positions(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
-  for (std::size_t i = 0; i < 4; ++i) {
-    const std::int32_t above = around.above[i], upper = around.upper[i];
-    const std::int32_t plain = 4 * (above - around.base);
-    const std::array<std::int32_t, 8> differences = {4 * (around.last[i] - around.base),
-                                                     plain + around.level,
-                                                     plain,
-                                                     4 * (around.above[i + 1] - above),
-                                                     2 * (around.above[i + 2] - above),
-                                                     4 * (upper - around.base),
-                                                     4 * (upper - above),
-                                                     4 * (around.upper[i + 1] - upper)};
-    for (std::size_t group = 0; group < differences.size(); ++group)
-      positions[4 * group + i] = position_of(differences[group], scale);
-  }
-}
+using Positions = PlainPositions;
 
 #endif
 

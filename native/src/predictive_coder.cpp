@@ -3,6 +3,7 @@
 #include "error.hpp"
 #include "mask_align.hpp"
 #include "mask_rows.hpp"
+#include "predictive_avx2.hpp"
 #include "predictive_rows.hpp"
 
 namespace lidarcodec {
@@ -40,12 +41,27 @@ struct FilledRow {
   }
 };
 
+// What Known::returns says of each of the n cells of a row, from the returns of this row (m), the one above (a) and the
+// one below (b), and what is known (e).
+template <bool kExpects>
+void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_t* b, const std::uint8_t* e,
+                 std::size_t n, std::uint16_t* around) {
+  for (std::size_t k = 0; k < n; ++k, ++m, ++a, ++b) {
+    std::uint32_t is = m[-1] | m[-2] << 1 | m[1] << 2 | m[2] << 3 | b[0] << 4 | b[-1] << 5 | b[1] << 6 | a[0] << 7 | a[1] << 8;
+    if constexpr (kExpects) {
+      is |= e[-1] << 9 | e[1] << 10 | e[0] << 11;
+      ++e;
+    }
+    around[k] = static_cast<std::uint16_t>(is | m[1] << 12 | b[0] << 13 | a[0] << 14 | m[-1] << 15);
+  }
+}
+
 // Codes all rows of an image, (64, W); only returns are looked at, or written.
-template <bool kExpects, class Coder, class Image>
+template <class Forms, bool kExpects, class Coder, class Image>
 void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
                const ClosedRows& returned, std::size_t width, std::array<PredictiveHalf<Coder>, 2>& halves,
                const std::uint16_t* expected, Image* image) {
-  using Rows = PredictiveRows<Coder, kExpects>;
+  using Rows = PredictiveRows<Coder, Forms, kExpects>;
   const auto step = static_cast<std::int32_t>(cells.step);
   Rows coder(model, cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
   FilledRow here(width), before(width), earlier(width);
@@ -53,6 +69,8 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
   PaddedRowOf<std::uint32_t> sizes(width);
   PaddedRow mask(width), above_mask(width), below_mask(width);
   std::vector<std::uint32_t> returns(width + 1);
+  std::vector<std::uint16_t> around(width);
+  std::vector<std::uint32_t> sizes_around(width);
   PaddedRowOf<std::int32_t> expected_here(width), expected_above(width);
   PaddedRow known(width);
   std::vector<std::int32_t> foreseen(width + 1), foreseen_above(width + 1);
@@ -64,7 +82,7 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
       layout.align(from, other, row, layout.shift(other, row, turn), to);
     };
     layout.align(is_return, row, row, 0, mask);
-    RowSurroundings about{mask.cells(), above_mask.cells(), below_mask.cells(), nullptr, nullptr, sizes.cells()};
+    RowSurroundings about{around.data(), nullptr, nullptr, sizes.cells(), sizes_around.data()};
     if (row >= 1) {
       seen(row - 1, is_return - width, above_mask);
       seen(row - 1, before.ranges.data(), above);
@@ -104,9 +122,11 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
       if (row >= 1) seen(row - 1, foreseen_above.data(), expected_above);
       about.expected = expected_here.cells();
       about.expected_above = expected_above.cells();
-      about.known = known.cells();
       std::copy_n(foreseen.begin(), n, foreseen_above.begin());
     }
+    look_around<kExpects>(mask.cells(), above_mask.cells(), below_mask.cells(), known.cells(), n, around.data());
+    const std::uint32_t* z = sizes.cells();
+    for (std::size_t k = 0; k < n; ++k, ++z) sizes_around[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
     std::size_t count = 0;
     for (std::size_t k = 0; k < n; ++k) {
       returns[count] = static_cast<std::uint32_t>(k);
@@ -143,6 +163,32 @@ void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t tu
   }
 }
 
+// The same, on a path, with or without something expected.
+template <class Coder, class Image>
+void code_rows(Path path, PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
+               const ClosedRows& returned, std::size_t width, std::array<PredictiveHalf<Coder>, 2>& halves,
+               const std::uint16_t* expected, Image* image) {
+  const auto code = [&]<class Forms>(const Forms&) {
+    if (expected != nullptr) {
+      code_rows<Forms, true>(model, cells, turn, layout, returned, width, halves, expected, image);
+    } else {
+      code_rows<Forms, false>(model, cells, turn, layout, returned, width, halves, expected, image);
+    }
+  };
+  switch (path) {
+    case Path::Plain:
+      return code(PlainForms{});
+    case Path::Vector:
+      return code(VectorForms{});
+    case Path::Avx2:
+#if defined(__x86_64__)
+      return code(Avx2Forms{});
+#else
+      return code(VectorForms{});
+#endif
+  }
+}
+
 void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
   for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
 }
@@ -166,11 +212,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (returned.returns == 0) return {};
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  if (expected != nullptr) {
-    code_rows<true>(model_, cells, turn, layout, returned, width, halves, expected, ranges);
-  } else {
-    code_rows<false>(model_, cells, turn, layout, returned, width, halves, expected, ranges);
-  }
+  code_rows(path_, model_, cells, turn, layout, returned, width, halves, expected, ranges);
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
@@ -206,11 +248,7 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
       PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
       PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
   for (auto& half : halves) half.interval = half.coder.start();
-  if (expected != nullptr) {
-    code_rows<true>(model_, cells, turn, layout, returned, width, halves, expected, image.data());
-  } else {
-    code_rows<false>(model_, cells, turn, layout, returned, width, halves, expected, image.data());
-  }
+  code_rows(path_, model_, cells, turn, layout, returned, width, halves, expected, image.data());
   for (const auto& half : halves) half.coder.finish(half.interval);
   return image;
 }

@@ -11,6 +11,7 @@
 
 #include "mask_coder.hpp"
 #include "predictive_model.hpp"
+#include "processor.hpp"
 
 namespace lidarcodec {
 
@@ -23,6 +24,9 @@ struct RangeCells {
 // What one frame taught stays for the next one, until `reset`. After an error only `reset` may be called.
 class PredictiveCoder {
  public:
+  // path: how it computes. All paths give the same bytes.
+  explicit PredictiveCoder(Path path = quickest_path()) : path_(path) {}
+
   // Forgets everything.
   void reset() { model_.reset(); }
 
@@ -38,6 +42,7 @@ class PredictiveCoder {
                                     const std::uint16_t* expected = nullptr);
 
  private:
+  Path path_;
   PredictiveModel model_;
 };
 

@@ -10,6 +10,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 #include "cells.hpp"
@@ -41,7 +42,8 @@ inline std::uint32_t scale_class(std::uint32_t mean) {
   return std::min(class_of - std::min(class_of, 1u), kScaleClasses - 1);
 }
 
-// What has a class or a position of 16. First the positions, in the order of positions.hpp.
+// What has a class or a position of 16. Four blocks of 16: positions as in positions.hpp; classes; positions of what is
+// expected.
 enum Feature : std::uint8_t {
   kLast2, kLast3, kLast4, kLast5,                              // the returns before the last one
   kUpLeft, kUp, kUpRight, kUpRight2,                           // the row above, levelled
@@ -51,21 +53,22 @@ enum Feature : std::uint8_t {
   kUpperLeft, kUpper, kUpperRight, kUpperRight2,               // the second row above as it is
   kStepLeft, kStep, kStepRight, kStepRight2,                   // the same as seen from the row above
   kUpperSlope, kUpperSlopeOn, kUpperSlopeOn2, kUpperSlopeOn3,  // its slopes
-  kScale, kMask, kMeanSize, kLastSize, kUpSize, kLastLeaf,
-  kFeatures,
+  kScale, kMask, kLastLeaf, kSeenMask,                         // half the scale; returns around; of them, the expected
+  kMeanSize, kLastSize, kUpSize, kSeenSize,                    // differences as seen from the scale
   // Of frames that know what to expect:
-  kSeenLeft = kFeatures, kSeen, kSeenRight, kSeenRight2,       // what is expected, corrected by what came before
+  kSeenLeft = 48, kSeen, kSeenRight, kSeenRight2,              // what is expected, corrected by what came before
   kSeenLeftPlain, kSeenPlain, kSeenRightPlain, kSeenRight2Plain,
   kSeenSlope, kSeenSlopeOn, kSeenSlopeOn2, kSeenSlopeOn3,
   kSurpriseLeft, kSurprise, kSurpriseRight, kSurpriseRight2,   // what came in the row above against what was expected
-  kSeenMask, kSeenSize,
-  kAllFeatures
+  kFeatures
 };
-static_assert(kScale == kPositionLanes && kSeenMask == kSeenLeft + kExpectedLanes);
+static_assert(kScale == kPositionLanes && kFeatures == kSeenLeft + kExpectedLanes);
+using Features = std::array<std::uint8_t, kFeatures>;
 
 // A context of two features (256 slots of 16 x 16) or three (512 of 8 x 8 x 8).
 struct Context {
-  Feature a, b, c = kAllFeatures;
+  Feature a, b, c = kFeatures;
+  constexpr bool is_pair() const { return c == kFeatures; }
 };
 inline constexpr std::array<Context, 9> kContextsOfFeatures = {{
     {kLast3, kLast4},
@@ -87,6 +90,9 @@ inline constexpr std::array<Context, 6> kContextsOfExpected = {{
     {kSeenPlain, kSurpriseRight, kScale},
     {kSeenPlain, kSeen},
 }};
+constexpr Context context_of_features(std::size_t i) {
+  return i < kContextsOfFeatures.size() ? kContextsOfFeatures[i] : kContextsOfExpected[i - kContextsOfFeatures.size()];
+}
 inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfFeatures.size();
 inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
@@ -94,7 +100,29 @@ inline constexpr std::uint32_t kMaskContexts = 512;
 
 // A slot: 16 cells, of which the first counts how often the context was seen, and the others are nodes 1 to 15 of a tree.
 inline constexpr std::uint32_t kSlotCells = 16;
-using Slots = std::array<std::int16_t*, kAllContexts>;
+struct alignas(32) Slot {
+  std::array<std::int16_t, kSlotCells> cells{};
+};
+
+// First cell of each context's slots; then how many cells there are.
+inline constexpr auto kContextBegins = [] {
+  std::array<std::uint32_t, kAllContexts + 1> begins{};
+  for (std::size_t i = 0; i < kAllContexts; ++i) {
+    std::uint32_t slots = 256;
+    if (i == 0) slots = kScaleClasses;
+    if (i == 2) slots = kMaskContexts;
+    if (i == 3) slots = 16 * kScaleClasses;
+    if (i >= kFixedContexts) slots = context_of_features(i - kFixedContexts).is_pair() ? 256 : 512;
+    begins[i + 1] = begins[i] + slots * kSlotCells;
+  }
+  return begins;
+}();
+
+// First cell of the slot of each context; room for whole vectors.
+struct alignas(32) Slots {
+  std::array<std::uint32_t, 20> of;
+};
+static_assert(kAllContexts < std::tuple_size_v<decltype(Slots::of)>);
 
 // Decisions beyond the tree: where in its leaf a difference lies, and how far beyond the last leaf.
 struct OffsetCells {
@@ -105,63 +133,33 @@ struct OffsetCells {
   std::array<std::int16_t, kScaleClasses * 32> more_of_scale{};    // [scale][octave]
 };
 
+// What is known of a return.
+struct Known {
+  Around around;
+  Expected expected;          // where something is expected
+  std::uint32_t scale = 0;
+  std::uint32_t leaves = 0;   // of the last two returns, the later one in the higher bits
+  std::uint32_t returns = 0;  // around: bits 0 to 8 are a context, 9 to 11 what is expected to the left, to the right and here, 12 to 15 kMask
+  std::uint32_t mean_size = 0, last_size = 0, up_size = 0, seen_size = 0;  // differences
+};
+
 class PredictiveModel {
  public:
   PredictiveModel() { reset(); }
 
   void reset() {
-    std::uint32_t total = 0;
-    const auto take = [&](std::size_t context, std::uint32_t slots) {
-      begin_[context] = total * kSlotCells;
-      total += slots;
-    };
-    take(0, kScaleClasses);
-    take(1, 256);
-    take(2, kMaskContexts);
-    take(3, 16 * kScaleClasses);
-    for (std::size_t i = 0; i < kContextsOfFeatures.size(); ++i)
-      take(kFixedContexts + i, kContextsOfFeatures[i].c == kAllFeatures ? 256 : 512);
-    for (std::size_t i = 0; i < kContextsOfExpected.size(); ++i)
-      take(kPredictiveContexts + i, kContextsOfExpected[i].c == kAllFeatures ? 256 : 512);
-    cells_.assign(total * kSlotCells, 0);
-    for (std::uint32_t c = 0; c < kScaleClasses; ++c)
-      std::copy_n(kFirstLogOdds[c], kSlotCells, cells_.data() + begin_[0] + c * kSlotCells);
+    slots_.assign(kContextBegins[kAllContexts] / kSlotCells, {});
+    for (std::uint32_t c = 0; c < kScaleClasses; ++c) std::copy_n(kFirstLogOdds[c], kSlotCells, slots_[c].cells.data());
     offsets = {};
   }
 
-  // The slots of a return, those of expectations only if there are any. `leaves`: of the last two returns, the later one
-  // in the higher bits.
-  template <bool kExpects>
-  void find(const std::array<std::uint8_t, kAllFeatures>& of, std::uint32_t scale, std::uint32_t leaves,
-            std::uint32_t mask, Slots& found) {
-    std::int16_t* const cells = cells_.data();
-    const auto name = [&](std::size_t context, std::uint32_t slot) {
-      found[context] = cells + begin_[context] + slot * kSlotCells;
-    };
-    const auto slot_of = [&](const Context& context) {
-      return context.c == kAllFeatures
-                 ? of[context.a] * 16u + of[context.b]
-                 : (of[context.a] >> 1) * 64u + (of[context.b] >> 1) * 8u + (of[context.c] >> 1);
-    };
-    name(0, scale);
-    name(1, leaves);
-    name(2, mask);
-    name(3, of[kUp] * kScaleClasses + scale);
-#pragma GCC unroll 16
-    for (std::size_t i = 0; i < kContextsOfFeatures.size(); ++i)
-      name(kFixedContexts + i, slot_of(kContextsOfFeatures[i]));
-    if constexpr (kExpects) {
-#pragma GCC unroll 16
-      for (std::size_t i = 0; i < kContextsOfExpected.size(); ++i)
-        name(kPredictiveContexts + i, slot_of(kContextsOfExpected[i]));
-    }
-  }
+  // Of all slots.
+  std::int16_t* cells() { return slots_.data()->cells.data(); }
 
   OffsetCells offsets;
 
  private:
-  std::vector<std::int16_t> cells_;
-  std::array<std::uint32_t, kAllContexts> begin_{};
+  std::vector<Slot> slots_;
 };
 
 }  // namespace lidarcodec

@@ -1,0 +1,225 @@
+// The functions of predictive_forms.hpp for processors with AVX2: all of a slot at a time, and all contexts' slots at once.
+// Chosen at run time (predictive_coder.cpp), so each function says for itself what it is compiled for.
+#pragma once
+#if defined(__x86_64__)
+#include <immintrin.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "predictive_forms.hpp"
+
+#define LIDARCODEC_AVX2 [[gnu::target("avx2,bmi,bmi2,lzcnt,popcnt")]]
+
+namespace lidarcodec {
+
+// Where the forms below find the features of each context of features, and what to do with them. Features lie in four
+// vectors of 16 bytes: two of positions, classes, positions of what is expected. The positions come out of their packing
+// as {groups 0 1 4 5} and {groups 2 3 6 7}.
+struct alignas(32) Avx2Tables {
+  using Bytes = std::array<std::uint8_t, 32>;
+  static constexpr std::size_t kLanes = 16;
+  static_assert(kAllContexts - kFixedContexts <= kLanes);
+
+  std::array<Bytes, 4> two{}, third{};  // where in each vector a context's first two features are, and its third
+  Bytes kept{};                         // bits of the first two
+  Bytes weights{};                      // of the first two: their sum and the third is twice the slot
+  alignas(32) std::array<std::uint32_t, kLanes> begins{};
+
+  constexpr Avx2Tables() {
+    for (auto* of : {&two, &third})
+      for (Bytes& bytes : *of) bytes.fill(0x80);  // none in this vector
+    for (std::size_t i = 0; i < kAllContexts - kFixedContexts; ++i) {
+      const Context context = context_of_features(i);
+      place(two, 2 * i, context.a);
+      place(two, 2 * i + 1, context.b);
+      if (!context.is_pair()) place(third, 2 * i, context.c);
+      kept[2 * i] = kept[2 * i + 1] = context.is_pair() ? 0x0F : 0x0E;
+      weights[2 * i] = context.is_pair() ? 32 : 64;
+      weights[2 * i + 1] = context.is_pair() ? 2 : 8;
+      begins[i] = kContextBegins[kFixedContexts + i];
+    }
+  }
+
+ private:
+  static constexpr void place(std::array<Bytes, 4>& of, std::size_t lane, Feature feature) {
+    const std::size_t group = feature / 4u;
+    const std::size_t vector = feature < kPositionLanes ? group / 2 % 2 : feature / 16u;
+    const std::size_t at = feature < kPositionLanes ? (group / 4 * 2 + group % 2) * 4 + feature % 4u : feature % 16u;
+    of[vector][lane] = static_cast<std::uint8_t>(at);
+  }
+};
+inline constexpr Avx2Tables kAvx2Tables;
+
+struct Avx2Forms {
+  template <class Work>
+  LIDARCODEC_AVX2 [[gnu::flatten]] static void run(const Work& work) {
+    work();
+  }
+
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static void find(const Known& known, Slots& found) {
+    constexpr std::size_t kPairs = kExpects ? 3 : 2;  // of pairs of groups of positions
+    __m256i differences[kPairs], sizes[kPairs], counts[kPairs];
+    differences[0] = around_first(known.around);
+    differences[1] = around_second(known.around);
+    if constexpr (kExpects) differences[2] = around_expected(known.expected);
+    for (std::size_t v = 0; v < kPairs; ++v) {
+      sizes[v] = _mm256_min_epu16(_mm256_abs_epi16(differences[v]), _mm256_set1_epi16(32767));
+      counts[v] = _mm256_set1_epi16(static_cast<std::int16_t>(kPositionLimitCount));
+    }
+    const auto& limits = kLaneLimits[known.scale].of;
+#pragma GCC unroll 7
+    for (std::size_t k = 0; k < kPositionLimitCount; ++k) {
+      const __m256i limit = _mm256_broadcastsi128_si256(_mm_load_si128(reinterpret_cast<const __m128i*>(limits[k].data())));
+      for (std::size_t v = 0; v < kPairs; ++v)
+        counts[v] = _mm256_add_epi16(counts[v], _mm256_cmpgt_epi16(limit, sizes[v]));
+    }
+    for (std::size_t v = 0; v < kPairs; ++v) {
+      const __m256i turned = _mm256_xor_si256(counts[v], _mm256_srai_epi16(differences[v], 15));
+      counts[v] = _mm256_add_epi16(turned, _mm256_set1_epi16(8));
+    }
+    const __m256i positions = _mm256_packus_epi16(counts[0], counts[1]);
+    const __m256i first = _mm256_permute4x64_epi64(positions, 0x44), second = _mm256_permute4x64_epi64(positions, 0xEE);
+    const __m256i classes = _mm256_broadcastsi128_si256(classes_of(known));
+    __m256i two = pick(first, second, classes, kAvx2Tables.two), third = pick(first, second, classes, kAvx2Tables.third);
+    if constexpr (kExpects) {
+      const __m256i expected = _mm256_permute4x64_epi64(_mm256_packus_epi16(counts[2], counts[2]), 0x88);
+      two = _mm256_or_si256(two, _mm256_shuffle_epi8(expected, load(kAvx2Tables.two[3])));
+      third = _mm256_or_si256(third, _mm256_shuffle_epi8(expected, load(kAvx2Tables.third[3])));
+    }
+    two = _mm256_and_si256(two, load(kAvx2Tables.kept));
+    third = _mm256_and_si256(third, _mm256_set1_epi16(0x0E));
+    const __m256i twice = _mm256_add_epi16(_mm256_maddubs_epi16(two, load(kAvx2Tables.weights)), third);
+    put(_mm256_castsi256_si128(twice), kAvx2Tables.begins.data(), found.of.data() + kFixedContexts);
+    put(_mm256_extracti128_si256(twice, 1), kAvx2Tables.begins.data() + 8, found.of.data() + kFixedContexts + 8);
+    const auto up = static_cast<std::uint32_t>(_mm256_extract_epi8(positions, kUp));
+    found.of[0] = kContextBegins[0] + known.scale * kSlotCells;
+    found.of[1] = kContextBegins[1] + known.leaves * kSlotCells;
+    found.of[2] = kContextBegins[2] + known.returns % kMaskContexts * kSlotCells;
+    found.of[3] = kContextBegins[3] + (up * kScaleClasses + known.scale) * kSlotCells;
+  }
+
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    __m256i sum = load(cells + slots.of[0]);
+#pragma GCC unroll 20
+    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[i]));
+    // As `probabilities` in cells.hpp.
+    const __m256i flip = _mm256_andnot_si256(_mm256_srai_epi16(sum, 15), _mm256_set1_epi16(kOne));
+    const __m256i left = _mm256_xor_si256(sum, flip), t = _mm256_add_epi16(left, left);
+    const __m256i cube = _mm256_mulhi_epu16(_mm256_mulhi_epu16(t, t), t);
+    const __m256i rare = _mm256_max_epi16(_mm256_srli_epi16(cube, 2), _mm256_set1_epi16(kRarest));
+    store(_mm256_xor_si256(rare, flip), chances.of.data());
+  }
+
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+    const __m256i missing = _mm256_sub_epi16(load(walked.wanted.data()), load(chances.of.data()));
+    const __m256i error = _mm256_and_si256(missing, load(walked.taken.data()));
+    alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kPredictiveRates.size()> by;
+#pragma GCC unroll 4
+    for (std::size_t r = 0; r < by.size(); ++r) {
+      // (error * rate / 2 + 2^14) >> 15 is what `moves` gives, as rates are even.
+      __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kPredictiveRates[r] / 2)));
+      if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(1)));  // seen once
+      store(move, by[r].data());
+    }
+#pragma GCC unroll 20
+    for (std::size_t i = 0; i < kUsedContexts<kExpects>; ++i) {
+      std::int16_t* const slot = cells + slots.of[i];
+      const std::int16_t* const move = by[kRateOfCount[static_cast<std::uint16_t>(slot[0])]].data();
+      store(_mm256_adds_epi16(load(slot), load(move)), slot);
+    }
+  }
+
+ private:
+  static_assert(kPredictiveRates[0] % 2 == 0 && kPredictiveRates[1] % 2 == 0 && kPredictiveRates[2] % 2 == 0 &&
+                kPredictiveRates[3] % 2 == 0);
+
+  template <class T>
+  LIDARCODEC_AVX2 static __m256i load(const T* from) {
+    return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(from));
+  }
+  LIDARCODEC_AVX2 static __m256i load(const Avx2Tables::Bytes& from) { return load(from.data()); }
+  LIDARCODEC_AVX2 static void store(__m256i from, std::int16_t* to) {
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), from);
+  }
+
+  // Four numbers each, the first in the lower half.
+  LIDARCODEC_AVX2 static __m256i fours(const std::int32_t* low, const std::int32_t* high) {
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(low))),
+                                   _mm_loadu_si128(reinterpret_cast<const __m128i*>(high)), 1);
+  }
+  // The same number four times in the lower half, what the other one has in its lower half in the upper.
+  LIDARCODEC_AVX2 static __m256i same(std::int32_t low, __m256i high) {
+    return _mm256_permute2x128_si256(_mm256_castsi128_si256(_mm_set1_epi32(low)), high, 0x20);
+  }
+  LIDARCODEC_AVX2 static __m256i quarters(__m256i cells) { return _mm256_slli_epi32(cells, 2); }
+  LIDARCODEC_AVX2 static __m256i in_low_half(std::int32_t number) {
+    return _mm256_zextsi128_si256(_mm_set1_epi32(number));
+  }
+
+  // Differences of positions.hpp: groups 0 and 1, and 2 and 3.
+  LIDARCODEC_AVX2 static __m256i around_first(const Around& around) {
+    const __m256i above = fours(around.above, around.above + 1);
+    const __m256i even = quarters(_mm256_sub_epi32(fours(around.last, around.above), _mm256_set1_epi32(around.base)));
+    const __m256i odd = quarters(_mm256_sub_epi32(above, same(around.base, above)));
+    return _mm256_packs_epi32(even, _mm256_add_epi32(odd, in_low_half(around.level)));
+  }
+
+  // Groups 4 and 5, and 6 and 7.
+  LIDARCODEC_AVX2 static __m256i around_second(const Around& around) {
+    const __m256i upper = fours(around.upper, around.upper + 1);
+    const __m256i even = _mm256_sub_epi32(fours(around.above + 2, around.upper), fours(around.above, around.above));
+    const __m256i odd = quarters(_mm256_sub_epi32(upper, same(around.base, upper)));
+    return _mm256_packs_epi32(_mm256_sllv_epi32(even, _mm256_setr_epi32(1, 1, 1, 1, 2, 2, 2, 2)), odd);
+  }
+
+  // Of what is expected: groups 0 and 1, and 2 and 3.
+  LIDARCODEC_AVX2 static __m256i around_expected(const Expected& expected) {
+    const __m256i here = fours(expected.here, expected.here + 1), came = fours(expected.here, expected.came);
+    const __m256i above = fours(expected.here, expected.above), base = _mm256_set1_epi32(expected.base);
+    const __m256i even = quarters(_mm256_sub_epi32(here, same(expected.base, here)));
+    const __m256i odd = quarters(_mm256_sub_epi32(came, _mm256_blend_epi32(base, above, 0xF0)));
+    return _mm256_packs_epi32(_mm256_add_epi32(even, in_low_half(expected.bias)), odd);
+  }
+
+  // The classes of Feature from kScale on.
+  LIDARCODEC_AVX2 static __m128i classes_of(const Known& known) {
+    const std::uint32_t seen = (known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3;
+    const std::uint32_t direct = known.scale / 2 | known.returns >> 12 << 8 | known.leaves >> 4 << 16 | seen << 24;
+    // scale_class of four sizes: exponent and mantissa of a float that holds size + 2 exactly.
+    __m128i sizes = _mm_cvtsi32_si128(static_cast<int>(known.mean_size));  // one by one: they were just written
+    sizes = _mm_insert_epi32(sizes, static_cast<int>(known.last_size), 1);
+    sizes = _mm_insert_epi32(sizes, static_cast<int>(known.up_size), 2);
+    sizes = _mm_insert_epi32(sizes, static_cast<int>(known.seen_size), 3);
+    const __m128i number = _mm_castps_si128(_mm_cvtepi32_ps(_mm_add_epi32(sizes, _mm_set1_epi32(2))));
+    const __m128i mantissa = _mm_and_si128(number, _mm_set1_epi32(0x7FFFFF));
+    const __m128i upper_half = _mm_cmpgt_epi32(mantissa, _mm_set1_epi32(0x3504F3));  // of the octave: above its root of 2
+    const __m128i halves = _mm_sub_epi32(_mm_slli_epi32(_mm_srli_epi32(number, 23), 1), upper_half);
+    constexpr int kFirst = 2 * 127 + 1;  // that of class 0
+    const __m128i of_class = _mm_min_epi32(halves, _mm_set1_epi32(kFirst + static_cast<int>(kScaleClasses) - 1));
+    const __m128i relative = _mm_sub_epi32(of_class, _mm_set1_epi32(kFirst - 7 + static_cast<int>(known.scale)));
+    const __m128i words = _mm_packus_epi32(_mm_min_epi32(relative, _mm_set1_epi32(15)), _mm_setzero_si128());
+    return _mm_unpacklo_epi32(_mm_cvtsi32_si128(static_cast<int>(direct)), _mm_packus_epi16(words, words));
+  }
+
+  LIDARCODEC_AVX2 static __m256i pick(__m256i first, __m256i second, __m256i classes, const std::array<Avx2Tables::Bytes, 4>& at) {
+    const __m256i positions = _mm256_or_si256(_mm256_shuffle_epi8(first, load(at[0])), _mm256_shuffle_epi8(second, load(at[1])));
+    return _mm256_or_si256(positions, _mm256_shuffle_epi8(classes, load(at[2])));
+  }
+
+  // First cells of eight slots, given twice their numbers.
+  LIDARCODEC_AVX2 static void put(__m128i twice, const std::uint32_t* begins, std::uint32_t* found) {
+    static_assert(kSlotCells == 16);
+    const __m256i cells = _mm256_slli_epi32(_mm256_cvtepu16_epi32(twice), 3);
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(found), _mm256_add_epi32(cells, load(begins)));
+  }
+};
+
+}  // namespace lidarcodec
+
+#undef LIDARCODEC_AVX2
+#endif

@@ -1,0 +1,111 @@
+// What is done with all contexts of a return at once, for any processor: its slots are found, their log odds added up, and
+// all of them taught. A *form* is a struct of such functions; every form gives the same results.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
+#include "cells.hpp"
+#include "positions.hpp"
+#include "predictive_model.hpp"
+
+namespace lidarcodec {
+
+// How fast a context learns, by how often it was seen: less than 6, 24, 96 times, and more.
+inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {720, 460, 320, 230};
+inline constexpr auto kRateOfCount = [] {
+  std::array<std::uint8_t, 97> rate{};
+  for (std::size_t n = 0; n < rate.size(); ++n) rate[n] = static_cast<std::uint8_t>((n >= 6) + (n >= 24) + (n >= 96));
+  return rate;
+}();
+alignas(16) inline constexpr std::array<std::int16_t, 8> kSeenOnce = {1};
+
+// Probabilities of the nodes of a return's tree, 1 to 15.
+struct alignas(32) Chances {
+  std::array<std::int16_t, 16> of;
+};
+
+template <bool kExpects>
+inline constexpr std::size_t kUsedContexts = kExpects ? kAllContexts : kPredictiveContexts;
+
+// A slot's first cell, by features.
+constexpr std::uint32_t slot_of(const Context& context, const Features& of) {
+  return context.is_pair() ? of[context.a] * 16u + of[context.b]
+                           : (of[context.a] >> 1) * 64u + (of[context.b] >> 1) * 8u + (of[context.c] >> 1);
+}
+
+// Eight cells at a time.
+template <class Cells, class Positions>
+struct NarrowForm {
+  // Calls what is to be compiled for the form's processors.
+  template <class Work>
+  static void run(const Work& work) {
+    work();
+  }
+
+  template <bool kExpects>
+  static void find(const Known& known, Slots& found) {
+    Features of;
+    Positions::of_around(known.around, known.scale, of.data());
+    const auto relative = [&](std::uint32_t size) {
+      const std::int32_t c = static_cast<std::int32_t>(scale_class(size)) - static_cast<std::int32_t>(known.scale) + 7;
+      return static_cast<std::uint8_t>(std::clamp(c, 0, 15));
+    };
+    of[kScale] = static_cast<std::uint8_t>(known.scale / 2);
+    of[kMask] = static_cast<std::uint8_t>(known.returns >> 12);
+    of[kLastLeaf] = static_cast<std::uint8_t>(known.leaves >> 4);
+    of[kMeanSize] = relative(known.mean_size);
+    of[kLastSize] = relative(known.last_size);
+    of[kUpSize] = relative(known.up_size);
+    if constexpr (kExpects) {
+      Positions::of_expected(known.expected, known.scale, of.data() + kSeenLeft);
+      of[kSeenMask] = static_cast<std::uint8_t>((known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3);
+      of[kSeenSize] = relative(known.seen_size);
+    }
+    const auto name = [&](std::size_t context, std::uint32_t slot) {
+      found.of[context] = kContextBegins[context] + slot * kSlotCells;
+    };
+    name(0, known.scale);
+    name(1, known.leaves);
+    name(2, known.returns % kMaskContexts);
+    name(3, of[kUp] * kScaleClasses + known.scale);
+#pragma GCC unroll 16
+    for (std::size_t i = 0; i + kFixedContexts < kUsedContexts<kExpects>; ++i)
+      name(kFixedContexts + i, slot_of(context_of_features(i), of));
+  }
+
+  template <bool kExpects>
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    for (std::size_t v = 0; v < 2; ++v) {
+      Cells sum = Cells::load(cells + slots.of[0] + 8 * v);
+#pragma GCC unroll 20
+      for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + 8 * v);
+      probabilities(sum).store(chances.of.data() + 8 * v);
+    }
+  }
+
+  // walked: down the tree, where the return lies.
+  template <bool kExpects>
+  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+    std::array<std::array<Cells, 2>, kPredictiveRates.size()> by;
+    for (std::size_t v = 0; v < 2; ++v) {
+      const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
+      const Cells p = Cells::load(chances.of.data() + 8 * v);
+#pragma GCC unroll 4
+      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = moves(wanted, taken, p, kPredictiveRates[r]);
+    }
+    for (std::size_t r = 0; r + 1 < by.size(); ++r) by[r][0] = by[r][0] + Cells::load(kSeenOnce.data());
+#pragma GCC unroll 20
+    for (std::size_t i = 0; i < kUsedContexts<kExpects>; ++i) {
+      std::int16_t* const slot = cells + slots.of[i];
+      const std::array<Cells, 2>& move = by[kRateOfCount[static_cast<std::size_t>(slot[0])]];
+      (Cells::load(slot) + move[0]).store(slot);
+      (Cells::load(slot + 8) + move[1]).store(slot + 8);
+    }
+  }
+};
+
+using PlainForms = NarrowForm<PlainCells, PlainPositions>;
+using VectorForms = NarrowForm<Cells, Positions>;  // SSE2 or NEON, which every processor of their kind has
+
+}  // namespace lidarcodec
