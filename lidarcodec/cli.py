@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from lidarcodec.commands import token
+from lidarcodec.commands import evaluate, token
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.commands.stopping import Interrupter
@@ -42,6 +42,7 @@ app = typer.Typer(
 
 
 app.add_typer(token.app, name="token")
+app.add_typer(evaluate.app, name="evaluate")
 
 Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
 CalibrationFile = Annotated[

@@ -34,7 +34,11 @@ def check_plot() -> None:
         raise MissingExtraError("--plot", "plot")
 
 
-def _figure(width: float, height: float) -> Figure:
+def blank_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches, that needs no window.
+
+    Raises MissingExtraError without matplotlib.
+    """
     check_plot()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -48,7 +52,7 @@ def _title(results: Sequence[Result]) -> str:
     return f"{Path(results[0]['source']).name}, {results[0]['frames']} frames"
 
 
-def _plain_ticks(*scales: Axis) -> None:
+def plain_ticks(*scales: Axis) -> None:
     """Number logarithmic scales 1, 2, 5, 10, ... and nothing between."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -63,7 +67,7 @@ def plot_bits(results: Sequence[Result], path: Path) -> None:
 
     Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
     """
-    figure = _figure(12, 1.8 + 0.5 * len(results))
+    figure = blank_figure(12, 1.8 + 0.5 * len(results))
     names = [label(result) for result in results]
     bits = [result["bits_per_point"] for result in results]
     bars, curve = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -96,7 +100,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
 
     Raises MissingExtraError without matplotlib, OSError when the file cannot be written.
     """
-    figure = _figure(11, 4.6)
+    figure = blank_figure(11, 4.6)
     rmse, psnr = figure.subplots(1, 2)
     lossy = [1e3 * r["rmse_m"] for r in results if r["rmse_m"]]
     floor_mm = 0.5 * min(lossy, default=1.0)
@@ -110,7 +114,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         if heights:
             psnr.plot(*zip(*heights, strict=True), style, label=name, markersize=4, linewidth=1.2)
     rmse.set_yscale("log")
-    _plain_ticks(rmse.yaxis)
+    plain_ticks(rmse.yaxis)
     rmse.set_ylabel(f"RMSE along the ray, mm (lossless: drawn at {floor_mm:.2g})")
     psnr.set_ylabel("PSNR over 130 m, dB")
     kbps_per_bit = max(results[0]["kbps_at_10hz"] / (results[0]["bits_per_point"]["total"] or 1.0), 1e-9)
@@ -119,7 +123,7 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         axes.set_xlabel("kbit/s at 10 Hz, everything counted")
         above = axes.secondary_xaxis("top", functions=(lambda x: x / kbps_per_bit, lambda x: x * kbps_per_bit))
         above.set_xlabel("bits per point")
-        _plain_ticks(axes.xaxis, above.xaxis)
+        plain_ticks(axes.xaxis, above.xaxis)
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
     if rmse.lines:
         rmse.legend(frameon=False, fontsize=8)

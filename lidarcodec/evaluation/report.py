@@ -12,7 +12,8 @@ from lidarcodec.settings import StreamSettings
 Result = dict[str, Any]
 
 
-def _number(value: float | None, digits: int) -> str:
+def number(value: float | None, digits: int) -> str:
+    """A number for a table, or a dash."""
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
@@ -36,40 +37,38 @@ def packets_word(identical: bool | None) -> str:
 
 def _more_columns() -> dict[str, Callable[[Result], str]]:
     return {
-        "chamfer mm": lambda r: _number(None if r["chamfer_m"] is None else r["chamfer_m"] * 1e3, 2),
-        "plane dB": lambda r: _number(r["point_to_plane_psnr_db"], 2),
-        "D1 dB": lambda r: _number(r["d1_psnr_db"], 2),
-        "D2 dB": lambda r: _number(r["d2_psnr_db"], 2),
+        "chamfer mm": lambda r: number(None if r["chamfer_m"] is None else r["chamfer_m"] * 1e3, 2),
+        "plane dB": lambda r: number(r["point_to_plane_psnr_db"], 2),
+        "D1 dB": lambda r: number(r["d1_psnr_db"], 2),
+        "D2 dB": lambda r: number(r["d2_psnr_db"], 2),
     }
 
 
 def _reduced_columns() -> dict[str, Callable[[Result], str]]:
     return {
-        "kept": lambda r: _number(
-            None if r["kept_fraction"] is None else r["kept_fraction"] * r["points_per_frame"], 0
-        ),
-        "bit/kept": lambda r: _number(r["bits_per_kept_point"], 2),
-        "kB/frame": lambda r: _number(r.get("kb_per_frame"), 2),
+        "kept": lambda r: number(None if r["kept_fraction"] is None else r["kept_fraction"] * r["points_per_frame"], 0),
+        "bit/kept": lambda r: number(r["bits_per_kept_point"], 2),
+        "kB/frame": lambda r: number(r.get("kb_per_frame"), 2),
     }
 
 
 COLUMNS: dict[str, Callable[[Result], str]] = {
     "codec": label,
-    "range": lambda r: _number(r["bits_per_point"]["range"], 2),
-    "mask": lambda r: _number(r["bits_per_point"]["mask"], 2),
-    "geometry": lambda r: _number(r["bits_per_point"]["geometry"], 2),
-    "intensity": lambda r: _number(r["bits_per_point"]["intensity"], 2),
-    "azimuth": lambda r: _number(r["bits_per_point"]["azimuth"], 2),
-    "side": lambda r: _number(r["bits_per_point"]["side"], 2),
-    "header": lambda r: _number(r["bits_per_point"]["header"], 3),
-    "total": lambda r: _number(r["bits_per_point"]["total"], 2),
-    "ratio": lambda r: _number(r["ratio"], 2),
-    "kbit/s": lambda r: _number(r["kbps_at_10hz"], 0),
-    "rmse mm": lambda r: _number(None if r["rmse_m"] is None else r["rmse_m"] * 1e3, 2),
-    "max mm": lambda r: _number(None if r["max_error_m"] is None else r["max_error_m"] * 1e3, 0),
+    "range": lambda r: number(r["bits_per_point"]["range"], 2),
+    "mask": lambda r: number(r["bits_per_point"]["mask"], 2),
+    "geometry": lambda r: number(r["bits_per_point"]["geometry"], 2),
+    "intensity": lambda r: number(r["bits_per_point"]["intensity"], 2),
+    "azimuth": lambda r: number(r["bits_per_point"]["azimuth"], 2),
+    "side": lambda r: number(r["bits_per_point"]["side"], 2),
+    "header": lambda r: number(r["bits_per_point"]["header"], 3),
+    "total": lambda r: number(r["bits_per_point"]["total"], 2),
+    "ratio": lambda r: number(r["ratio"], 2),
+    "kbit/s": lambda r: number(r["kbps_at_10hz"], 0),
+    "rmse mm": lambda r: number(None if r["rmse_m"] is None else r["rmse_m"] * 1e3, 2),
+    "max mm": lambda r: number(None if r["max_error_m"] is None else r["max_error_m"] * 1e3, 0),
     "packets": lambda r: packets_word(r["packets_identical"]),
-    "encode ms": lambda r: _number(r["encode_ms"]["p50"], 1),
-    "decode ms": lambda r: _number(r["decode_ms"]["p50"], 1),
+    "encode ms": lambda r: number(r["encode_ms"]["p50"], 1),
+    "decode ms": lambda r: number(r["decode_ms"]["p50"], 1),
 }
 
 
@@ -84,8 +83,13 @@ def text_table(results: Sequence[Result]) -> str:
     reduced = any(result["settings"].get("reduction", "all") != "all" for result in results)
     shown = COLUMNS | (_reduced_columns() if reduced else {}) | (_more_columns() if "chamfer_m" in first else {})
     rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]
+    return "\n".join([head, *aligned(rows)])
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table, the first row its head: the first column to the left, the others to the right."""
     columns = []
     for at, cells in enumerate(zip(*rows, strict=True)):
         width = max(map(len, cells))
         columns.append([cell.ljust(width) if at == 0 else cell.rjust(width) for cell in cells])
-    return "\n".join([head, *("  ".join(row) for row in zip(*columns, strict=True))])
+    return ["  ".join(row) for row in zip(*columns, strict=True)]

@@ -1,0 +1,63 @@
+"""Results kept in a folder, by a digest of everything that they depend on: a second run computes only what is new.
+
+>>> import tempfile
+>>> with tempfile.TemporaryDirectory() as folder:
+...     kept = Cache(Path(folder))
+...     first = kept.arrays(digest("a", 1), lambda: {"x": np.arange(3.0)})
+...     again = kept.arrays(digest("a", 1), lambda: {"x": np.zeros(3)})
+>>> again["x"]
+array([0., 1., 2.])
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+FORM: Final = 1
+"""Raised when the same input gives other results than before."""
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def digest(*parts: Any) -> str:
+    """Hexadecimal name of arrays and plain values, in order."""
+    found = hashlib.sha256(f"localisation {FORM}".encode())
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            found.update(f"{part.dtype}{part.shape}".encode())
+            found.update(np.ascontiguousarray(part).tobytes())
+        else:
+            found.update(json.dumps(part, sort_keys=True).encode())
+    return found.hexdigest()[:32]
+
+
+class Cache:
+    """A folder of .npz files; None keeps nothing. A file that cannot be read is made again."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def arrays(self, name: str, make: Callable[[], Arrays]) -> Arrays:
+        """What is kept under a name, or else what `make` gives, kept from now on."""
+        if self.folder is None:
+            return make()
+        path = self.folder / f"{name}.npz"
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return {key: file[key] for key in file.files}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            made = make()
+        beside = path.with_suffix(f".{os.getpid()}.npz")
+        np.savez(beside, **made)  # type: ignore[arg-type]
+        beside.replace(path)
+        return made

@@ -1,0 +1,91 @@
+"""A drive in memory: its whole turns, when each was, and the points of a frame as seen from its stamp.
+
+>>> drive = read_drive("sim:street?frames=4")
+>>> len(drive.frames), drive.name
+(3, 'sim:street?frames=4')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.rigid import Matrix
+from lidarcodec.evaluation.trajectory import FARTHEST_M, NEAREST_M, Scan, deskewed, scan_of
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources import open_source
+from lidarcodec.sources.poses import Poses
+
+WHOLE: Final = 0.95
+"""Share of the usual width from which a frame counts as a whole turn; the ends of a drive are cut turns."""
+FEWEST_FRAMES: Final = 2
+
+
+@dataclass(frozen=True)
+class Drive:
+    """name: the source's; frames: whole ones, in order; stamps_ns: (F,) int64, host time of the middle of each; poses:
+    the source's own, if it has any; exact: whether they are those that the packets were made with"""
+
+    name: str
+    frames: list[Frame]
+    stamps_ns: npt.NDArray[np.int64] = field(repr=False)
+    poses: Poses | None = None
+    exact: bool = False
+
+    def scan(self, at: int, frame: Frame | None = None) -> Scan:
+        """The returns of frame number `at`, or of what was decoded for it, timed from the stamp of the original."""
+        found = scan_of(self.frames[at] if frame is None else frame)
+        stamp = int(self.stamps_ns[at])
+        later = np.float32((found.stamp_ns - stamp) * 1e-9)
+        return Scan(stamp, found.points, found.after_s + later)
+
+    def cloud(self, at: int, velocity: Matrix, frame: Frame | None = None) -> Matrix:
+        """(N, 3) the points of `scan`, seen from where the sensor was at the stamp; nearer than 3 m, where the car
+        itself is, and beyond 80 m there are none. velocity: (6,) of the sensor over that turn."""
+        scan = self.scan(at, frame)
+        return deskewed(scan, velocity)[in_reach(scan.points)]
+
+
+def in_reach(points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
+    """(N,) whether points (N, 3) are neither the car itself nor too far to be used."""
+    distance = np.linalg.norm(points, axis=1)
+    reached: npt.NDArray[np.bool_] = (distance > NEAREST_M) & (distance < FARTHEST_M)
+    return reached
+
+
+def read_drive(
+    spec: str | Path,
+    *,
+    framing: str = "revolution",
+    frames: int | None = None,
+    skip: int = 0,
+    calibration: Path | None = None,
+    poses: Path | None = None,
+    tick: Callable[[], None] = lambda: None,
+) -> Drive:
+    """The drive of a source; 0.5 MB a frame stay in memory.
+
+    frames: how many at most, counted with those that are no whole turns; skip: frames left out before them
+    Raises SourceError, also where fewer than two whole frames are left, SettingsError, CalibrationError.
+    """
+    found = []
+    with open_source(spec, calibration=calibration, poses=poses) as source:
+        end = None if frames is None else skip + frames
+        for frame in islice(frames_of(source.packets(), source.sensor, framing), skip, end):
+            found.append(frame)
+            tick()
+        given, exact = source.poses, poses is None and str(spec).startswith("sim:")
+    usual = np.median([frame.width for frame in found]) if found else 0
+    whole = [frame for frame in found if frame.width >= WHOLE * usual]
+    if len(whole) < FEWEST_FRAMES:
+        raise SourceError(f"{spec} has {len(whole)} whole frames: too few to find a way through")
+    stamps = np.array([scan_of(frame).stamp_ns for frame in whole], np.int64)
+    return Drive(str(spec), whole, stamps, given, exact)

@@ -1,0 +1,48 @@
+"""Returns that stand out: Harris in three dimensions on normals, and intrinsic shape signatures, over search trees.
+
+Baselines of the paper, here to be compared with; both take the points of a frame and a number, and give places. SIFT on
+clouds is left out: no library that installs without a window system has it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.evaluation.geometry import Cloud
+from lidarcodec.evaluation.rigid import Matrix
+
+Places = npt.NDArray[np.intp]
+NEIGHBOURS: Final = 24
+SALIENT_RATIO: Final = 0.975
+ONE_IN_M: Final = 0.25
+"""Of what stands out, the best in a cell of this size is taken: the non-maximum suppression of both."""
+HARRIS_K: Final = 0.04
+
+
+def harris(points: Matrix, count: int) -> Places:
+    """Places, rising, of the highest Harris responses: det(C) - k trace(C)^3, C the mean of n n' over 24 neighbours."""
+    tree = Cloud(points)
+    normals = tree.normals()[tree.neighbours(points, NEIGHBOURS)]
+    spread = np.einsum("nki,nkj->nij", normals, normals) / NEIGHBOURS
+    response = np.linalg.det(spread) - HARRIS_K * np.trace(spread, axis1=1, axis2=2) ** 3 / 9
+    return _best(points, response, np.argsort(-response, kind="stable"), count)
+
+
+def iss(points: Matrix, count: int) -> Places:
+    """Places, rising, of the highest smallest eigenvalue of the neighbourhood's scatter (24 nearest), where each
+    eigenvalue is below 0.975 of the next: no direction of such a place is like another (Zhong 2009)."""
+    apart = points[Cloud(points).neighbours(points, NEIGHBOURS)] - points[:, None]
+    values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", apart, apart) / NEIGHBOURS)
+    clear = (values[:, 1] < SALIENT_RATIO * values[:, 2]) & (values[:, 0] < SALIENT_RATIO * values[:, 1])
+    salient = np.flatnonzero(clear)
+    return _best(points, values[:, 0], salient[np.argsort(-values[salient, 0], kind="stable")], count)
+
+
+def _best(points: Matrix, score: Matrix, order: Places, count: int) -> Places:
+    cell = np.floor(points[order] / ONE_IN_M).astype(np.int64) + (1 << 20)
+    keys = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
+    best = order[np.unique(keys, return_index=True)[1]]
+    return np.sort(best[np.argsort(-score[best], kind="stable")[:count]])

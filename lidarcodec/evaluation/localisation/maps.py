@@ -1,0 +1,45 @@
+"""The map that clouds are put into: means of cells over every fifth scan. A scan that is scored is never in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from lidarcodec.errors import SourceError
+from lidarcodec.evaluation.localisation.drive import Drive
+from lidarcodec.evaluation.localisation.reference import Reference
+from lidarcodec.evaluation.rigid import Matrix, moved
+from lidarcodec.evaluation.trajectory import MAP_CELL_M, MAP_EVERY, CellMeans, voxel_means
+
+FEWEST: Final = 100
+"""Points without which nothing can be found in a map."""
+
+
+def mapped_frames(count: int) -> range:
+    """The mapped frames of a drive of `count`: one in five, as the paper's own counts of map points imply."""
+    return range(0, count, MAP_EVERY)
+
+
+def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
+    """(N, 3) means of cells, first in each cloud (N, 3) in the world, then over all of them.
+
+    Raises SourceError for fewer than 100 points in all.
+    """
+    means = CellMeans(cell_m)
+    for cloud in clouds:
+        means.add(voxel_means(cloud, cell_m))
+    points = means.means()
+    if len(points) < FEWEST:
+        raise SourceError(f"a map of {len(points)} points: too few to find anything in it")
+    return points
+
+
+def whole_map(drive: Drive, reference: Reference, cell_m: float = MAP_CELL_M) -> Matrix:
+    """(N, 3) the map of all returns of every fifth scan."""
+    return merged(
+        (
+            moved(reference.poses[at], drive.cloud(at, reference.velocities[at]))
+            for at in mapped_frames(len(drive.frames))
+        ),
+        cell_m,
+    )
