@@ -1,0 +1,108 @@
+"""Frames to train and to measure on: whole turns, each with the motion since the one before it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from lidarcodec.codecs.motion import Motion
+from lidarcodec.codecs.motion_finder import MotionFinder
+from lidarcodec.codecs.warp import RangeHistory
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources import open_source
+from lidarcodec.training.riddle_paper.context import ContextReader, Contexts, nearest_anchor
+from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
+from lidarcodec.training.riddle_paper.moved import MovedPoints
+
+LEAST_COLUMNS = 1000
+"""A frame with fewer is the beginning or end of a capture, not a turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A turn, the one before it, and how the sensor moved in between; both None where that is not known."""
+
+    frame: Frame
+    earlier: Frame | None = None
+    motion: Motion | None = None
+
+    def points(self, step: int, count: int) -> MovedPoints | None:
+        """What a decoder has of the scan before, in steps of `step` x 2 mm; None where there is none."""
+        if self.earlier is None or self.motion is None:
+            return None
+        sent = ranges_of(image_of(self.earlier, step), self.earlier)
+        return MovedPoints(self.earlier, sent, self.motion, count)
+
+
+def scans_of(frames: Iterable[Frame]) -> Iterator[Scan]:
+    """Scans of a run of turns. The motion is found as `predictive` finds it, from poses where frames have them."""
+    finder, seen = MotionFinder(), RangeHistory()
+    before: Frame | None = None
+    for frame in frames:
+        if frame.width < LEAST_COLUMNS:
+            before = None
+            continue
+        found = finder.next(frame, seen)
+        seen.remember(frame.range, frame.azimuth, frame.fired, frame.sensor)
+        known = before is not None and found.origin in ("found", "poses")
+        yield Scan(frame, before, found.motion) if known else Scan(frame)
+        before = frame
+
+
+def read_scans(
+    source: str, *, calibration: Path | None = None, skip: int = 0, every: int = 1, most: int | None = None
+) -> list[Scan]:
+    """Scans of a capture or any other source: each `every`th after the first `skip`, at most `most`.
+
+    Raises SourceError, CalibrationError or PacketError when the source cannot be read.
+    """
+    with open_source(source, calibration=calibration) as opened:
+        scans = scans_of(frames_of(opened.packets(), opened.sensor, "revolution"))
+        return list(islice(scans, skip, None if most is None else skip + (most - 1) * every + 1, every))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N returns to learn from: contexts, and the right answers.
+
+    ranges_m: (N,) float32 metres, quantised; anchor: (N,) number of the right anchor; step: of the image
+    """
+
+    contexts: Contexts
+    ranges_m: np.ndarray[tuple[int], np.dtype[np.float32]]
+    anchor: np.ndarray[tuple[int], np.dtype[np.intp]]
+    step: int
+
+
+def samples_of(image: PaperImage, earlier: MovedPoints | None, count: int, rng: np.random.Generator) -> Samples:
+    """Up to `count` returns of an image, drawn at random; those without any valid neighbour are left out."""
+    rows, columns = np.nonzero(image.valid)
+    if len(rows) > count:
+        drawn = np.sort(rng.choice(len(rows), count, replace=False))
+        rows, columns = rows[drawn], columns[drawn]
+    contexts = ContextReader(image, earlier).read(rows, columns)
+    ranges = image.cells[rows, columns].astype(np.float32) * np.float32(image.step_m)
+    anchor, any_valid = nearest_anchor(contexts, ranges)
+    kept = np.flatnonzero(any_valid)
+    chosen = Contexts(
+        contexts.features[kept], contexts.valid[kept], contexts.anchors_m[kept], contexts.before_m[kept]
+    )  # fmt: skip
+    return Samples(chosen, ranges[kept], anchor[kept], image.step)
+
+
+def batch_of(
+    scans: Sequence[Scan], quanta: Sequence[int], temporal: int, count: int, frames: int, rng: np.random.Generator
+) -> list[Samples]:
+    """About `count` returns of `frames` scans drawn at random, each in a step drawn from `quanta`."""
+    parts = []
+    for number in rng.choice(len(scans), frames, replace=len(scans) < frames):
+        step = int(rng.choice(np.asarray(quanta)))
+        scan = scans[int(number)]
+        earlier = scan.points(step, temporal) if temporal else None
+        parts.append(samples_of(image_of(scan.frame, step), earlier, count // frames, rng))
+    return parts

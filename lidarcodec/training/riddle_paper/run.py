@@ -1,0 +1,226 @@
+"""Training of RIDDLE's predictor: seeded, with checkpoints, resumable to the very weights of a run without a break."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.training import runs
+from lidarcodec.training.nets.riddle_paper import RESIDUAL_UNIT_M, NetShape, RiddlePaper, loss_of, predicted
+from lidarcodec.training.riddle_paper.context import FEATURES, SPATIAL, step_feature
+from lidarcodec.training.riddle_paper.data import Samples, Scan, batch_of
+
+CHECKPOINT: Final = "checkpoint.pt"
+_CHUNK: Final = 64
+"""Returns that a CPU works on at once: what they need stays in its cache, which is twice as fast as 1024 together."""
+_VALIDATION_STEP: Final = 1 << 30
+"""Number of the step that validation draws as: none of the training's."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What a run is asked for.
+
+    temporal:  points of the scan before in a context; 0 is the intra variant, 100 the paper's, 50 its supplement's
+    steps:     of the optimiser; batch: returns in each, from `frames` scans; quanta: range steps to quantise to
+    rate:      peak of the learning rate; encoder, decoder: widths of the network
+    """
+
+    temporal: int = 0
+    steps: int = 4000
+    batch: int = 1024
+    frames: int = 2
+    quanta: tuple[int, ...] = (10, 11, 50, 51)
+    rate: float = 2e-3
+    seed: int = 1
+    encoder: tuple[int, ...] = (32, 64, 128)
+    decoder: tuple[int, ...] = (256, 128)
+    residual_weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        limits = {"temporal": (0, 1000), "steps": (1, 10**8), "batch": (1, 1 << 20), "frames": (1, 1 << 10)}
+        for name, (least, most) in limits.items():
+            if not least <= getattr(self, name) <= most:
+                raise SettingsError(f"{name} = {getattr(self, name)}: {least} to {most} are possible", name)
+        if not self.quanta or min(self.quanta) < 1:
+            raise SettingsError(f"quanta = {self.quanta}: at least one, each at least 1", "quanta")
+        if self.batch < self.frames:
+            raise SettingsError(f"a batch of {self.batch} returns from {self.frames} frames", "batch")
+
+    @property
+    def shape(self) -> NetShape:
+        """The network's."""
+        return NetShape(SPATIAL, self.temporal, FEATURES, self.encoder, self.decoder)
+
+    def stored(self) -> dict[str, runs.Value]:
+        """As a checkpoint keeps them."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
+        }  # fmt: skip
+
+    @classmethod
+    def restored(cls, values: dict[str, runs.Value]) -> RunSettings:
+        """Out of a checkpoint. Raises SourceError if they are not those of such a run."""
+        try:
+            return cls(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})  # type: ignore[arg-type]
+        except TypeError:
+            raise SourceError("the checkpoint is not one of RIDDLE's predictor") from None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands: steps done of all, loss of the last ones, and what was measured if that was due."""
+
+    step: int
+    steps: int
+    loss: float
+    measured: dict[str, runs.Value] | None
+
+
+def train(
+    scans: Sequence[Scan],
+    held_out: Sequence[Scan],
+    settings: RunSettings,
+    folder: Path,
+    *,
+    device: torch.device | None = None,
+    until: int | None = None,
+    every: int = 250,
+    tell: Callable[[Progress], None] | None = None,
+) -> RiddlePaper:
+    """Trains, or goes on where the checkpoint in `folder` stands, up to step `until` (default: the end).
+
+    held_out: scans to measure on, every `every` steps, when the checkpoint is written too
+    Raises SettingsError if the folder holds a run under other settings, or no scan suits the variant.
+    """
+    device = device or runs.choose_device("cpu")
+    scans, held_out = _fit(scans, settings), _fit(held_out, settings)
+    if not scans:
+        raise SettingsError(
+            "nothing to train on: no source has a scan of a whole turn (with a known motion, if temporal)"
+        )
+    runs.seed_torch(settings.seed)
+    net = RiddlePaper(settings.shape)
+    net.to(device)
+    optimiser = torch.optim.Adam(net.parameters(), lr=settings.rate, betas=(0.9, 0.98))
+    state = runs.load_checkpoint(folder / CHECKPOINT, device)
+    if state is None:
+        state = runs.Checkpoint(0, settings.stored(), {}, {})
+    else:
+        state.require(settings.stored())
+        net.load_state_dict(state.model)
+        optimiser.load_state_dict(state.optimiser)
+    last = settings.steps if until is None else min(until, settings.steps)
+    started, losses = time.monotonic() - state.seconds, []
+    for step in range(state.step, last):
+        rng = runs.step_rng(settings.seed, step)
+        parts = batch_of(scans, settings.quanta, settings.temporal, settings.batch, settings.frames, rng)
+        runs.set_rate(optimiser, runs.rate_at(step, settings.steps, peak=settings.rate))
+        losses.append(_learn(net, optimiser, parts, settings, device))
+        due = (step + 1) % every == 0 or step + 1 == last
+        measured: dict[str, runs.Value] | None = None
+        if due:
+            measured = {"step": step + 1, "loss": float(np.mean(losses[-every:]))}
+            measured |= _measure(net, held_out, settings, device)
+            state.log.append(measured)
+            states, seconds = (net.state_dict(), optimiser.state_dict()), time.monotonic() - started
+            done = runs.Checkpoint(step + 1, state.settings, *states, seconds, state.log)
+            runs.save_checkpoint(folder / CHECKPOINT, done)
+        if tell:
+            tell(Progress(step + 1, settings.steps, losses[-1], measured))
+    return net
+
+
+def load_net(folder: Path, device: torch.device | None = None) -> tuple[RiddlePaper, runs.Checkpoint]:
+    """The predictor that was trained into `folder`, and how that went.
+
+    Raises SourceError if there is none, or it cannot be read.
+    """
+    state = runs.load_checkpoint(folder / CHECKPOINT, device)
+    if state is None:
+        raise SourceError(f"no {CHECKPOINT} in {folder}: train one first")
+    net = RiddlePaper(RunSettings.restored(state.settings).shape)
+    try:
+        net.load_state_dict(state.model)
+    except (RuntimeError, AttributeError, TypeError):
+        raise SourceError(f"{folder / CHECKPOINT} holds another network than it says") from None
+    return net, state
+
+
+def _fit(scans: Sequence[Scan], settings: RunSettings) -> list[Scan]:
+    """Those that the variant can use: the temporal one is not trained on scans without one before."""
+    return [scan for scan in scans if scan.motion is not None or not settings.temporal]
+
+
+def _tensors(part: Samples, device: torch.device) -> tuple[torch.Tensor, ...]:
+    contexts = part.contexts
+    anchors = contexts.anchors_m[np.arange(len(part.anchor)), part.anchor]
+    residual = (part.ranges_m - anchors) / np.float32(RESIDUAL_UNIT_M)
+    steps = np.full(len(part.anchor), step_feature(part.step), np.float32)
+    arrays = (contexts.features, contexts.valid, steps, part.anchor.astype(np.int64), residual, contexts.anchors_m)
+    return tuple(torch.from_numpy(array).to(device) for array in (*arrays, part.ranges_m))
+
+
+def _learn(
+    net: RiddlePaper,
+    optimiser: torch.optim.Optimizer,
+    parts: list[Samples],
+    settings: RunSettings,
+    device: torch.device,
+) -> float:
+    """One step on a batch; its mean loss."""
+    features, valid, steps, anchor, residual, *_ = (
+        torch.cat(tensors) for tensors in zip(*(_tensors(part, device) for part in parts), strict=True)
+    )
+    count, total = len(anchor), 0.0
+    net.train()
+    optimiser.zero_grad()
+    chunk = _CHUNK if device.type == "cpu" else max(count, 1)
+    for at in range(0, count, chunk):
+        some = slice(at, at + chunk)
+        logits, residuals = net(features[some], valid[some], steps[some])
+        loss = loss_of(logits, residuals, anchor[some], residual[some], settings.residual_weight).sum() / count
+        loss.backward()
+        total += float(loss.detach())
+    torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+    optimiser.step()
+    return total
+
+
+def _measure(
+    net: RiddlePaper, scans: list[Scan], settings: RunSettings, device: torch.device, count: int = 2048
+) -> dict[str, runs.Value]:
+    """What the network reaches on scans it has not seen: the same returns every time."""
+    if not scans:
+        return {}
+    rng = runs.step_rng(settings.seed, _VALIDATION_STEP)
+    frames = min(4, len(scans))
+    parts = batch_of(scans, settings.quanta, settings.temporal, count, frames, rng)
+    net.eval()
+    right, near, apart, before, held = 0, 0, 0.0, 0.0, 0
+    with torch.inference_mode():
+        for part in parts:
+            tensors = _tensors(part, device)
+            before += float(np.log2(1 + np.abs(part.contexts.before_m - part.ranges_m) / 0.01).sum())
+            chunks = zip(*(tensor.split(_CHUNK) for tensor in tensors), strict=True)
+            for features, valid, steps, anchor, _, anchors, ranges in chunks:
+                logits, residuals = net(features, valid, steps)
+                off = (predicted(logits, residuals, anchors) - ranges).abs()
+                right += int((logits.argmax(dim=1) == anchor).sum())
+                near += int((off <= 0.1).sum())
+                apart += float(torch.log2(1 + off / 0.01).sum())
+                held += len(ranges)
+    held = max(held, 1)
+    return {
+        "anchors_right": right / held,
+        "within_10_cm": near / held,
+        "log2_error": apart / held,  # mean of log2(1 + error / 1 cm): about what a residual costs
+        "previous_valid_log2_error": before / held,
+    }

@@ -1,0 +1,97 @@
+"""If these fail, training teaches nothing, or a run that was stopped ends with other weights than one that was not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcodec.errors import SettingsError, SourceError
+
+torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
+
+from lidarcodec.codecs.motion import STILL  # noqa: E402
+from lidarcodec.training import runs  # noqa: E402
+from lidarcodec.training.riddle_paper.coding import Predictor  # noqa: E402
+from lidarcodec.training.riddle_paper.data import Scan, read_scans  # noqa: E402
+from lidarcodec.training.riddle_paper.images import image_of, previous_valid  # noqa: E402
+from lidarcodec.training.riddle_paper.residuals import entropy_bits  # noqa: E402
+from lidarcodec.training.riddle_paper.run import CHECKPOINT, Progress, RunSettings, load_net, train  # noqa: E402
+from tests.training.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
+
+SMALL = RunSettings(steps=12, batch=64, encoder=(8, 16), decoder=(16,), quanta=(10,))
+
+
+def scans(count: int, first_seed: int = 20, columns: int = 150) -> list[Scan]:
+    """Toy turns; each says that the one before it is itself, seen by a sensor that stands."""
+    found = []
+    for seed in range(first_seed, first_seed + count):
+        frame = toy_frame((toy_ranges(seed, 64, columns).clip(0, 100) * 500).astype(np.uint16))
+        found.append(Scan(frame, frame, STILL))
+    return found
+
+
+@pytest.mark.timeout(600)  # 5 s of a core; ten times that on a busy machine
+def test_a_short_training_beats_the_previous_valid_return(tmp_path: Path) -> None:
+    settings = RunSettings(steps=200, batch=128, frames=1, quanta=(10,), rate=5e-3, encoder=(16, 32, 64), decoder=(64,))
+    net = train(scans(6), [], settings, tmp_path, every=1000)
+    predictor = Predictor(net, torch.device("cpu"))
+    image = image_of(scans(1, first_seed=50)[0].frame, 10)
+    true = image.cells[image.valid].astype(np.int64)
+    learned = true - predictor.predict_all(image)[image.valid]
+    plain = true - previous_valid(image.cells, image.valid)[image.valid]
+    assert entropy_bits(learned) < 0.92 * entropy_bits(plain)  # 0.85 when written
+    assert np.median(np.abs(learned)) <= np.median(np.abs(plain))
+
+
+@pytest.mark.parametrize("temporal", [0, 5])
+def test_a_resumed_run_makes_the_weights_of_one_without_a_break(tmp_path: Path, temporal: int) -> None:
+    settings = RunSettings(**{**SMALL.__dict__, "temporal": temporal})
+    seen: list[Progress] = []
+    whole = train(scans(3), scans(1, 60), settings, tmp_path / "whole", every=5, tell=seen.append)
+    train(scans(3), scans(1, 60), settings, tmp_path / "parts", every=5, until=7)
+    parts = train(scans(3), scans(1, 60), settings, tmp_path / "parts", every=5)
+    for name, weights in whole.state_dict().items():
+        assert torch.equal(weights, parts.state_dict()[name]), name
+    assert [progress.step for progress in seen] == list(range(1, 13))
+    kept, log = load_net(tmp_path / "parts")
+    assert all(torch.equal(kept.state_dict()[name], weights) for name, weights in whole.state_dict().items())
+    assert [entry["step"] for entry in log.log] == [5, 7, 10, 12]
+    assert log.log[-1]["within_10_cm"] is not None
+
+
+def test_a_run_is_not_resumed_as_another(tmp_path: Path) -> None:
+    train(scans(2), [], SMALL, tmp_path, until=2)
+    with pytest.raises(SettingsError, match="seed"):
+        train(scans(2), [], RunSettings(**{**SMALL.__dict__, "seed": 2}), tmp_path)
+
+
+def test_seeds_make_different_runs_and_the_same_seed_the_same(tmp_path: Path) -> None:
+    nets = [
+        train(scans(2), [], RunSettings(**{**SMALL.__dict__, "seed": seed}), tmp_path / name, until=2)
+        for name, seed in (("a", 1), ("b", 1), ("c", 2))
+    ]
+    a, b, c = (torch.cat([weights.flatten() for weights in net.state_dict().values()]) for net in nets)
+    assert torch.equal(a, b)
+    assert not torch.equal(a, c)
+
+
+def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="nothing to train on"):
+        train([Scan(scans(1)[0].frame)], [], RunSettings(**{**SMALL.__dict__, "temporal": 3}), tmp_path)
+    for wrong in ({"batch": 0}, {"steps": 0}, {"quanta": ()}, {"quanta": (0,)}, {"temporal": -1}, {"batch": 1}):
+        with pytest.raises(SettingsError):
+            RunSettings(**{**SMALL.__dict__, **wrong})
+    with pytest.raises(SourceError, match="train one first"):
+        load_net(tmp_path / "nowhere")
+    runs.save_checkpoint(tmp_path / CHECKPOINT, runs.Checkpoint(1, {"colour": "blue"}, {}, {}))
+    with pytest.raises(SourceError, match="not one of RIDDLE"):
+        load_net(tmp_path)
+
+
+def test_turns_of_a_source_come_with_the_motion_between_them() -> None:
+    found = read_scans("sim:city?seed=3&frames=3", every=1)
+    assert len(found) >= 2
+    assert found[0].motion is None
+    assert all(scan.earlier is not None and scan.motion is not None for scan in found[1:])
