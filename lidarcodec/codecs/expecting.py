@@ -3,6 +3,9 @@
 A codec adds how it writes ranges, with or without an image of what to expect: the ranges of a turn ago, moved as the
 sensor moved since. The encoder finds that motion and sends it in a section of its own; a message without one expects
 nothing. A frame that begins from nothing never expects anything.
+
+A frame of less than half a turn is a *slab*: it goes on where the slab before ended, with the columns there (*edge*) as
+if they were its own, and with the motion of the message before where that is still the best one known.
 """
 
 from __future__ import annotations
@@ -16,14 +19,17 @@ import numpy.typing as npt
 from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.history import Memory, StreamHistory
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
-from lidarcodec.codecs.motion import decode_motion, encode_motion
+from lidarcodec.codecs.motion import Motion, decode_motion, encode_motion
 from lidarcodec.codecs.motion_finder import MotionFinder
 from lidarcodec.codecs.planes import Planes
-from lidarcodec.errors import LidarCodecError
+from lidarcodec.codecs.warp import swept
+from lidarcodec.entropy import KnownColumns
+from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
+from lidarcodec.units import AZIMUTH_TURN
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
@@ -46,6 +52,8 @@ class ExpectingEncoder(IntraEncoder):
         self._sent: Final = StreamHistory(memory)
         self._finder: MotionFinder | None = None
         self._expected: Ranges | None = None
+        self._motion: Motion | None = None
+        self._slab = False
 
     @abstractmethod
     def _remembers(self) -> bool:
@@ -56,8 +64,11 @@ class ExpectingEncoder(IntraEncoder):
         """Whether frames are told what to expect; only where they refer to those before."""
 
     @abstractmethod
-    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None) -> bytes:
-        """The RANGE section. valid: (64, W) bool, the returns that are sent; expected: (64, W) uint16, 0 = nothing."""
+    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
+        """The RANGE section. valid: (64, W) bool, the returns that are sent; expected: (64, W) uint16, 0 = nothing.
+
+        edge: the columns before a slab, None for a whole frame
+        """
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings; a frame that is to expect something for the first time begins from nothing."""
@@ -73,12 +84,12 @@ class ExpectingEncoder(IntraEncoder):
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         fresh = key or self._history is None or not self._remembers()
+        self._slab = bool(frame.valid.any()) and swept(frame.azimuth) < AZIMUTH_TURN // 2
         try:
             motion = self._expect(frame, fresh)
             sections, needs = super()._sections(frame, key)
-            if self._finder is not None:
-                sent = as_decoded(frame.range, frame.valid, self.settings.step, frame.sensor)
-                self._sent.remember(sent, frame.azimuth, frame.fired, frame.sensor)
+            if self._remembers():
+                self._remember(frame)
         except LidarCodecError:
             self._history = None  # what the frame taught no decoder learns
             raise
@@ -92,14 +103,28 @@ class ExpectingEncoder(IntraEncoder):
             motion = self._finder.next(frame, self._sent.seen).motion
         if fresh:
             self._sent.forget()
+            self._motion = None
             return []
         if motion is None:
             return []
         self._expected = self._sent.expected(motion, frame.azimuth, frame.fired, frame.sensor)
-        return [Section(SectionType.MOTION, encode_motion(motion))]
+        as_before = self._slab and motion == self._motion
+        self._motion = motion
+        return [Section(SectionType.MOTION, b"" if as_before else encode_motion(motion))]
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
-        return self._coded(frame, valid, self._expected)
+        edge = self._sent.edge_before(frame.azimuth) if self._slab else None
+        return self._coded(frame, valid, self._expected, edge)
+
+    def _remember(self, frame: Frame) -> None:
+        if not self._slab:
+            self._sent.forget_edge()
+        if self._slab or self._finder is not None:
+            sent = as_decoded(frame.range, frame.valid, self.settings.step, frame.sensor)
+        if self._slab:
+            self._sent.remember_edge(sent, frame.azimuth, frame.fired, self._expected)
+        if self._finder is not None:
+            self._sent.remember(sent, frame.azimuth, frame.fired, frame.sensor, slab=self._slab)
 
 
 class ExpectingDecoder(IntraDecoder):
@@ -108,22 +133,47 @@ class ExpectingDecoder(IntraDecoder):
     def __init__(self, codec_id: int, memory: Memory) -> None:
         super().__init__(codec_id)
         self._sent: Final = StreamHistory(memory)
+        self._motion: Motion | None = None
 
     @abstractmethod
-    def _decoded(self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None) -> Ranges:
-        """(64, W) uint16 of a RANGE section, not 0 where `planes.valid`, 0 elsewhere; expected: as it was coded with.
+    def _columns_before(self, data: bytes) -> int | None:
+        """How many columns before it a RANGE section refers to; None for a whole frame, and without returns.
 
-        Raises SectionError.
+        Raises SectionError or TruncatedError.
+        """
+
+    @abstractmethod
+    def _decoded(
+        self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
+    ) -> Ranges:
+        """(64, W) uint16 of a RANGE section, not 0 where `planes.valid`, 0 elsewhere; expected, edge: as it was coded.
+
+        Raises SectionError or TruncatedError.
         """
 
     def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
         if message.needs is None:
             self._sent.forget()
+            self._motion = None
         self._last = None  # a message that fails halfway has taught something else than its encoder learned
-        expected = None
-        if message.has(SectionType.MOTION):
-            motion = decode_motion(message.section(SectionType.MOTION))
-            expected = self._sent.expected(motion, planes.azimuth, planes.fired, sensor)
-        ranges = self._decoded(message.section(SectionType.RANGE), planes, sensor, expected)
-        self._sent.remember(ranges, planes.azimuth, planes.fired, sensor)
+        expected = self._expected(message, planes, sensor)
+        data = message.section(SectionType.RANGE)
+        columns = self._columns_before(data)
+        edge = None if columns is None else self._sent.edge_of(columns)
+        ranges = self._decoded(data, planes, sensor, expected, edge)
+        if edge is None:
+            self._sent.forget_edge()
+        else:
+            self._sent.remember_edge(ranges, planes.azimuth, planes.fired, expected)
+        self._sent.remember(ranges, planes.azimuth, planes.fired, sensor, slab=edge is not None)
         return ranges
+
+    def _expected(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges | None:
+        if not message.has(SectionType.MOTION):
+            return None
+        data = message.section(SectionType.MOTION)
+        if data:
+            self._motion = decode_motion(data)
+        elif self._motion is None:
+            raise SectionError("a motion as before, and there was none")
+        return self._sent.expected(self._motion, planes.azimuth, planes.fired, sensor)

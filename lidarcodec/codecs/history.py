@@ -7,19 +7,29 @@ Rows of the two blocks are looked up by the azimuth of their own block. `StreamH
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from collections import deque
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.motion import Motion
-from lidarcodec.codecs.warp import RangeHistory
+from lidarcodec.codecs.warp import RangeHistory, swept
+from lidarcodec.entropy import KnownColumns
+from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK
 
 DIRECTION_STEP: Final = 18
 """Azimuth steps of 0.01 degree in a direction."""
 DIRECTIONS: Final = AZIMUTH_TURN // DIRECTION_STEP
+EDGE_COLUMNS: Final = 128
+"""Columns before a slab that it may look at: more than the rows of an HDL-64E lie apart."""
+WIDEST_GAP: Final = 500
+"""Azimuth steps that may be missing before a slab for which the columns before it are of use."""
+WAITING_SWEEP: Final = 3600
+WAITING_COLUMNS: Final = 1024
+"""Azimuth steps, or columns, that must have been sent after a slab before it is remembered as the last turn."""
 
 Mask = npt.NDArray[np.bool_]
 Ranges = npt.NDArray[np.uint16]
@@ -64,8 +74,16 @@ class Memory(Protocol):
         """Forget it, as before a key frame."""
 
 
+class _Sent(NamedTuple):
+    ranges: Ranges
+    azimuth: Ranges
+    fired: Mask
+    sensor: SensorModel
+    swept: int
+
+
 class StreamHistory:
-    """What ranges refer to: what their coder has learned, and the ranges of the last turn in every direction.
+    """What ranges refer to: what their coder has learned, the ranges of the last turn, and the columns before a slab.
 
     memory: of the codec; it learns by itself, and is reset here
     """
@@ -73,16 +91,59 @@ class StreamHistory:
     def __init__(self, memory: Memory) -> None:
         self._memory = memory
         self.seen = RangeHistory()
+        self._edge = KnownColumns.none()  # the last columns, up to EDGE_COLUMNS, if slabs were sent last
+        self._edge_azimuth: int | None = None
+        self._waiting: deque[_Sent] = deque()
 
     def forget(self) -> None:
         """Forgets everything, before a message that needs no other."""
         self._memory.reset()
         self.seen.forget()
+        self._waiting.clear()
+        self.forget_edge()
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
         """(64, W) uint16, what a frame should look like if the sensor moved so: `RangeHistory.expected`."""
         return self.seen.expected(motion, azimuth, fired, sensor)
 
-    def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> None:
-        """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns."""
-        self.seen.remember(ranges, azimuth, fired, sensor)
+    def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel, *, slab: bool) -> None:
+        """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns.
+
+        A slab waits until enough was sent after it: what is to be expected on the left of a slab was then seen a turn
+        ago as all the rest was, and not a moment ago, from where the sensor is now.
+        """
+        self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth)))
+        sweep, columns = sum(sent.swept for sent in self._waiting), sum(sent.ranges.shape[1] for sent in self._waiting)
+        while self._waiting:
+            sweep -= self._waiting[0].swept
+            columns -= self._waiting[0].ranges.shape[1]
+            if slab and sweep < WAITING_SWEEP and columns < WAITING_COLUMNS:
+                break
+            self.seen.remember(*self._waiting.popleft()[:4])
+
+    def remember_edge(self, ranges: Ranges, azimuth: Ranges, fired: Mask, expected: Ranges | None) -> None:
+        """Takes the columns of a slab, as they are decoded, and what was expected of them."""
+        foreseen = np.zeros_like(ranges) if expected is None else expected
+        self._edge = self._edge.and_then(KnownColumns(ranges, fired, foreseen)).last(EDGE_COLUMNS)
+        self._edge_azimuth = int(azimuth[0, -1])
+
+    def forget_edge(self) -> None:
+        """Forgets the columns of slabs, after a whole frame."""
+        self._edge, self._edge_azimuth = KnownColumns.none(), None
+
+    def edge_before(self, azimuth: Ranges) -> KnownColumns:
+        """The columns to use before a slab, none if too much is missing between; azimuth: (2, W) uint16 of the slab."""
+        if self._edge_azimuth is None or not azimuth.shape[1]:
+            return KnownColumns.none()
+        gap = (int(azimuth[0, 0]) - self._edge_azimuth) % AZIMUTH_TURN
+        return self._edge if gap <= WIDEST_GAP else KnownColumns.none()
+
+    def edge_of(self, columns: int) -> KnownColumns:
+        """The last so many columns, which a slab that was received refers to.
+
+        Raises SectionError if there are fewer.
+        """
+        edge = self._edge.last(columns)
+        if edge.ranges.shape[1] != columns:
+            raise SectionError(f"a slab refers to {columns} columns before it: {edge.ranges.shape[1]} are known")
+        return edge

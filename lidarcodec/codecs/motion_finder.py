@@ -2,8 +2,9 @@
 
 The motion that a frame needs is that of one turn, whatever the frame's length: in every direction the history holds
 what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. A frame of
-half a turn or more is registered with the history (`find_motion` of the native core, 6 ms). Slabs do not hold a motion
-firmly: those of a turn are registered together when it is complete, and each by itself, held close to what is known.
+half a turn or more is registered with the history (`find_motion` of the native core, 6 ms). A slab does not hold a
+motion firmly: those of the last turn are registered together with the turn before, twice a turn, and the slabs between
+keep what was found.
 
 A motion that could not be found is that of the poses, else the last one that was, for a second; then the sensor is
 taken to stand.
@@ -11,6 +12,7 @@ taken to stand.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
@@ -18,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.motion import STILL, Motion
-from lidarcodec.codecs.warp import RangeHistory, beam_rows
+from lidarcodec.codecs.warp import RangeHistory, beam_rows, swept
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import AZIMUTH_TURN
@@ -30,6 +32,7 @@ KEPT_TURNS: Final = 10
 LEAST_MATCHED: Final = 0.3
 """Share of the points tried that must lie on the surface seen before."""
 _HALF: Final = AZIMUTH_TURN // 2
+
 _MOST_POSE_TURNS: Final = 10.0
 """Poses further apart than this many turns say too little about each."""
 TURN_NS: Final = 100_000_000
@@ -83,28 +86,29 @@ class MotionFinder:
         self._before: Frame | None = None
         self._swept_before = 0
         self._turn_ns = TURN_NS
-        self._gathered: list[Frame] = []
-        self._gathered_sweep = 0
-        self._older = RangeHistory()  # what was seen before the frames that are gathered
+        self._gathered: deque[tuple[Frame, int]] = deque()  # slabs of the last turn, and how far each advanced
+        self._unregistered = 0  # azimuth steps since slabs were registered
+        self._older = RangeHistory()  # what was seen before them
 
     def next(self, frame: Frame, history: RangeHistory) -> FoundMotion:
         """The motion to code this frame with.
 
         history: what was sent before; frame.range: the original ranges
         """
-        swept = _sweep(frame)
+        sweep = swept(frame.azimuth)
         posed = self._from_poses(frame)
         if posed is not None and not self._refine:
             result = posed
-        elif swept >= _HALF:
-            self._gathered, self._gathered_sweep = [], 0
+        elif sweep >= _HALF:
+            self._gathered.clear()
+            self._older.forget()
             result = self._registered(history, _Seen.of([frame]), posed)
         else:
-            result = self._slab(frame, history, swept, posed)
+            result = self._slab(frame, posed)
         if result.origin in ("poses", "found"):
             self._last, self._swept_since = result.motion, 0
-        self._before, self._swept_before = frame, swept
-        self._swept_since += swept
+        self._before, self._swept_before = frame, sweep
+        self._swept_since += sweep
         return result
 
     def _from_poses(self, frame: Frame) -> FoundMotion | None:
@@ -122,24 +126,27 @@ class MotionFinder:
         scaled = None if moved is None else moved.scaled(max(1, round(turns)) / turns)
         return None if scaled is None else FoundMotion(scaled, "poses")
 
-    def _slab(self, frame: Frame, history: RangeHistory, swept: int, posed: FoundMotion | None) -> FoundMotion:
-        """Registers a slab close to the motion that is known, and the slabs of a turn when they are complete."""
-        self._gathered.append(frame)
-        self._gathered_sweep += swept
-        known = posed or self._kept("kept")
-        if self._gathered_sweep >= AZIMUTH_TURN:
-            seen, self._gathered, self._gathered_sweep = _Seen.of(self._gathered), [], 0
-            turn = self._registered(self._older, seen, posed)
-            self._older.remember(seen.ranges, seen.azimuth, seen.fired, seen.sensor)
-            known = turn if turn.origin == "found" else known
-        return known if known.origin == "still" else self._registered(history, _Seen.of([frame]), known, hold=True)
+    def _slab(self, frame: Frame, posed: FoundMotion | None) -> FoundMotion:
+        """Twice a turn registers the slabs of the last turn with the turn before; else gives what is known."""
+        gap = 0 if self._before is None else (_first(frame) - _last(self._before)) % AZIMUTH_TURN
+        advanced = swept(frame.azimuth) + gap
+        self._gathered.append((frame, advanced))
+        turned = sum(each for _, each in self._gathered)
+        while turned > AZIMUTH_TURN:
+            old, each = self._gathered.popleft()
+            turned -= each
+            self._older.remember(old.range, old.azimuth, old.fired, old.sensor)
+        self._unregistered += advanced
+        if self._unregistered >= _HALF and turned > AZIMUTH_TURN * 3 // 4:
+            self._unregistered = 0
+            return self._registered(self._older, _Seen.of([slab for slab, _ in self._gathered]), posed)
+        found_lately = self._swept_since <= AZIMUTH_TURN
+        return self._kept("kept") if posed is None or found_lately else posed
 
-    def _registered(
-        self, history: RangeHistory, seen: _Seen, start: FoundMotion | None, *, hold: bool = False
-    ) -> FoundMotion:
+    def _registered(self, history: RangeHistory, seen: _Seen, start: FoundMotion | None) -> FoundMotion:
         start = start or self._kept("kept")
         numbers, found, points, matched, _, median_m = history.native.find_motion(
-            seen.ranges, seen.azimuth, seen.fired.view(np.uint8), beam_rows(seen.sensor), start.motion.numbers, hold
+            seen.ranges, seen.azimuth, seen.fired.view(np.uint8), beam_rows(seen.sensor), start.motion.numbers, False
         )
         if found and matched >= LEAST_MATCHED * points:
             motion = Motion.nearest(_matrix_of(numbers))
@@ -158,11 +165,6 @@ def _matrix_of(numbers: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     matrix[:3, :3] = numbers[:9].reshape(3, 3) / (1 << 30)
     matrix[:3, 3] = numbers[9:] * 0.0000625
     return matrix
-
-
-def _sweep(frame: Frame) -> int:
-    """Azimuth steps over which a frame turned."""
-    return int((np.diff(frame.azimuth[0].astype(np.int64)) % AZIMUTH_TURN).sum()) if frame.width else 0
 
 
 def _first(frame: Frame) -> int:

@@ -8,6 +8,8 @@ up to the next key frame.
 With `motion` it also expects what the sensor saw a turn ago, moved as the sensor moved since: 0.1 to 0.2 bit less, for
 20 ms more to encode (10 of them to find the motion where frames have no poses) and 10 to decode.
 
+Slabs (frames of less than half a turn) go on where the one before ended, and cost hardly more than whole frames.
+
 A RANGE section is the step u16, then the bytes of docs/wire-format-predictive.md. A message that needs no other begins
 from nothing; one that does goes on from where that left off.
 """
@@ -24,6 +26,7 @@ from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
 from lidarcodec.codecs.planes import Planes
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
+from lidarcodec.entropy import KnownColumns
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
@@ -59,11 +62,11 @@ class PredictiveEncoder(ExpectingEncoder):
     def _expects(self) -> bool:
         return own_settings(PredictiveSettings, self.settings).expects
 
-    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None) -> bytes:
+    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
         step = self.settings.step
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
-        return with_step(step, self._coder.encode(*given, turn=turn, expected=expected))
+        return with_step(step, self._coder.encode(*given, turn=turn, expected=expected, slab_after=edge))
 
 
 class PredictiveDecoder(ExpectingDecoder):
@@ -73,10 +76,15 @@ class PredictiveDecoder(ExpectingDecoder):
         self._coder = entropy.PredictiveCoder()
         super().__init__(codec_id, self._coder)
 
-    def _decoded(self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None) -> Ranges:
+    def _columns_before(self, data: bytes) -> int | None:
+        return entropy.known_columns(split_step(data)[1])
+
+    def _decoded(
+        self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
+    ) -> Ranges:
         step, coded = split_step(data)
         given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
-        return self._coder.decode(coded, *given, expected=expected)
+        return self._coder.decode(coded, *given, expected=expected, slab_after=edge)
 
 
 KNOB = bound_knob(

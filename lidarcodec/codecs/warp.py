@@ -27,9 +27,9 @@ from lidarcodec import _native
 from lidarcodec.codecs.motion import STILL, Motion
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
-from lidarcodec.units import LASERS, LASERS_PER_BLOCK, MAX_COLUMNS
+from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK, MAX_COLUMNS
 
-__all__ = ["STILL", "RangeHistory", "beam_rows"]
+__all__ = ["STILL", "RangeHistory", "beam_rows", "swept"]
 
 _FIELDS: Final = list(CALIBRATION_FIELDS)
 _USED: Final = ("rot_correction_rad", "vert_correction_rad", "dist_correction_m", "vert_offset_m", "horiz_offset_m")
@@ -78,6 +78,11 @@ class RangeHistory:
         azimuth, fired8 = _columns(azimuth, fired)
         expected: Ranges = self.native.expected(motion.numbers, azimuth, fired8, beam_rows(sensor))
         return expected
+
+
+def swept(azimuth: Ranges) -> int:
+    """Azimuth steps over which a frame turned: from its first column to its last. azimuth: (2, W) uint16."""
+    return int((np.diff(azimuth[0].astype(np.int64)) % AZIMUTH_TURN).sum())
 
 
 def _columns(azimuth: Ranges, fired: Mask) -> tuple[Ranges, npt.NDArray[np.uint8]]:

@@ -10,10 +10,11 @@ from lidarcodec.entropy.azimuth_coder import (
 )
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
-from lidarcodec.entropy.predictive_coder import PredictiveCoder
+from lidarcodec.entropy.predictive_coder import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
 __all__ = [
+    "KnownColumns",
     "PredictiveCoder",
     "RotationRuns",
     "columns_in_turn",
@@ -25,6 +26,7 @@ __all__ = [
     "encode_intensity",
     "encode_mask",
     "encode_side",
+    "known_columns",
     "rotation_from_runs",
     "rotation_runs",
 ]

@@ -115,10 +115,12 @@ class NativePredictiveCoder:
         rotation: npt.NDArray[np.int32],
         turn: int,
         expected: npt.NDArray[np.uint16],
+        known: int,
     ) -> bytes:
         """Bytes of (64, W) ranges. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
-        return cast(bytes, self._coder.encode(ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected))
+        given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, known)
+        return cast(bytes, self._coder.encode(*given))
 
     def decode(
         self,
@@ -130,11 +132,12 @@ class NativePredictiveCoder:
         half: npt.NDArray[np.uint8],
         rotation: npt.NDArray[np.int32],
         expected: npt.NDArray[np.uint16],
+        known: int,
+        before: npt.NDArray[np.uint16],
     ) -> npt.NDArray[np.uint16]:
         """(64, W) uint16. Raises SectionError or TruncatedError."""
-        ranges: npt.NDArray[np.uint16] = self._coder.decode(
-            data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation, expected
-        )
+        given = (data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation, expected)
+        ranges: npt.NDArray[np.uint16] = self._coder.decode(*given, known, before)
         return ranges
 
 

@@ -17,15 +17,59 @@ True
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.entropy import fast
 from lidarcodec.entropy.intensity_coder import check_returns, check_turn
 from lidarcodec.entropy.mask_coder import row_geometry
-from lidarcodec.errors import SectionError
+from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
+
+Ranges = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+_FIRST_SLAB_KIND: Final = 3
+_HEAD_BYTES: Final = 7
+_WHOLE: Final = -1
+
+
+class KnownColumns(NamedTuple):
+    """Columns to the left of a slab, K of them, which both ends know.
+
+    ranges: (64, K) uint16, 0 = no return; fired: (2, K) bool; expected: (64, K) uint16, what was expected, 0 = nothing
+    """
+
+    ranges: Ranges
+    fired: Mask
+    expected: Ranges
+
+    @classmethod
+    def none(cls) -> KnownColumns:
+        """No columns."""
+        nothing = np.zeros((LASERS, 0), np.uint16)
+        return cls(nothing, np.zeros((2, 0), np.bool_), nothing)
+
+    def last(self, columns: int) -> KnownColumns:
+        """The last ones of them, at most so many."""
+        first = max(self.ranges.shape[1] - columns, 0)
+        return KnownColumns(self.ranges[:, first:], self.fired[:, first:], self.expected[:, first:])
+
+    def and_then(self, other: KnownColumns) -> KnownColumns:
+        """These columns, and others to their right."""
+        return KnownColumns(*(np.hstack(both) for both in zip(self, other, strict=True)))
+
+
+def known_columns(data: bytes) -> int | None:
+    """How many columns the bytes of a slab need to be known; None for a whole frame, and for no returns."""
+    if not data or data[0] < _FIRST_SLAB_KIND:
+        return None
+    if len(data) <= _HEAD_BYTES:
+        raise TruncatedError("ranges end within their header", len(data))
+    return data[_HEAD_BYTES]
 
 
 class PredictiveCoder:
@@ -53,6 +97,7 @@ class PredictiveCoder:
         *,
         turn: int | None = None,
         expected: npt.NDArray[np.uint16] | None = None,
+        slab_after: KnownColumns | None = None,
     ) -> bytes:
         """Bytes of the ranges of the cells set in `returns`; 9 ms for 120,000 of them, less in longer steps.
 
@@ -67,17 +112,14 @@ class PredictiveCoder:
         check_turn(turn)
         if ranges.dtype != np.uint16 or ranges.shape != returns.shape:
             raise SectionError(f"ranges are {ranges.dtype}{ranges.shape}, not uint16{returns.shape}")
+        expected, known = _expectation(expected, returns), _WHOLE
+        if slab_after is not None:
+            known = slab_after.ranges.shape[1]
+            ranges = np.hstack([slab_after.ranges, ranges])
+            returns, fired, expected = _with(slab_after, returns, fired, expected)
         geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
-        rows = _levels(levels)
-        return self._native.encode(
-            np.ascontiguousarray(ranges),
-            np.ascontiguousarray(returns),
-            step,
-            rows,
-            *geometry,
-            turn or 0,
-            _expectation(expected, returns),
-        )
+        given = (np.ascontiguousarray(ranges), np.ascontiguousarray(returns), step, _levels(levels), *geometry)
+        return self._native.encode(*given, turn or 0, expected, known)
 
     def decode(
         self,
@@ -89,15 +131,22 @@ class PredictiveCoder:
         levels: npt.NDArray[np.int32],
         *,
         expected: npt.NDArray[np.uint16] | None = None,
+        slab_after: KnownColumns | None = None,
     ) -> npt.NDArray[np.uint16]:
         """(64, W) uint16 ranges within half a step of what they were, 0 outside of `returns`.
 
         All else as the encoder was given. Raises SectionError or TruncatedError.
         """
         check_returns(returns, fired)
+        seen, known, before = _expectation(expected, returns), _WHOLE, KnownColumns.none().ranges
+        if slab_after is not None:
+            before = np.ascontiguousarray(slab_after.ranges)
+            known = before.shape[1]
+            returns, fired, seen = _with(slab_after, returns, fired, seen)
         geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
-        seen = _expectation(expected, returns)
-        return self._native.decode(data, np.ascontiguousarray(returns), step, _levels(levels), *geometry, seen)
+        given = (data, np.ascontiguousarray(returns), step, _levels(levels), *geometry, seen)
+        image = self._native.decode(*given, known, before)
+        return image if slab_after is None else image[:, before.shape[1] :]
 
 
 def _levels(levels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
@@ -112,3 +161,10 @@ def _expectation(expected: npt.NDArray[np.uint16] | None, returns: npt.NDArray[n
     if expected.dtype != np.uint16 or expected.shape != returns.shape:
         raise SectionError(f"expected ranges are {expected.dtype}{expected.shape}, not uint16{returns.shape}")
     return np.ascontiguousarray(expected)
+
+
+def _with(known: KnownColumns, returns: Mask, fired: Mask, expected: Ranges) -> tuple[Mask, Mask, Ranges]:
+    """What is known of a slab with the columns before it."""
+    if expected.shape[1]:
+        expected = np.ascontiguousarray(np.hstack([known.expected, expected]))
+    return np.hstack([known.ranges != 0, returns]), np.hstack([known.fired, fired]), expected

@@ -5,29 +5,29 @@ The turn is the encoder's choice and not part of the format: here it is given.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.entropy import predictive_tables as tables
 from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
-from lidarcodec.entropy.reference_mask import ROWS, Layout, padded
+from lidarcodec.entropy.reference_mask import ROWS, Layout
 from lidarcodec.entropy.reference_predictive_place import (
     LEAF_BITS,
     LIMITS,
     MARGIN,
     MAX_DIFFERENCE,
-    Coder,
-    Half,
     Model,
     Place,
+    State,
     Surroundings,
     leaf_start,
 )
+from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING = 1, 2
+ALONE, EXPECTING, SLAB = 1, 2, 2
 HEAD_BYTES: Final = 7
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
@@ -37,37 +37,55 @@ DEPTH: Final = 3
 
 Image = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.uint8]
+Coder = WideWriter | WideReader
 
 
-class RowCoder:
-    """Codes rows of ranges, the two halves of a row in turns."""
+class Given(NamedTuple):
+    """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame."""
+
+    layout: Layout
+    step: int
+    levels: list[int]
+    expected: Image | None = None
+    known: int | None = None
+
+    @property
+    def kind(self) -> int:
+        """The first byte."""
+        return (ALONE if self.expected is None else EXPECTING) + (0 if self.known is None else SLAB)
+
+
+class TwoCoders:
+    """Codes rows of ranges, the halves of a row or two rows in turns, each with a coder of its own."""
 
     def __init__(self, model: Model, step: int, coders: tuple[Coder, Coder]) -> None:
-        self._model, self._halves = model, [Half(coder) for coder in coders]
+        self._model, self._coders = model, coders
         self.start, self.first = 480 // step + 5, 2500 // step
         self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
 
-    def code(self, about: Surroundings, cells: list[int], row: list[int], sizes: list[int]) -> None:
-        """Code the ranges of a row in place. cells: its returns; sizes: takes what each differs by."""
-        for half in self._halves:
-            half.begin(self.start)
-        middle = (len(cells) + 1) // 2
-        for i in range(middle):
-            turn = [(self._halves[0], cells[i])]
-            if middle + i < len(cells):
-                turn.append((self._halves[1], cells[middle + i]))
-            places = [Place(half, about, k, self.first) for half, k in turn]
-            walked = [self._walk(turn[h][0], place, row[place.cell]) for h, place in enumerate(places)]
-            for (half, k), place, (leaf, learned) in zip(turn, places, walked, strict=True):
-                self._learn(place, learned)
-                distance = self._offset(half, place, leaf, row[k])
-                row[k] = place.base + (-1 - distance if leaf < 8 else distance)
-                if not 0 <= row[k] <= self._limit:
-                    raise SectionError("a range beyond what the sensor can give")
-                self._settle(half, about, place, row[k], leaf)
-                sizes[k] = half.size1
+    def code(self, work: Work) -> None:
+        """Code a row."""
+        middle = (len(work.cells) + 1) // 2
+        halves = [work._replace(cells=cells) for cells in (work.cells[:middle], work.cells[middle:])]
+        self.code_both(halves, [State(self.start), State(self.start)])
 
-    def _walk(self, half: Half, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
+    def code_both(self, works: list[Work], states: list[State]) -> None:
+        """Code two rows, or two halves of one."""
+        for i in range(max(len(work.cells) for work in works)):
+            now = [h for h in (0, 1) if i < len(works[h].cells)]
+            places = {h: Place(states[h], works[h].about, works[h].cells[i], self.first) for h in now}
+            walked = {h: self._walk(self._coders[h], places[h], works[h].row[places[h].cell]) for h in now}
+            for h in now:
+                place, (leaf, learned), row = places[h], walked[h], works[h].row
+                self._learn(place, learned)
+                distance = self._offset(self._coders[h], place, leaf, row[place.cell])
+                value = row[place.cell] = place.base + (-1 - distance if leaf < 8 else distance)
+                if not 0 <= value <= self._limit:
+                    raise SectionError("a range beyond what the sensor can give")
+                self._settle(states[h], works[h].about, place, value, leaf)
+                works[h].sizes[place.cell] = states[h].size1
+
+    def _walk(self, coder: Coder, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
         d = value - place.base
         away = -1 - d if d < 0 else d
         leaf = sum(away >= leaf_start(place.scale, n) for n in range(1, 8))
@@ -79,7 +97,7 @@ class RowCoder:
             for slot in slots[1:]:
                 odds = clamp16(odds + slot[node])
             p = probability_of(odds)
-            bit = half.coder.bit(wanted >> level & 1, p)
+            bit = coder.bit(wanted >> level & 1, p)
             learned.append((node, p, bit))
             node = 2 * node + bit
         return node - 16, learned
@@ -92,16 +110,16 @@ class RowCoder:
                 slot[node] = clamp16(slot[node] + (((ONE if bit else 0) - p) * rate + 0x8000 >> 16))
             slot[0] += slot[0] < 96
 
-    def _decide(self, half: Half, a: tuple[object, ...], b: tuple[object, ...], start: int, bit: bool) -> int:
+    def _decide(self, coder: Coder, a: tuple[object, ...], b: tuple[object, ...], start: int, bit: bool) -> int:
         offsets = self._model.offsets
         p = probability_of(clamp16(offsets.get(a, 0) + offsets.get(b, 0) + start))
-        came = half.coder.bit(int(bit), p)
+        came = coder.bit(int(bit), p)
         by = ((ONE if came else 0) - p) * OFFSET_RATE + 0x8000 >> 16
         for cell in (a, b):
             offsets[cell] = clamp16(offsets.get(cell, 0) + by)
         return came
 
-    def _offset(self, half: Half, place: Place, came: int, value: int) -> int:
+    def _offset(self, coder: Coder, place: Place, came: int, value: int) -> int:
         down, d = came < 8, value - place.base
         leaf, away = (7 - came if down else came - 8), (-1 - d if d < 0 else d)
         begin, scale = leaf_start(place.scale, leaf), place.scale
@@ -114,7 +132,7 @@ class RowCoder:
             end = begin + (1 << left)
             here, beyond = [begin <= x < end for x in near], [end <= x for x in near]
             who = (here[0], here[1], here[2], here[3], beyond[0], beyond[1], beyond[3])
-            if not self._decide(half, ("more", octave, who), ("more", octave, scale), 2730, away >= end):
+            if not self._decide(coder, ("more", octave, who), ("more", octave, scale), 2730, away >= end):
                 break
             begin, left, octave = end, left + 1, octave + 1
         for depth in range(min(left, DEPTH)):
@@ -126,11 +144,11 @@ class RowCoder:
                     says = (x >= middle, i == 0)
                     break
             side = (leaf, down if leaf < 7 else None)
-            if self._decide(half, ("near", says, depth, side), ("leaf", scale, leaf, depth), 0, away >= middle):
+            if self._decide(coder, ("near", says, depth, side), ("leaf", scale, leaf, depth), 0, away >= middle):
                 begin = middle
-        return begin + half.coder.plain(away - begin, left)
+        return begin + coder.plain(away - begin, left)
 
-    def _settle(self, half: Half, about: Surroundings, place: Place, value: int, leaf: int) -> None:
+    def _settle(self, half: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
         size = min(abs(value - place.base) << 4, MAX_DIFFERENCE)
         half.size2, half.size1 = (half.size2 + half.size1) // 2, size
         apart = size - half.mean
@@ -151,62 +169,6 @@ class RowCoder:
         half.last = [value, *half.last[:4]] if half.last else [value] * 5
 
 
-def filled(values: list[int], cells: list[int]) -> list[int]:
-    """A row in which no returns have what is to their left, those at the start what the first return has."""
-    out, at = [], 0
-    for k in range(len(values)):
-        if at + 1 < len(cells) and cells[at + 1] <= k:
-            at += 1
-        out.append(values[cells[at]])
-    return out
-
-
-def foreseen(expected: list[int], instead: list[int]) -> list[int]:
-    """Expected ranges of a row, -1 where nothing is known: that to the left there, then the first, else `instead`."""
-    first = next((x for x in expected if x >= 0), None)
-    if first is None:
-        return instead
-    return [first := x if x >= 0 else first for x in expected]
-
-
-def code_rows(
-    layout: Layout,
-    mask: list[list[int]],
-    rows: list[list[int]],
-    turn: int,
-    coder: RowCoder,
-    expected: list[list[int]] | None = None,
-) -> None:
-    """Code all rows of ranges in place, in cells. mask: closed-up rows; expected: -1 where nothing is."""
-    ranges: list[list[int]] = []
-    sizes: list[list[int]] = []
-    seen_ranges: list[list[int]] = []
-    for row in range(ROWS):
-        n = len(rows[row])
-        none = [1] * (n + 2 * MARGIN)
-        above = layout.above(ranges, row - 1, row, turn) if row >= 1 else []
-        of_above = layout.above(sizes, row - 1, row, turn) if row >= 1 else [coder.start] * (n + 2 * MARGIN)
-        about = Surroundings(
-            padded(mask[row]) if n else none,
-            layout.above(mask, row - 1, row, turn) if row >= 1 else none,
-            layout.above(mask, row + 1, row, turn) if row + 1 < ROWS else none,
-            above,
-            layout.above(ranges, row - 2, row, turn) if row >= 2 else [],
-            of_above,
-        )
-        seen = slice(MARGIN, MARGIN + n)
-        if expected is not None:
-            seen_ranges.append(foreseen(expected[row], above[seen] if above else [coder.first] * n))
-        if expected is not None and n:
-            about.expected, about.known = padded(seen_ranges[row]), padded([int(x >= 0) for x in expected[row]])
-            about.expected_above = layout.above(seen_ranges, row - 1, row, turn) if row >= 1 else []
-        cells = [k for k in range(n) if mask[row][k]]
-        taken = [0] * n
-        coder.code(about, cells, rows[row], taken)
-        ranges.append(filled(rows[row], cells) if cells else above[seen] if above else [coder.first] * n)
-        sizes.append(filled(taken, cells) if cells else of_above[seen])
-
-
 def expected_cells(expected: Image | None, layout: Layout, step: int, levels: list[int]) -> list[list[int]] | None:
     """Closed-up rows of expected ranges in cells, -1 for 0."""
     if expected is None:
@@ -215,64 +177,69 @@ def expected_cells(expected: Image | None, layout: Layout, step: int, levels: li
     return [[(x + levels[row] + step // 2) // step if x else -1 for x in rows[row]] for row in range(ROWS)]
 
 
-def encode(
-    values: Image,
-    returns: Mask,
-    layout: Layout,
-    step: int,
-    levels: list[int],
-    turn: int,
-    model: Model,
-    expected: Image | None = None,
-) -> bytes:
+def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Rows:
+    seen = expected_cells(frame.expected, frame.layout, frame.step, frame.levels)
+    return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, frame.known or 0)
+
+
+def _code(rows: Rows, frame: Given, model: Model, coders: tuple[Coder, Coder]) -> None:
+    coder = TwoCoders(model, frame.step, coders)
+    if frame.known is None:
+        code_frame(rows, coder)
+    else:
+        code_slab(rows, coder, model, frame.step)
+
+
+def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) -> bytes:
     """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
+    layout, step = frame.layout, frame.step
     mask, rows = closed_up(returns, layout), closed_up(values, layout)
     if sum(map(sum, mask)) != int(returns.sum()):
         raise SectionError("a mask is set in a block that did not fire")
-    if not returns.any():
+    if not returns[:, frame.known or 0 :].any():
         return b""
-    cells = [[(x + levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
+    cells = [[(x + frame.levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
     coders = WideWriter(), WideWriter()
-    seen = expected_cells(expected, layout, step, levels)
-    code_rows(layout, mask, cells, turn, RowCoder(model, step, coders), seen)
+    _code(_rows(cells, returns, frame, turn), frame, model, coders)
     first, second = (coder.finish() for coder in coders)
-    sizes = [(ALONE if expected is None else EXPECTING, 1), (turn, 2), (len(first), 4)]
+    sizes = [(frame.kind, 1), (turn, 2), (len(first), 4)] + ([] if frame.known is None else [(frame.known, 1)])
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + first + second
 
 
-def decode(
-    data: bytes,
-    returns: Mask,
-    layout: Layout,
-    step: int,
-    levels: list[int],
-    model: Model,
-    expected: Image | None = None,
-) -> Image:
-    """(64, W) uint16. Raises SectionError or TruncatedError."""
+def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image | None = None) -> Image:
+    """(64, W) uint16. before: (64, W), ranges of the known columns. Raises SectionError or TruncatedError."""
+    layout, step, known = frame.layout, frame.step, frame.known or 0
     image, mask = np.zeros((ROWS, layout.width), np.uint16), closed_up(returns, layout)
-    if not returns.any():
+    if before is not None:
+        image[:, :known] = before[:, :known]
+    if not returns[:, known:].any():
         if data:
             raise SectionError("ranges where there are no returns")
         return image
-    if len(data) < HEAD_BYTES:
+    head = HEAD_BYTES + (frame.known is not None)
+    if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))
-    if data[0] != (ALONE if expected is None else EXPECTING):
+    if data[0] != frame.kind or (frame.known is not None and data[HEAD_BYTES] != frame.known):
         raise SectionError("ranges of an unknown kind")
     turn, first = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:7], "little")
-    if HEAD_BYTES + first > len(data):
+    if head + first > len(data):
         raise TruncatedError("ranges end before their streams do", len(data))
-    coders = WideReader(data[HEAD_BYTES : HEAD_BYTES + first]), WideReader(data[HEAD_BYTES + first :])
-    rows = [[0] * len(row) for row in mask]
-    seen = expected_cells(expected, layout, step, levels)
-    code_rows(layout, mask, rows, turn, RowCoder(model, step, coders), seen)
+    coders = WideReader(data[head : head + first]), WideReader(data[head + first :])
+    rows = [
+        [(x + frame.levels[row] + step // 2) // step for x in cells]
+        for row, cells in enumerate(closed_up(image, layout))
+    ]
+    _code(_rows(rows, returns, frame, turn), frame, model, coders)
     for coder in coders:
         coder.finish()
     for row in range(ROWS):
         columns = np.array(layout.columns[layout.half[row]], np.intp)
-        came = np.clip(np.array(rows[row], np.int64) * step - levels[row], 1, MAX_RANGE)
-        image[row, columns] = came * np.array(mask[row], np.int64)
+        came = np.clip(np.array(rows[row], np.int64) * step - frame.levels[row], 1, MAX_RANGE) * np.array(
+            mask[row], np.int64
+        )
+        new = columns >= known
+        image[row, columns[new]] = came[new]
     return image
 
 
-__all__ = ["Model", "decode", "encode"]
+__all__ = ["Given", "Model", "decode", "encode"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Final
 
 from lidarcodec.entropy import predictive_tables as tables
-from lidarcodec.entropy.reference_intensity import WideReader, WideWriter
 
 MAX_DIFFERENCE: Final = 1 << 20
 MARGIN: Final = 8
@@ -43,8 +42,6 @@ LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
 LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
 FIRST_LOG_ODDS: Final = [tables.log_odds(c) for c in range(tables.CLASSES)]
 
-Coder = WideWriter | WideReader
-
 
 def half_octaves(x: int) -> int:
     """2 log2 of a number, rounded down; 0 for 0."""
@@ -69,12 +66,35 @@ def position(difference: int, scale: int) -> int:
     return 7 - n if d < 0 else 8 + n
 
 
+class State:
+    """What is known from the returns of a row, or of a half of one, that were coded before."""
+
+    def __init__(self, start: int) -> None:
+        self.last: list[int] = []
+        self.size1 = self.size2 = self.mean = start
+        self.level, self.leaves = 0, (8, 8)
+        self.bias, self.miss = 0, start
+
+    def rescale(self, old: int, new: int) -> None:
+        """Bring it from cells of so many range steps to others."""
+
+        def scaled(x: int) -> int:
+            size = min(abs(x) * old // new, MAX_DIFFERENCE)
+            return -size if x < 0 else size
+
+        self.last = [scaled(x) for x in self.last]
+        self.size1, self.size2, self.mean, self.miss = map(scaled, (self.size1, self.size2, self.mean, self.miss))
+        self.level, self.bias = scaled(self.level), scaled(self.bias)
+
+
 class Model:
-    """What contexts have learned. Cells are log odds; a context also counts how often it was seen."""
+    """What contexts have learned, and where slabs ended. Cells are log odds; a context counts how often it was seen."""
 
     def __init__(self) -> None:
         self.cells: dict[tuple[int, ...], list[int]] = {}
         self.offsets: dict[tuple[object, ...], int] = {}
+        self.states: list[State] = []  # of the rows where the last slab ended, in cells of `step`
+        self.step = 0
 
     def slot(self, context: tuple[int, ...]) -> list[int]:
         """16 cells: how often the context was seen, and the nodes of its tree."""
@@ -83,24 +103,10 @@ class Model:
         return self.cells[context]
 
 
-class Half:
-    """One half of each row: its coder, and what is known from the returns before."""
-
-    def __init__(self, coder: Coder) -> None:
-        self.coder = coder
-
-    def begin(self, start: int) -> None:
-        """Begin a row."""
-        self.last: list[int] = []
-        self.size1 = self.size2 = self.mean = start
-        self.level, self.leaves = 0, (8, 8)
-        self.bias, self.miss = 0, start
-
-
 class Place:
     """What is known of a return before it is coded."""
 
-    def __init__(self, half: Half, about: Surroundings, k: int, first: int) -> None:
+    def __init__(self, half: State, about: Surroundings, k: int, first: int) -> None:
         at = k + MARGIN
         above, upper, sizes = about.above, about.upper, about.sizes
         self.cell = k
@@ -135,7 +141,7 @@ class Place:
         if about.expected:
             self._expect(half, about, at, up, of)
 
-    def _expect(self, half: Half, about: Surroundings, at: int, up: list[int], of: list[int]) -> None:
+    def _expect(self, half: State, about: Surroundings, at: int, up: list[int], of: list[int]) -> None:
         seen, known, bias = about.expected[at - 1 : at + 4], about.known, half.bias >> 2
         above = about.expected_above[at - 1 : at + 3] if about.above else up
         differences = [

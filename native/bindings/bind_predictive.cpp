@@ -53,7 +53,8 @@ void bind_predictive(nb::module_& m) {
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation, std::uint32_t turn, In<std::uint16_t, 2> expected) {
+             In<std::int32_t, 1> rotation, std::uint32_t turn, In<std::uint16_t, 2> expected,
+             std::int64_t known) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
@@ -62,33 +63,36 @@ void bind_predictive(nb::module_& m) {
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen, known);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
-          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("expected").noconvert(),
+          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("expected").noconvert(), nb::arg("known"),
           "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation, In<std::uint16_t, 2> expected) {
+             In<std::int32_t, 1> rotation, In<std::uint16_t, 2> expected,
+             std::int64_t known, In<std::uint16_t, 2> before) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
             const std::uint16_t* const seen = expectation(expected, geometry);
+            if (before.shape(0) != kMaskRows || static_cast<std::int64_t>(before.shape(1)) != std::max<std::int64_t>(known, 0))
+              throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "known ranges are (64, known)");
             const std::uint8_t* bytes = data_of(data);
             const std::size_t size = data.size();
             std::vector<std::uint16_t> ranges;
             {
               nb::gil_scoped_release release;
-              ranges = coder.decode(bytes, size, returns.data(), cells, geometry, seen);
+              ranges = coder.decode(bytes, size, returns.data(), cells, geometry, seen, known, before.data());
             }
             return give(std::move(ranges), {kMaskRows, geometry.width});
           },
           nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
           nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
-          nb::arg("expected").noconvert(), "(64, W) uint16, 0 outside of the returns.");
+          nb::arg("expected").noconvert(), nb::arg("known"), nb::arg("before").noconvert(), "(64, W) uint16, 0 outside of the returns.");
 }

@@ -4,175 +4,105 @@
 #include "mask_align.hpp"
 #include "mask_rows.hpp"
 #include "predictive_avx2.hpp"
-#include "predictive_rows.hpp"
+#include "predictive_stage.hpp"
 
 namespace lidarcodec {
+
+// What is known of each row where the last slab ends, in cells of so many range steps; 0: nothing.
+struct SlabStates {
+  std::array<RowEnd, kMaskRows> of;
+  std::uint32_t step = 0;
+
+  // Brings it to the steps of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
+  void begin(std::uint32_t to, std::uint32_t start, bool goes_on) {
+    constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
+    for (RowEnd& state : of) {
+      if (step == 0 || !goes_on) {
+        state = {RowState::at_start(start), {}};
+      } else if (step != to) {
+        const auto scaled = [&](auto& x) {
+          x = static_cast<std::remove_reference_t<decltype(x)>>(std::clamp(std::int64_t{x} * step / to, -kMost, kMost));
+        };
+        for (std::int32_t& range : state.last) scaled(range);
+        for (std::uint32_t* size : {&state.size1, &state.size2, &state.mean, &state.miss}) scaled(*size);
+        scaled(state.level);
+        scaled(state.bias);
+      }
+    }
+    step = to;
+  }
+};
+
 namespace {
 
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
-constexpr std::size_t kHeadBytes = 7;  // kind, turn u16, bytes of the first stream u32
+constexpr std::uint8_t kSlab = 2;                  // added to either: of a slab
+constexpr std::size_t kHeadBytes = 7;              // kind, turn u16, bytes of the first stream u32; of a slab also known u8
 constexpr std::int32_t kMaxLevel = 1000;
 constexpr std::int32_t kMaxRange = 65535;
 
-void check(const RangeCells& cells) {
+void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
+  if (known < kWholeFrame || known > std::min<KnownColumns>(255, static_cast<KnownColumns>(geometry.width)))
+    throw Error(ErrorCode::Section, "more known columns than there are");
   if (cells.step % 2 == 0 || cells.step > 65535) throw Error(ErrorCode::Section, "a step that is not odd, or too long");
   for (const std::int32_t level : cells.level)
     if (level < 0 || level > kMaxLevel) throw Error(ErrorCode::Section, "a row's level beyond the limits");
 }
 
-// Ranges and differences of the row above, as filled in where there are no returns.
-struct FilledRow {
-  std::vector<std::int32_t> ranges;
-  std::vector<std::uint32_t> sizes;
-  explicit FilledRow(std::size_t width) : ranges(width + 1), sizes(width + 1) {}
-
-  // No returns take what is to their left, those at the start the first return's.
-  void fill(const std::vector<std::uint32_t>& returns, std::size_t count, std::size_t n) {
-    std::size_t at = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t end = i + 1 < count ? returns[i + 1] : n;
-      const std::int32_t range = ranges[returns[i]];
-      const std::uint32_t size = sizes[returns[i]];
-      for (; at < end; ++at) {
-        ranges[at] = range;
-        sizes[at] = size;
-      }
-    }
-  }
-};
-
-// What Known::returns says of each of the n cells of a row, from the returns of this row (m), the one above (a) and the
-// one below (b), and what is known (e).
-template <bool kExpects>
-void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_t* b, const std::uint8_t* e,
-                 std::size_t n, std::uint16_t* around) {
-  for (std::size_t k = 0; k < n; ++k, ++m, ++a, ++b) {
-    std::uint32_t is = m[-1] | m[-2] << 1 | m[1] << 2 | m[2] << 3 | b[0] << 4 | b[-1] << 5 | b[1] << 6 | a[0] << 7 | a[1] << 8;
-    if constexpr (kExpects) {
-      is |= e[-1] << 9 | e[1] << 10 | e[0] << 11;
-      ++e;
-    }
-    around[k] = static_cast<std::uint16_t>(is | m[1] << 12 | b[0] << 13 | a[0] << 14 | m[-1] << 15);
-  }
-}
-
 // Codes all rows of an image, (64, W); only returns are looked at, or written.
 template <class Forms, bool kExpects, class Coder, class Image>
-void code_rows(PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
-               const ClosedRows& returned, std::size_t width, std::array<PredictiveHalf<Coder>, 2>& halves,
-               const std::uint16_t* expected, Image* image) {
+void code_rows(PredictiveModel& model, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves,
+               Image* image) {
   using Rows = PredictiveRows<Coder, Forms, kExpects>;
-  const auto step = static_cast<std::int32_t>(cells.step);
-  Rows coder(model, cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
-  FilledRow here(width), before(width), earlier(width);
-  PaddedRowOf<std::int32_t> above(width), upper(width);
-  PaddedRowOf<std::uint32_t> sizes(width);
-  PaddedRow mask(width), above_mask(width), below_mask(width);
-  std::vector<std::uint32_t> returns(width + 1);
-  std::vector<std::uint16_t> around(width);
-  std::vector<std::uint32_t> sizes_around(width);
-  PaddedRowOf<std::int32_t> expected_here(width), expected_above(width);
-  PaddedRow known(width);
-  std::vector<std::int32_t> foreseen(width + 1), foreseen_above(width + 1);
-  std::vector<std::uint8_t> is_known(width + 1);
+  const auto step = static_cast<std::int32_t>(source.cells.step);
+  Rows coder(model, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  RowStage<Rows::kReads, kExpects> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
-    const std::size_t n = layout.cells(row);
-    const std::uint8_t* is_return = returned.cells.data() + row * width;
-    const auto seen = [&](std::size_t other, const auto* from, auto& to) {
-      layout.align(from, other, row, layout.shift(other, row, turn), to);
-    };
-    layout.align(is_return, row, row, 0, mask);
-    RowSurroundings about{around.data(), nullptr, nullptr, sizes.cells(), sizes_around.data()};
-    if (row >= 1) {
-      seen(row - 1, is_return - width, above_mask);
-      seen(row - 1, before.ranges.data(), above);
-      seen(row - 1, before.sizes.data(), sizes);
-      about.above = above.cells();
-    } else {
-      std::fill(above_mask.cells() - 8, above_mask.cells() + n + 8, std::uint8_t{1});
-      std::fill(sizes.cells() - 8, sizes.cells() + n + 8, coder.start());
-    }
-    if (row >= 2) {
-      seen(row - 2, earlier.ranges.data(), upper);
-      about.upper = upper.cells();
-    }
-    if (row + 1 < kMaskRows) {
-      seen(row + 1, is_return + width, below_mask);
-    } else {
-      std::fill(below_mask.cells() - 8, below_mask.cells() + n + 8, std::uint8_t{1});
-    }
-
-    if constexpr (kExpects) {
-      const std::uint16_t* of_expected = expected + row * width;
-      std::int32_t last = -1;
-      std::size_t first = n;
-      for (std::size_t k = 0; k < n; ++k) {
-        const std::int32_t range = of_expected[layout.columns(row)[k]];
-        is_known[k] = range != 0;
-        if (range != 0) {
-          last = (range + cells.level[row] + step / 2) / step;
-          first = std::min(first, k);
-        }
-        foreseen[k] = last;
-      }
-      for (std::size_t k = 0; k < n && k < first; ++k)
-        foreseen[k] = first < n ? foreseen[first] : row >= 1 ? above.cells()[k] : coder.first();
-      layout.align(foreseen.data(), row, row, 0, expected_here);
-      layout.align(is_known.data(), row, row, 0, known);
-      if (row >= 1) seen(row - 1, foreseen_above.data(), expected_above);
-      about.expected = expected_here.cells();
-      about.expected_above = expected_above.cells();
-      std::copy_n(foreseen.begin(), n, foreseen_above.begin());
-    }
-    look_around<kExpects>(mask.cells(), above_mask.cells(), below_mask.cells(), known.cells(), n, around.data());
-    const std::uint32_t* z = sizes.cells();
-    for (std::size_t k = 0; k < n; ++k, ++z) sizes_around[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
-    std::size_t count = 0;
-    for (std::size_t k = 0; k < n; ++k) {
-      returns[count] = static_cast<std::uint32_t>(k);
-      count += is_return[k];
-    }
-    const std::vector<std::uint32_t>& columns = layout.columns(row);
-    Image* const of_row = image + row * width;
-    const std::int32_t level = cells.level[row];
-    if constexpr (!Rows::kReads) {
-      for (std::size_t i = 0; i < count; ++i) {
-        const std::int32_t range = of_row[columns[returns[i]]];
-        if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
-        here.ranges[returns[i]] = (range + level + step / 2) / step;
-      }
-    }
-    coder.code(about, returns, count, here.ranges.data(), here.sizes.data());
-    if constexpr (Rows::kReads) {
-      for (std::size_t i = 0; i < count; ++i) {
-        const std::int32_t range = here.ranges[returns[i]] * step - level;
-        of_row[columns[returns[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, kMaxRange));
-      }
-    }
-    if (count != 0) {
-      here.fill(returns, count, n);
-    } else if (row >= 1) {
-      std::copy_n(above.cells(), n, here.ranges.begin());
-      std::copy_n(sizes.cells(), n, here.sizes.begin());
-    } else {
-      std::fill(here.ranges.begin(), here.ranges.end(), coder.first());
-      std::fill(here.sizes.begin(), here.sizes.end(), coder.start());
-    }
-    std::swap(earlier, before);
-    std::swap(before, here);
+    coder.code(stage.begin(row, image));
+    stage.end(image);
   }
 }
 
-// The same, on a path, with or without something expected.
+// Codes a slab: the columns behind those that are known. Rows of the upper and the lower half of the image in turns.
+template <class Forms, bool kExpects, class Coder, class Image>
+void code_slab(PredictiveModel& model, const RowSource& source, SlabStates& states,
+               std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
+  using Rows = PredictiveRows<Coder, Forms, kExpects>;
+  constexpr std::size_t kBoth = kMaskRows / 2;
+  const auto step = static_cast<std::int32_t>(source.cells.step);
+  Rows coder(model, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  states.begin(source.cells.step, coder.start(), source.past != 0);
+  RowStage<Rows::kReads, kExpects> upper(source, 0, coder.start(), coder.first());
+  RowStage<Rows::kReads, kExpects> lower(source, kBoth, coder.start(), coder.first());
+  for (std::size_t row = 0; row < kBoth; ++row) {
+    const RowWork a = upper.begin(row, image), b = lower.begin(row + kBoth, image);
+    coder.code(a, states.of[row], b, states.of[row + kBoth]);
+    upper.end(image);
+    lower.end(image);
+  }
+}
+
+void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
+  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+}
+
+std::size_t take(const std::uint8_t* from, int bytes) {
+  std::size_t value = 0;
+  for (int i = bytes - 1; i >= 0; --i) value = value << 8 | from[i];
+  return value;
+}
+
+// Codes a whole frame or a slab on a path, with or without what is expected.
 template <class Coder, class Image>
-void code_rows(Path path, PredictiveModel& model, const RangeCells& cells, std::uint32_t turn, const MaskLayout& layout,
-               const ClosedRows& returned, std::size_t width, std::array<PredictiveHalf<Coder>, 2>& halves,
-               const std::uint16_t* expected, Image* image) {
+void code_image(Path path, PredictiveModel& model, SlabStates& states, const RowSource& source, bool slab,
+                std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
   const auto code = [&]<class Forms>(const Forms&) {
-    if (expected != nullptr) {
-      code_rows<Forms, true>(model, cells, turn, layout, returned, width, halves, expected, image);
+    if (slab) {
+      source.expected != nullptr ? code_slab<Forms, true>(model, source, states, halves, image)
+                                 : code_slab<Forms, false>(model, source, states, halves, image);
     } else {
-      code_rows<Forms, false>(model, cells, turn, layout, returned, width, halves, expected, image);
+      source.expected != nullptr ? code_rows<Forms, true>(model, source, halves, image)
+                                 : code_rows<Forms, false>(model, source, halves, image);
     }
   };
   switch (path) {
@@ -189,37 +119,49 @@ void code_rows(Path path, PredictiveModel& model, const RangeCells& cells, std::
   }
 }
 
-void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
-  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+std::uint8_t kind_of(bool slab, const std::uint16_t* expected) {
+  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : 0));
 }
 
-std::size_t take(const std::uint8_t* from, int bytes) {
-  std::size_t value = 0;
-  for (int i = bytes - 1; i >= 0; --i) value = value << 8 | from[i];
-  return value;
+// Returns that are to be coded: behind the known columns.
+std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* returns, std::size_t width, std::size_t known) {
+  std::size_t before = 0;
+  for (std::size_t row = 0; row < kMaskRows && known != 0; ++row)
+    for (std::size_t column = 0; column < known; ++column) before += returns[row * width + column] != 0;
+  return returned.returns - before;
 }
 
 }  // namespace
 
+PredictiveCoder::PredictiveCoder(Path path) : path_(path), states_(std::make_unique<SlabStates>()) {}
+PredictiveCoder::~PredictiveCoder() = default;
+
+void PredictiveCoder::reset() {
+  model_.reset();
+  *states_ = {};
+}
+
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& cells, const MaskGeometry& geometry,
-                                                  std::uint32_t turn, const std::uint16_t* expected) {
-  check(cells);
+                                                  std::uint32_t turn, const std::uint16_t* expected,
+                                                  KnownColumns known) {
+  check(cells, geometry, known);
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
-  const std::size_t width = geometry.width;
+  const std::size_t width = geometry.width, past = known < 0 ? 0 : static_cast<std::size_t>(known);
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
-  if (returned.returns == 0) return {};
+  if (returns_behind(returned, returns, width, past) == 0) return {};
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_rows(path_, model_, cells, turn, layout, returned, width, halves, expected, ranges);
+  code_image(path_, model_, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + first.size() + second.size());
-  put(out, expected == nullptr ? kAlone : kExpecting, 1);
+  put(out, kind_of(known >= 0, expected), 1);
   put(out, turn, 2);
   put(out, first.size(), 4);
+  if (known >= 0) put(out, past, 1);
   out.insert(out.end(), first.begin(), first.end());
   out.insert(out.end(), second.begin(), second.end());
   return out;
@@ -227,28 +169,32 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
 
 std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std::size_t size,
                                                    const std::uint8_t* returns, const RangeCells& cells,
-                                                   const MaskGeometry& geometry, const std::uint16_t* expected) {
-  check(cells);
-  const std::size_t width = geometry.width;
+                                                   const MaskGeometry& geometry, const std::uint16_t* expected,
+                                                   KnownColumns known, const std::uint16_t* before) {
+  check(cells, geometry, known);
+  const std::size_t width = geometry.width, past = known < 0 ? 0 : static_cast<std::size_t>(known);
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
   std::vector<std::uint16_t> image(kMaskRows * width);
-  if (returned.returns == 0) {
+  for (std::size_t row = 0; row < kMaskRows; ++row) std::copy_n(before + row * past, past, image.begin() + static_cast<std::ptrdiff_t>(row * width));
+  if (returns_behind(returned, returns, width, past) == 0) {
     if (size != 0) throw Error(ErrorCode::Section, "ranges where there are no returns");
     return image;
   }
   if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
-  if (data[0] != (expected == nullptr ? kAlone : kExpecting))
-    throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  if (data[0] != kind_of(known >= 0, expected)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
-  const std::size_t first = take(data + 3, 4), rest = size - kHeadBytes;
+  const std::size_t head = kHeadBytes + (known >= 0 ? 1 : 0);
+  if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
+  if (known >= 0 && data[kHeadBytes] != past) throw Error(ErrorCode::Section, "a slab behind other columns than are known");
+  const std::size_t first = take(data + 3, 4), rest = size - head;
   if (first > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
-  const std::uint8_t* streams = data + kHeadBytes;
+  const std::uint8_t* streams = data + head;
   std::array<PredictiveHalf<WideDecoder>, 2> halves = {
       PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
       PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
   for (auto& half : halves) half.interval = half.coder.start();
-  code_rows(path_, model_, cells, turn, layout, returned, width, halves, expected, image.data());
+  code_image(path_, model_, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, image.data());
   for (const auto& half : halves) half.coder.finish(half.interval);
   return image;
 }

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "mask_coder.hpp"
@@ -21,29 +22,39 @@ struct RangeCells {
   std::array<std::int32_t, kMaskRows> level{};   // 0 to 1000, range steps
 };
 
+struct SlabStates;
+
+// Columns that are known already, on the left of an image; -1: it is coded as a whole frame, else as a slab.
+using KnownColumns = std::int64_t;
+inline constexpr KnownColumns kWholeFrame = -1;
+
 // What one frame taught stays for the next one, until `reset`. After an error only `reset` may be called.
 class PredictiveCoder {
  public:
   // path: how it computes. All paths give the same bytes.
-  explicit PredictiveCoder(Path path = quickest_path()) : path_(path) {}
+  explicit PredictiveCoder(Path path = quickest_path());
+  ~PredictiveCoder();
 
   // Forgets everything.
-  void reset() { model_.reset(); }
+  void reset();
 
-  // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`: columns in a full turn, up to 65535; 0: found from the
-  // mask. Raises Section if a cell is set in a block that did not fire, or has no range.
+  // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`:
+  // columns in a full turn, up to 65535; 0: found from the mask. `known`: of W, columns that are known already. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                                    const MaskGeometry& geometry, std::uint32_t turn,
-                                   const std::uint16_t* expected = nullptr);
+                                   const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame);
 
-  // (64, W), within half a step, 0 outside of `returns`. Raises Section or Truncated.
+  // (64, W), within half a step, 0 outside of `returns`. `before`: (64, known), ranges of a slab's known columns. Raises
+  // Section or Truncated.
   std::vector<std::uint16_t> decode(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
                                     const RangeCells& cells, const MaskGeometry& geometry,
-                                    const std::uint16_t* expected = nullptr);
+                                    const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
+                                    const std::uint16_t* before = nullptr);
 
  private:
   Path path_;
   PredictiveModel model_;
+  std::unique_ptr<SlabStates> states_;  // of rows at the end of the last slab
 };
 
 }  // namespace lidarcodec

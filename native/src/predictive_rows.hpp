@@ -27,43 +27,66 @@ struct RowSurroundings {
   const std::int32_t *expected = nullptr, *expected_above = nullptr;
 };
 
-// One half of each row: its coder, and what is known from the returns before.
-template <class Coder>
-struct PredictiveHalf {
-  Coder coder;
-  WideInterval interval{};
-  std::size_t next = 0;                          // return of the row
+// What is known from the returns of a row, or of a half of one, that were coded before, but for the last ranges.
+struct RowState {
   bool begun = false;                            // whether there was a return
   std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference, the weighted one before, a long mean
   std::int32_t level = 0;                        // of this row above the one above, sixteenths
   std::int32_t bias = 0;                         // of what comes above what is expected, sixteenths
   std::uint32_t miss = 0;                        // mean difference from what is expected
   std::uint32_t leaves = 0x88;                   // of the last two returns
-  const std::int32_t* last = nullptr;            // ranges, the latest first; kLast of them mean something
 
-  static constexpr std::size_t kLast = 5;
+  static RowState at_start(std::uint32_t start) {
+    RowState state;
+    state.size1 = state.size2 = state.mean = state.miss = start;
+    return state;
+  }
+};
+
+inline constexpr std::size_t kLastRanges = 5;
+
+// The same where a row of a slab ends, with its last ranges, the latest first.
+struct RowEnd : RowState {
+  std::array<std::int32_t, kLastRanges> last{};
+};
+
+// One of the two sequences of returns that are coded at the same time: its coder, and what is known where it stands.
+template <class Coder>
+struct PredictiveHalf : RowState {
+  Coder coder;
+  WideInterval interval{};
+  std::size_t next = 0;                // return of the row
+  const std::int32_t* last = nullptr;  // ranges, the latest first; kLastRanges of them mean something
 
   explicit PredictiveHalf(Coder with = Coder()) : coder(std::move(with)) {}
 
   // base: where the first difference is counted from; returns: how many there will be.
-  void begin(std::size_t first, std::size_t returns, std::int32_t base, std::uint32_t start) {
+  void begin(std::size_t first, std::size_t returns, std::int32_t base, const RowState& state) {
     next = first;
-    begun = false;
-    size1 = size2 = mean = start;
-    level = bias = 0;
-    miss = start;
-    leaves = 0x88;
-    if (ranges_.size() < returns + kLast) ranges_.resize(returns + kLast);
-    at_ = ranges_.data() + ranges_.size() - kLast;
-    std::fill_n(at_, kLast, base);
+    RowState::operator=(state);
+    if (ranges_.size() < returns + kLastRanges) ranges_.resize(returns + kLastRanges);
+    at_ = ranges_.data() + ranges_.size() - kLastRanges;
+    std::fill_n(at_, kLastRanges, base);
     last = at_;
+  }
+
+  // Goes on where the row ended.
+  void resume(std::size_t returns, std::int32_t base, const RowEnd& end) {
+    begin(0, returns, base, end);
+    if (begun) std::copy(end.last.begin(), end.last.end(), at_);
+  }
+
+  RowEnd end() const {
+    RowEnd end{*this};
+    std::copy_n(last, kLastRanges, end.last.begin());
+    return end;
   }
 
   void take(std::int32_t range) {
     if (begun) {
       *--at_ = range;
     } else {
-      std::fill_n(at_, kLast, range);
+      std::fill_n(at_, kLastRanges, range);
     }
     last = at_;
     begun = true;
@@ -73,6 +96,15 @@ struct PredictiveHalf {
   // Filled from the end. Moved on instead of over: four that were just written one by one would be slow to read at once.
   std::vector<std::int32_t> ranges_;
   std::int32_t* at_ = nullptr;
+};
+
+// Returns of a row to be coded, and where their ranges and what each differs by are, or are put.
+struct RowWork {
+  RowSurroundings about;
+  const std::uint32_t* cells;  // of the returns
+  std::size_t count;           // of them
+  std::int32_t* ranges;
+  std::uint32_t* sizes;
 };
 
 inline constexpr std::int32_t kOffsetRate = 655;
@@ -98,20 +130,35 @@ class PredictiveRows {
   PredictiveRows(PredictiveModel& model, std::uint32_t step, std::int32_t limit, Halves& halves)
       : model_(model), start_(480 / step + 5), first_(static_cast<std::int32_t>(2500 / step)), limit_(limit), halves_(halves) {}
 
-  // Writes or reads the ranges of a row's returns, whose cells are `cells[0]` to `cells[n - 1]`. `sizes` takes what
-  // each differs by. Raises Section or Truncated.
-  void code(const RowSurroundings& about, const std::vector<std::uint32_t>& cells, std::size_t n, std::int32_t* ranges,
-            std::uint32_t* sizes) {
-    const std::size_t half = (n + 1) / 2;
+  // Writes or reads the ranges of the returns of a row, its halves in turns. Raises Section or Truncated.
+  void code(const RowWork& row) {
+    const std::size_t n = row.count, half = (n + 1) / 2;
     for (std::size_t h = 0; h < 2; ++h) {
       const std::size_t first = h == 0 ? 0 : half;
-      if (first < n) halves_[h].begin(first, half, about.above != nullptr ? about.above[cells[first]] : first_, start_);
+      if (first < n) halves_[h].begin(first, half, base_of(row, first), RowState::at_start(start_));
       if constexpr (!kReads) halves_[h].coder.make_room(half * kMostDecisions);
     }
     Forms::run([&] {
-      for (std::size_t i = half; i < n; ++i) step<2>(about, cells, ranges, sizes);
-      if (n % 2 != 0) step<1>(about, cells, ranges, sizes);
+      for (std::size_t i = half; i < n; ++i) step<2>(row, row);
+      if (n % 2 != 0) step<1>(row, row);
     });
+  }
+
+  // The same of two rows in turns, each of which goes on from where it ended, and says where it ends.
+  void code(const RowWork& a, RowEnd& end_a, const RowWork& b, RowEnd& end_b) {
+    for (std::size_t h = 0; h < 2; ++h) {
+      const RowWork& row = h == 0 ? a : b;
+      if (row.count > 0) halves_[h].resume(row.count, base_of(row, 0), h == 0 ? end_a : end_b);
+      if constexpr (!kReads) halves_[h].coder.make_room(row.count * kMostDecisions);
+    }
+    const std::size_t both = std::min(a.count, b.count);
+    Forms::run([&] {
+      for (std::size_t i = 0; i < both; ++i) step<2>(a, b);
+      for (std::size_t i = both; i < a.count; ++i) step<1>(a, a);
+      for (std::size_t i = both; i < b.count; ++i) step<1, 1>(b, b);
+    });
+    if (a.count > 0) end_a = halves_[0].end();
+    if (b.count > 0) end_b = halves_[1].end();
   }
 
   std::uint32_t start() const { return start_; }  // difference to begin with
@@ -130,19 +177,26 @@ class PredictiveRows {
     std::array<std::int32_t, 6> alike;  // for rows that are not there
   };
 
-  template <std::size_t N>
-  void step(const RowSurroundings& about, const std::vector<std::uint32_t>& cells, std::int32_t* ranges,
-            std::uint32_t* sizes) {
+  // Where the first difference of a row, or of a half of one, is counted from.
+  std::int32_t base_of(const RowWork& row, std::size_t first) const {
+    return row.about.above != nullptr ? row.about.above[row.cells[first]] : first_;
+  }
+
+  // Codes a return of each of N halves, from half `First` on; `rows` are theirs.
+  template <std::size_t N, std::size_t First = 0>
+  void step(const RowWork& row_a, const RowWork& row_b) {
+    const std::array<const RowWork*, 2> rows = {&row_a, &row_b};
+    PredictiveHalf<Coder>* const halves = halves_.data() + First;
     std::array<Place, N> place;
     std::array<WideInterval, N> interval;
     std::array<std::uint32_t, N> node;
     std::array<std::uint32_t, N> leaf{}, away{};
     for (std::size_t h = 0; h < N; ++h) {
-      look(halves_[h], about, cells[halves_[h].next], place[h]);
-      interval[h] = halves_[h].interval;
+      look(halves[h], rows[h]->about, rows[h]->cells[halves[h].next], place[h]);
+      interval[h] = halves[h].interval;
       node[h] = 1;
       if constexpr (!kReads) {
-        const std::int32_t d = ranges[place[h].cell] - place[h].base;
+        const std::int32_t d = rows[h]->ranges[place[h].cell] - place[h].base;
         away[h] = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
         const std::uint32_t l = leaf_of(place[h].scale, away[h]);
         leaf[h] = d < 0 ? 7 - l : 8 + l;
@@ -155,29 +209,29 @@ class PredictiveRows {
         const auto probability = static_cast<std::uint32_t>(place[h].chances.of[node[h]]);
         std::uint32_t bit;
         if constexpr (kReads) {
-          bit = halves_[h].coder.decode(interval[h], probability);
+          bit = halves[h].coder.decode(interval[h], probability);
         } else {
           bit = leaf[h] >> level & 1u;
-          halves_[h].coder.encode(interval[h], bit, probability);
+          halves[h].coder.encode(interval[h], bit, probability);
         }
         node[h] = 2 * node[h] + bit;
       }
     }
     for (std::size_t h = 0; h < N; ++h) {
       Forms::template learn<kExpects>(model_.cells(), place[h].slots, place[h].chances, kWalks[node[h]]);
-      PredictiveHalf<Coder>& half = halves_[h];
+      PredictiveHalf<Coder>& half = halves[h];
       const std::uint32_t came = node[h] - 16;
       const bool down = came < 8;
-      const std::uint32_t in = offset(half, interval[h], about, place[h], down ? 7 - came : came - 8, down, away[h]);
+      const std::uint32_t in = offset(half, interval[h], rows[h]->about, place[h], down ? 7 - came : came - 8, down, away[h]);
       half.interval = interval[h];
       const auto d = static_cast<std::int32_t>(in);
       const std::int32_t range = place[h].base + (down ? -1 - d : d);
       if constexpr (kReads) {
         if (range < 0 || range > limit_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-        ranges[place[h].cell] = range;
+        rows[h]->ranges[place[h].cell] = range;
       }
-      settle(half, about, place[h], range, came);
-      sizes[place[h].cell] = half.size1;
+      settle(half, rows[h]->about, place[h], range, came);
+      rows[h]->sizes[place[h].cell] = half.size1;
       ++half.next;
     }
   }

@@ -73,18 +73,20 @@ def test_the_motion_is_found_from_what_was_seen(ahead_m: float, yaw: float) -> N
 def test_slabs_go_on_with_the_motion_of_the_last_turn() -> None:
     model = sensor()
     history, finder = RangeHistory(), MotionFinder()
-    origins, shifts = [], []
-    for turn in range(4):
+    origins, shifts, driven = [], [], [0.0, 0.5, 1.0, 1.5, 2.5, 3.5]
+    for turn in range(6):
         for at in range(0, 2150, 215):
             part = np.ascontiguousarray(AZIMUTHS[:, at : at + 215])
-            frame = frame_of(model, scene(model, part, 0.5 * turn), part, index=turn * 10 + at // 215)
+            frame = frame_of(model, scene(model, part, driven[turn]), part, index=turn * 10 + at // 215)
             found = finder.next(frame, history)
             history.remember(frame.range, frame.azimuth, frame.fired, model)
             origins.append(found.origin)
             shifts.append(found.motion.matrix[0, 3])
     assert set(origins[:10]) == {"still"}
-    assert origins[-1] == "found"
-    assert abs(shifts[-1] + 0.5) < 0.05
+    assert set(origins[20:]) == {"found", "kept"}
+    assert origins[20:].count("found") == 8  # twice a turn
+    assert np.abs(np.array(shifts[30:40]) + 0.5).max() < 0.05
+    assert np.abs(np.array(shifts[-5:]) + 1.0).max() < 0.05  # half a turn late, another motion is known
 
 
 def test_poses_give_the_motion_of_a_turn() -> None:

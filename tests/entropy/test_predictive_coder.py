@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from lidarcodec.entropy import PredictiveCoder, predictive_coder, predictive_tables, reference_predictive
 from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.entropy.reference_predictive import Given, Model
 from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from tests.entropy.frames import all_fired, mask, one_in_three, sensor
@@ -86,13 +87,10 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
     came = decoded(data, returns, fired, of, step, levels, expected)
     check_bound(came, ranges, returns, step)
 
-    layout, cells, rows = layout_of(fired, of), returns.view(np.uint8), levels.tolist()
-    again = reference_predictive.decode(data, cells, layout, step, rows, reference_predictive.Model(), expected)
-    np.testing.assert_array_equal(again, came)
+    frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
+    np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
     turn = int.from_bytes(data[1:3], "little")
-    assert data == reference_predictive.encode(
-        ranges, cells, layout, step, rows, turn, reference_predictive.Model(), expected
-    )
+    assert data == reference_predictive.encode(ranges, cells, frame, turn, Model())
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])

@@ -45,6 +45,11 @@ def settings_of() -> dict[str, StreamSettings]:
     found["predictive_motion"] = StreamSettings(
         codec="predictive", codec_settings={"motion": True}, max_error_m=0.01, key_interval=6
     )
+    slab_settings = {"codec": "predictive", "key_interval": 20}
+    found["predictive_slabs_lossless"] = StreamSettings(max_error_m=0, **slab_settings)
+    found["predictive_slabs_motion"] = StreamSettings(
+        max_error_m=0.01, codec_settings={"motion": True}, **slab_settings
+    )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
@@ -64,6 +69,25 @@ def stream() -> list[Frame]:
         frames.scene(40, seed=12),
     ]
     return [frame.with_(index=index) for index, frame in enumerate(sent)]
+
+
+def slabs(turns: int = 2) -> list[Frame]:
+    """Turns of a sensor so quick that slabs of two packets are an eighth of one."""
+    rng = np.random.default_rng(9)
+    first = frames.scene(16, seed=5)
+    cut = []
+    for index in range(8 * turns):
+        at = slice(index % 8 * 12, index % 8 * 12 + 12)
+        ranges = first.range[:, at].astype(int)
+        seen = np.where(ranges > 0, (ranges + 10 * (index // 8) + rng.integers(-3, 4, ranges.shape)).clip(1, 65535), 0)
+        azimuth = np.tile((np.arange(at.start, at.stop) * 375).astype(np.uint16), (2, 1))
+        cut.append(frames.scene(2, index=index, range=seen.astype(np.uint16), azimuth=azimuth))
+    return cut
+
+
+def stream_of(name: str) -> list[Frame]:
+    """Frames of the golden file of that name."""
+    return slabs() if "slabs" in name else stream()
 
 
 def digest(frame: Frame) -> str:
@@ -105,7 +129,7 @@ def test_a_golden_file_exists_for_every_codec(name: str) -> None:
     path = FOLDER / f"v{MAJOR}_{name}.bin"
     if WRITE and not path.exists():
         encoder = table.make_encoder(settings_of()[name], STREAM)
-        messages = [one for frame in stream() for one in encoder.encode(frame)] + encoder.flush()
+        messages = [one for frame in stream_of(name) for one in encoder.encode(frame)] + encoder.flush()
         data = b"".join(wire.pack(one) for one in messages)
         path.write_bytes(data)
         path.with_suffix(".json").write_text(json.dumps([digest(frame) for frame in decoded(data)], indent=1) + "\n")
@@ -123,7 +147,7 @@ def test_golden_messages_are_read_as_ever(path: Path) -> None:
 def test_lossless_golden_messages_hold_what_was_sent(name: str) -> None:
     """The frames are written down in this folder's code: should their making ever change, so does this test."""
     path = FOLDER / f"v1_{name}.bin"
-    for came, sent in zip(decoded(path.read_bytes()), stream(), strict=True):
+    for came, sent in zip(decoded(path.read_bytes()), stream_of(name), strict=True):
         np.testing.assert_array_equal(came.range, np.where(sent.valid, sent.range, 0))
 
 
