@@ -143,6 +143,34 @@ def verify(
 
 
 @app.command()
+def annotate(
+    source: Source,
+    out: Annotated[Path, _option("--out", metavar="DIR", show_default=False, help="Folder; taken up if begun.")],
+    poses: PosesFile = None,
+    refine: Annotated[
+        bool | None,
+        _option("--refine/--no-refine", show_default=False, help="Align poses with the map; of files: yes."),
+    ] = None,
+    odometry: Annotated[str | None, _option("--odometry", metavar="NAME", help="auto, small_gicp or kiss-icp.")] = None,
+    ground: Annotated[str, _option("--ground", metavar="NAME", help="ransac or patchwork.")] = "ransac",
+    share: Annotated[float, _option("--share", help="Of all returns, those to be labelled high.")] = 1 / 12,
+    every: Annotated[int, _option("--every", metavar="N", help="The map is of every N-th scan.")] = 5,
+    travel: Annotated[float, _option("--travel", metavar="M", help="Least way between poses that count.")] = 0.5,
+    label_every: Annotated[int, _option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
+    workers: Annotated[int, _option("--workers", min=1, metavar="N", help="Processes to work in.")] = 1,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Label each return of a drive by how many places saw its spot: high, low or ground. Goes on where it stopped."""
+    from lidarcodec.commands import annotate as command
+
+    command.run(source, out, frames, skip, calibration, poses, workers, as_json, refine=refine, odometry=odometry,
+                ground=ground, share=share, every=every, travel_m=travel, label_every=label_every)  # fmt: skip
+
+
+@app.command()
 def bench(
     source: Source,
     codec: Annotated[str | None, _option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,

@@ -6,6 +6,7 @@ NB_MODULE(_native, m) {
   bind_crc32c(m);
   bind_activity(m);
   bind_neighbour(m);
+  bind_voxel_index(m);
   bind_images(m);
   bind_mask(m);
   bind_motion(m);

@@ -31,6 +31,7 @@ void bind_errors(nb::module_& m);
 void bind_crc32c(nb::module_& m);
 void bind_activity(nb::module_& m);
 void bind_neighbour(nb::module_& m);
+void bind_voxel_index(nb::module_& m);
 void bind_images(nb::module_& m);
 void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);

@@ -1,0 +1,239 @@
+"""AnnotationFolder: the frames of a drive, where they were seen from, and what each return is worth, in files.
+
+    annotation.json        settings of the run; what it found, when it is done
+    frames/000000.npz      range (64, W) uint16, intensity uint8, azimuth, fired; column_s (W,) after stamp_ns
+    trajectory.npz         T_world_velo (F, 4, 4) at the frames' stamps, and velocities; `--poses` reads it too
+    map.npz                points (M, 3) float32, counts (M,) uint16: from how many poses each was seen
+    labels/000000.npz      count (64, W) uint16; label (64, W) uint8: 0 none, 1 low, 2 high, 3 ground; threshold
+
+Files are written whole or not at all, so a run that was stopped goes on from those that are there.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, SourceError
+from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
+
+FORMAT: Final = 1
+
+
+class Labels(NamedTuple):
+    """counts: (64, W) uint16; labels: (64, W) uint8; threshold: counts above it are high."""
+
+    counts: npt.NDArray[np.uint16]
+    labels: npt.NDArray[np.uint8]
+    threshold: int
+
+
+class AnnotationFolder:
+    """Reads and writes the files; what is not there yet is None or missing, never half there."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def about(self) -> dict[str, Any] | None:
+        """What annotation.json says; None if there is none. Raises SourceError if it cannot be read."""
+        try:
+            text = (self.path / "annotation.json").read_text()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise SourceError(f"cannot read {self.path}: {error.strerror or error}") from None
+        try:
+            about = json.loads(text)
+        except ValueError:
+            about = None
+        if not isinstance(about, dict) or about.get("format") != FORMAT or not isinstance(about.get("settings"), dict):
+            raise SourceError(f"{self.path}/annotation.json is not that of an annotated drive")
+        return about
+
+    def begin(self, settings: Mapping[str, Any], sensor: SensorModel) -> None:
+        """Take up the run that is here, or begin one.
+
+        Raises SettingsError if the one here was made under other settings, SourceError if nothing can be written.
+        """
+        about = self.about()
+        if about is not None:
+            for name in sorted(settings.keys() | about["settings"].keys()):
+                then, now = about["settings"].get(name), settings.get(name)
+                if then != now:
+                    raise SettingsError(
+                        f"{self.path} was begun with {name} = {then!r}, not {now!r}: give the same, or another folder"
+                    )
+            return
+        if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
+            raise SettingsError(f"{self.path} is not empty and no annotated drive: give another folder")
+        for name in ("frames", "labels"):
+            _made(self.path / name)
+        unit = {"name": sensor.name, "convention": sensor.convention, "table": sensor.calibration.table.tolist()}
+        self._write_about({"format": FORMAT, "settings": dict(settings), "sensor": unit})
+
+    def note(self, **found: Any) -> None:
+        """Add what was found to annotation.json."""
+        self._write_about((self.about() or {}) | found)
+
+    @property
+    def sensor(self) -> SensorModel:
+        """What the numbers of the frames mean. Raises SourceError."""
+        try:
+            unit = (self.about() or {})["sensor"]
+            table = np.array(unit["table"], np.int32).reshape(len(CALIBRATION_FIELDS), -1)
+            return SensorModel(unit["name"], Calibration(table), "given", unit["convention"])
+        except (KeyError, TypeError, ValueError, OverflowError, CalibrationError):
+            raise SourceError(f"{self.path}/annotation.json says nothing about the sensor") from None
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, once all are there. Raises SourceError before."""
+        count = (self.about() or {}).get("frames")
+        if not isinstance(count, int) or count < 1:
+            raise SourceError(f"{self.path} is not a whole annotated drive: run `lidarcodec annotate` to its end")
+        return count
+
+    def write_frame(self, index: int, frame: Frame) -> None:
+        """A frame, with the stamp and times of its scan."""
+        cloud, columns = frame.cloud(), np.zeros(frame.width, np.float32)
+        scan = scan_of(frame)
+        columns[np.nonzero(frame.valid.T)[0]] = scan.after_s
+        del cloud
+        self._save(f"frames/{index:06d}.npz", range=frame.range, intensity=frame.intensity, azimuth=frame.azimuth,
+                   fired=frame.fired, column_s=columns, stamp_ns=np.int64(scan.stamp_ns))  # fmt: skip
+
+    def frame(self, index: int, sensor: SensorModel | None = None) -> Frame:
+        """A frame, stamped as its scan; without side information. Raises SourceError."""
+        file = self._load(f"frames/{index:06d}.npz")
+        try:
+            return Frame(index, int(file["stamp_ns"]), file["range"], file["intensity"], file["azimuth"],
+                         file["fired"], sensor or self.sensor)  # fmt: skip
+        except (KeyError, TypeError, LidarCodecError) as error:
+            raise SourceError(f"{self.path}/frames/{index:06d}.npz holds no frame: {error}") from None
+
+    def scan(self, index: int, sensor: SensorModel | None = None) -> Scan:
+        """The returns of a frame in the order of its cloud. Raises SourceError."""
+        frame, columns = self.frame(index, sensor), self._load(f"frames/{index:06d}.npz")["column_s"]
+        cloud = frame.cloud()
+        points = np.stack([cloud[axis] for axis in "xyz"], axis=1)
+        return Scan(frame.stamp_ns, points, columns[np.nonzero(frame.valid.T)[0]].astype(np.float32))
+
+    def write_labels(self, index: int, found: Labels) -> None:
+        """What the returns of a frame are worth."""
+        self._save(
+            f"labels/{index:06d}.npz", count=found.counts, label=found.labels, threshold=np.int64(found.threshold)
+        )
+
+    def labels(self, index: int) -> Labels:
+        """What the returns of a frame are worth. Raises SourceError."""
+        file = self._load(f"labels/{index:06d}.npz")
+        try:
+            return Labels(file["count"], file["label"], int(file["threshold"]))
+        except (KeyError, TypeError, ValueError):
+            raise SourceError(f"{self.path}/labels/{index:06d}.npz holds no labels") from None
+
+    def has(self, name: str) -> bool:
+        """Whether a file, such as `labels/000003.npz`, is there."""
+        return (self.path / name).exists()
+
+    def write_map(self, points: npt.NDArray[np.float32], counts: npt.NDArray[np.uint16] | None) -> None:
+        """The map; without counts, if it was not counted yet."""
+        counted = {} if counts is None else {"counts": counts}
+        self._save("map.npz" if counted else "points.npz", points=points, **counted)
+
+    def map_points(self) -> npt.NDArray[np.float32]:
+        """(M, 3) float32. Raises SourceError."""
+        points: npt.NDArray[np.float32] = self._load("points.npz")["points"]
+        return points
+
+    def map_counts(self) -> npt.NDArray[np.uint16]:
+        """(M,) uint16. Raises SourceError."""
+        counts: npt.NDArray[np.uint16] = self._load("map.npz")["counts"]
+        return counts
+
+    def trajectory(self) -> Trajectory:
+        """Where each frame was seen from. Raises SourceError."""
+        return Trajectory.load(self.path / "trajectory.npz")
+
+    def write_trajectory(self, found: Trajectory) -> None:
+        """Where each frame was seen from."""
+        with _whole(self.path / "trajectory.npz") as path:
+            found.save(path)
+
+    def write_part(self, first: int, counts: npt.NDArray[np.uint16]) -> None:
+        """How often each point of the map was seen in a run of frames."""
+        with _whole(self.path / f"seen-{first:06d}.npy") as path:
+            np.save(path, counts)
+
+    def parts(self) -> Iterator[Path]:
+        """The files of `write_part`."""
+        yield from sorted(self.path.glob("seen-*.npy"))
+
+    def _save(self, name: str, **arrays: Any) -> None:
+        with _whole(self.path / name) as path:
+            np.savez(path, **arrays)
+
+    def _load(self, name: str) -> dict[str, Any]:
+        try:
+            with np.load(self.path / name, allow_pickle=False) as file:
+                return {key: file[key] for key in file.files}
+        except (OSError, ValueError, EOFError, KeyError) as error:
+            raise SourceError(f"cannot read {self.path / name}: {error}") from None
+
+    def _write_about(self, about: Mapping[str, Any]) -> None:
+        with _whole(self.path / "annotation.json") as path:
+            path.write_text(json.dumps(about, indent=1) + "\n")
+
+
+class Scans(Sequence[Scan]):
+    """The scans of a folder, read when they are asked for."""
+
+    def __init__(self, folder: AnnotationFolder) -> None:
+        self._folder, self._sensor, self._count = folder, folder.sensor, folder.frames
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Scan: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Scan]: ...
+    def __getitem__(self, index: int | slice) -> Scan | list[Scan]:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        if not -self._count <= index < self._count:
+            raise IndexError(index)
+        return self._folder.scan(index % self._count, self._sensor)
+
+
+def _made(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SourceError(f"cannot make the folder {folder}: {error.strerror or error}") from None
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """A path beside `path` to write to, with its ending; renamed to it at the end. Raises SourceError."""
+    try:
+        handle, name = tempfile.mkstemp(prefix=".", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        try:
+            yield Path(name)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise SourceError(f"cannot write {path}: {error.strerror or error}") from None

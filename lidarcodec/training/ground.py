@@ -1,0 +1,132 @@
+"""Which returns are the road: a plane by RANSAC, as the PocoNet paper takes it, or patchwork++.
+
+Heights are the sensor's, z up, the sensor 1-3 m above the road. RANSAC finds the plane near the vehicle; a road bends
+further away, so there a return is ground where it is near the lowest of its square of 8 m, if that is near the plane.
+patchwork++ learns over the frames of a drive, so one `Patchwork` is for one drive, in order.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import MissingExtraError, UnknownNameError
+
+METHODS: Final = ("ransac", "patchwork")
+SENSOR_HEIGHT_M: Final = 1.73
+"""Of KITTI's car and the simulated one; patchwork++ adapts from there."""
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+_TRIES, _SAMPLE = 150, 3000
+_NEAR_M, _FAR_M = 15.0, 40.0
+_ON_PLANE_M, _ABOUT_PLANE_M, _ON_SQUARE_M, _SQUARE_M = 0.15, 1.0, 0.2, 8.0
+_UPRIGHT: Final = 0.95  # cosine of the plane's tilt
+_LEAST: Final = 50
+
+
+class GroundFinder(Protocol):
+    """Says which points are ground, scan after scan of a drive."""
+
+    def ground(self, points: Floats) -> Bools:
+        """(N,) bool of points (N, 3) in metres, x forward, y left, z up."""
+
+
+def ground_finder(method: str, seed: int = 0) -> GroundFinder:
+    """A finder for one drive. Raises UnknownNameError, MissingExtraError."""
+    if method not in METHODS:
+        raise UnknownNameError("way to find ground", method, METHODS)
+    return Ransac(seed) if method == "ransac" else Patchwork()
+
+
+class Ransac:
+    """The plane with the most returns on it, and the lowest returns around it. Cost: 20 ms for 120,000 returns."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self._seed = seed
+
+    def ground(self, points: Floats) -> Bools:
+        """Which points lie on the road: none where no plane is found."""
+        plane = self._plane(points)
+        if plane is None:
+            return np.zeros(len(points), np.bool_)
+        height = points @ plane[:3] + plane[3]
+        found: Bools = np.abs(height) < _ON_PLANE_M
+        about = np.flatnonzero((np.hypot(points[:, 0], points[:, 1]) > _NEAR_M) & (np.abs(height) < _ABOUT_PLANE_M))
+        found[np.hypot(points[:, 0], points[:, 1]) > _NEAR_M] = False
+        if len(about):
+            square = np.floor(points[about, :2] / _SQUARE_M).astype(np.int64)
+            _, place, many = np.unique(square[:, 0] * (1 << 32) + square[:, 1], return_inverse=True, return_counts=True)
+            order = np.lexsort((height[about], place))
+            first = np.cumsum(many) - many
+            lowest = height[about][order][first + many // 10]  # a tenth lies lower: strays
+            found[about] = height[about] < lowest[place] + _ON_SQUARE_M
+        return found
+
+    def _plane(self, points: Floats) -> Floats | None:
+        """(4,) normal upwards and offset, so that normal . p + offset is the height above it."""
+        rng = np.random.default_rng(self._seed)
+        below = points[(points[:, 2] < -0.8) & (np.hypot(points[:, 0], points[:, 1]) < _FAR_M)]
+        if len(below) < _LEAST:
+            return None
+        tried = below[rng.integers(0, len(below), _SAMPLE)]
+        a, b, c = (tried[rng.integers(0, _SAMPLE, _TRIES)] for _ in range(3))
+        normals = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1)
+        normals = normals / np.maximum(lengths, 1e-12)[:, None]
+        normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)
+        possible = (lengths > 1e-6) & (normals[:, 2] > _UPRIGHT)
+        if not possible.any():
+            return None
+        normals, offsets = normals[possible], -np.einsum("ij,ij->i", normals, a)[possible]
+        support = (np.abs(tried @ normals.T + offsets) < _ON_PLANE_M).sum(axis=0)
+        best = int(support.argmax())
+        inliers = tried[np.abs(tried @ normals[best] + offsets[best]) < _ON_PLANE_M]
+        centre = inliers.mean(axis=0)
+        normal = np.linalg.svd(inliers - centre, full_matrices=False)[2][2]
+        normal = normal if normal[2] > 0 else -normal
+        return np.append(normal, -normal @ centre)
+
+
+class Patchwork:
+    """patchwork++ (extra `annotate`). Cost: 20-50 ms a scan. Raises MissingExtraError where it is not installed."""
+
+    def __init__(self) -> None:
+        try:
+            import pypatchworkpp
+        except ImportError:
+            raise MissingExtraError("finding ground by patchwork++", "annotate") from None
+        parameters = pypatchworkpp.Parameters()
+        parameters.sensor_height, parameters.verbose = SENSOR_HEIGHT_M, False
+        parameters.enable_RNR = False  # it needs a calibrated intensity
+        with _silence():
+            self._finder: Any = pypatchworkpp.patchworkpp(parameters)
+
+    def ground(self, points: Floats) -> Bools:
+        """Which points lie on the road, by what it learned from the scans before too."""
+        found = np.zeros(len(points), np.bool_)
+        if len(points) >= _LEAST:
+            self._finder.estimateGround(np.c_[points, np.zeros(len(points))].astype(np.float32))
+            found[np.asarray(self._finder.getGroundIndices(), np.intp)] = True
+        return found
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Native code that greets on standard output must not stand in what a command prints."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
