@@ -20,6 +20,7 @@ _TABLE: Final = {
     "columns": "lidarcodec.reduction.columns",
     "random": "lidarcodec.reduction.random_points",
     "voxel": "lidarcodec.reduction.voxel",
+    "voxel-seen": "lidarcodec.reduction.voxel_seen",
 }
 
 

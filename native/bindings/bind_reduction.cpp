@@ -1,14 +1,24 @@
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
 #include "bindings.hpp"
 #include "cell_pick.hpp"
 #include "error.hpp"
 #include "frame_arrays.hpp"
 #include "returns.hpp"
+#include "seen_before.hpp"
 
 namespace {
 
 using lidarcodec::Error;
 using lidarcodec::ErrorCode;
 using lidarcodec::kRows;
+using lidarcodec::Scan;
+
+Scan scan_of(const In<float, 2>& xyz) {
+  if (xyz.shape(1) != 3) throw Error(ErrorCode::Section, "points are (N, 3)");
+  return {xyz.data(), xyz.shape(0)};
+}
 
 }  // namespace
 
@@ -61,4 +71,57 @@ void bind_reduction(nb::module_& m) {
       },
       nb::arg("xyz").noconvert(), nb::arg("order").noconvert(), nb::arg("want"), nb::arg("side"),
       "(M,) uint32, places of one point a cubic cell, `want` of them or up to a fiftieth more; and the side found, 1/16 mm.");
+  m.def(
+      "deskewed",
+      [](In<std::int32_t, 2> xyz, In<std::uint32_t, 1> cells, In<float, 2> moved) {
+        const std::size_t count = xyz.shape(0);
+        if (xyz.shape(1) != 3 || cells.shape(0) != count || moved.shape(1) != 12)
+          throw Error(ErrorCode::Section, "points are (N, 3), cells (N,), and what moves columns (W, 12)");
+        std::vector<float> points;
+        {
+          nb::gil_scoped_release release;
+          points = lidarcodec::deskewed(xyz.data(), cells.data(), count, moved.data(), moved.shape(0));
+        }
+        return give(std::move(points), {count, 3});
+      },
+      nb::arg("xyz").noconvert(), nb::arg("cells").noconvert(), nb::arg("moved").noconvert(),
+      "(N, 3) float32, metres, points in 1/16 mm moved as their columns are to be: a rotation row by row, each with its shift.");
+  m.def(
+      "ground_of",
+      [](In<float, 2> xyz, In<std::uint32_t, 1> cells, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired,
+         In<std::int32_t, 2> rows) {
+        const Scan scan = scan_of(xyz);
+        if (cells.shape(0) != scan.size) throw Error(ErrorCode::Section, "points are (N, 3), and cells (N,)");
+        const lidarcodec::Columns columns = columns_of(azimuth, fired);
+        const lidarcodec::BeamTable table = table_of(rows);
+        std::vector<std::uint8_t> ground;
+        {
+          nb::gil_scoped_release release;
+          ground = lidarcodec::ground_of(scan, cells.data(), columns, table);
+        }
+        return give(std::move(ground), {scan.size});
+      },
+      nb::arg("xyz").noconvert(), nb::arg("cells").noconvert(), nb::arg("azimuth").noconvert(),
+      nb::arg("fired").noconvert(), nb::arg("rows").noconvert(), "(N,) uint8, 1 for returns on the ground.");
+  m.def(
+      "unseen",
+      [](In<float, 2> xyz, In<std::uint8_t, 1> ground, const std::vector<std::pair<In<float, 2>, In<float, 1>>>& past) {
+        const Scan scan = scan_of(xyz);
+        if (ground.shape(0) != scan.size) throw Error(ErrorCode::Section, "points are (N, 3), and ground (N,)");
+        std::vector<lidarcodec::PastScan> scans;
+        for (const auto& [points, placed] : past) {
+          if (placed.shape(0) != 12) throw Error(ErrorCode::Section, "where a scan was is 12 numbers");
+          lidarcodec::PastScan one{scan_of(points), {}};
+          for (std::size_t i = 0; i < 12; ++i) one.placed[i] = placed.data()[i];
+          scans.push_back(one);
+        }
+        std::vector<std::uint8_t> found;
+        {
+          nb::gil_scoped_release release;
+          found = lidarcodec::unseen(scan, ground.data(), scans);
+        }
+        return give(std::move(found), {scan.size});
+      },
+      nb::arg("xyz").noconvert(), nb::arg("ground").noconvert(), nb::arg("past"),
+      "(N,) uint8, 1 for returns near which no past scan has one; past: of (points (N, 3), where (12,) float32) each.");
 }

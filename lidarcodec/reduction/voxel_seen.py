@@ -1,0 +1,121 @@
+"""`voxel-seen`: what the sensor did not see before is dropped first, then one return a cell stays, as with `voxel`.
+
+A return that is not on the ground, nearer than 40 m, and near which no return of the sensor's own scans of half a
+second and of nine tenths ago lies, is on something that moves, or that has just come into view. A localiser is misled
+by the one and does not miss the other. It is the observation count of PocoNet (how often a point of the map is seen),
+made causal.
+
+It removes moving cars and people: for localisation only, never for a stream that somebody or a detector looks at.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import _native
+from lidarcodec.codecs.warp import beam_rows
+from lidarcodec.frame import Frame
+from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction, with_kept
+from lidarcodec.reduction.lots import drawn
+from lidarcodec.reduction.odometry import Matrix, Odometry, deskewing
+from lidarcodec.reduction.spread import Returns, Spread, returns_of
+
+LAGS_NS: Final = (500_000_000, 900_000_000)
+"""How long ago the scans were that a return has to be seen again in, in either of them."""
+_SLACK_NS: Final = 200_000_000
+"""A scan this much younger or older will do where frames were left out."""
+_KEPT_NS: Final = LAGS_NS[-1] + _SLACK_NS
+_MOST_SCANS: Final = 4096
+
+
+class _Scan(NamedTuple):
+    stamp_ns: int
+    T_world_sensor: Matrix
+    points: npt.NDArray[np.float32]
+
+
+class VoxelSeen(Reducer):
+    """One return a cell, of those that were seen before; what was not comes last, where the budget leaves room."""
+
+    def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
+        super().__init__(budget, argument, seed)
+        self._spread, self._odometry = Spread(seed), Odometry()
+        self._scans: deque[_Scan] = deque(maxlen=_MOST_SCANS)
+        self._kind, self._dropped, self._looked = "unknown", 0, False
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._spread.reset()
+        self._odometry.reset()
+        self._scans.clear()
+        self._kind, self._dropped, self._looked = "unknown", 0, False
+
+    def reduce(self, frame: Frame) -> Frame:
+        """The frame with exactly as many returns as the budget allows."""
+        returns = returns_of(frame)
+        unseen = self._unseen(frame, returns)
+        count = self.budget.of(len(returns.cells))
+        if count == len(returns.cells):
+            return frame
+        seen = returns.only(~unseen)
+        chosen = self._spread.choose(seen, count, frame)
+        if len(chosen) < count:
+            rest = drawn(returns.cells[unseen], count - len(chosen), self.seed, frame.index)
+            chosen = np.concatenate([chosen, rest])
+        return with_kept(frame, chosen)
+
+    def report(self) -> dict[str, Any]:
+        """`cell_m` as of `voxel`; `odometry`: `poses`, `found` (on board) or `unknown`; `seen_before`: whether scans
+        of that time ago were there to look at, else it chose as `voxel` does; `unseen`: returns of the last frame that
+        were put last."""
+        return {
+            "cell_m": round(self._spread.side_m, 3),
+            "odometry": self._kind,
+            "seen_before": self._looked,
+            "unseen": self._dropped,
+        }
+
+    def _unseen(self, frame: Frame, returns: Returns) -> npt.NDArray[np.bool_]:
+        """(N,) bool, returns on what was not there before; none where that is not known."""
+        place = self._odometry.next(frame)
+        self._kind = place.kind
+        if not place.sure:
+            self._scans.clear()
+        while self._scans and frame.stamp_ns - self._scans[0].stamp_ns > _KEPT_NS:
+            self._scans.popleft()
+        points = _native.deskewed(returns.xyz, returns.cells, deskewing(frame, place.per_turn))
+        past = self._at_lags(frame.stamp_ns, place.turn_ns)
+        self._looked = bool(past)
+        found = np.zeros(len(returns.cells), np.uint8)
+        if past:
+            rows = beam_rows(frame.sensor)
+            ground = _native.ground_of(points, returns.cells, frame.azimuth, frame.fired.view(np.uint8), rows)
+            here = np.linalg.inv(place.T_world_sensor)
+            where = [(here @ scan.T_world_sensor)[:3].astype(np.float32).ravel() for scan in past]
+            found = _native.unseen(points, ground, [(scan.points, at) for scan, at in zip(past, where, strict=True)])
+        self._dropped = int(np.count_nonzero(found))
+        self._scans.append(_Scan(frame.stamp_ns, place.T_world_sensor, points))
+        return found.view(np.bool_)
+
+    def _at_lags(self, now_ns: int, turn_ns: int) -> list[_Scan]:
+        """Scans of those times ago: what was seen in a turn around each, or the nearest; empty if one has none."""
+        chosen: list[_Scan] = []
+        for lag_ns in LAGS_NS:
+            off = [abs(now_ns - lag_ns - scan.stamp_ns) for scan in self._scans]
+            within = [scan for scan, by in zip(self._scans, off, strict=True) if 2 * by < turn_ns]
+            if not within and off and min(off) <= _SLACK_NS:
+                within = [self._scans[off.index(min(off))]]
+            if not within:
+                return []
+            chosen += within
+        return chosen
+
+
+REDUCTION = Reduction(
+    VoxelSeen,
+    note="removes what moves, cars and people among it: for localisation only, not for who has to see them",
+)
