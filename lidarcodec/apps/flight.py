@@ -68,6 +68,7 @@ class Flight:
         self._sent: OrderedDict[int, Sent] = OrderedDict()
         self._late: set[int] = set()  # were given up: when they arrive after all they say nothing of the path
         self._landings: deque[Landing] = deque(maxlen=REMEMBERED)
+        self._given_up_lately: deque[Sent] = deque(maxlen=REMEMBERED)
         self._open: set[int] = set()
         self._silent: set[str] = set()  # did not report in time; followed again when they report
         self._last_free = self._last_landing = float("-inf")
@@ -173,6 +174,13 @@ class Flight:
             self._landings.clear()
             return landings
 
+    def given_up(self) -> list[Sent]:
+        """The messages that were given up since this was asked last: nobody knows whether they will arrive."""
+        with self._condition:
+            given_up = list(self._given_up_lately)
+            self._given_up_lately.clear()
+            return given_up
+
     @property
     def window(self) -> int:
         """How many messages may be under way."""
@@ -266,6 +274,7 @@ class Flight:
         if waiting:  # all of it was under way for as long as the oldest
             all_of_it = waiting[0]._replace(size=sum(one.size for one in waiting))
             self._landed(all_of_it, now - all_of_it.at_s, 0.0, now, landed=False)
+        self._given_up_lately += waiting
         self._late.update(self._open)
         if silent is not None:
             self._switch(lambda: self._silent.add(silent))

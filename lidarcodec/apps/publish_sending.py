@@ -51,6 +51,7 @@ class Sending:
         self._encoding = threading.Lock()
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
+        self._refers = False  # whether messages of this codec need earlier ones
         self.adapting = Adapting(flight)
         self.matching = False
         self.next_index = 0
@@ -67,6 +68,7 @@ class Sending:
             now = self._encoder.settings
             if wanted.codec != now.codec:
                 self._flight.new_codec()
+                self._refers = False
             key = self._encoder.apply(wanted)
             first = self._feed.reframe(wanted.framing) if wanted.framing != now.framing else self.next_index
             self._flight.follow(wanted.follow)
@@ -98,7 +100,7 @@ class Sending:
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
-        key = self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S
+        key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
         start = time.perf_counter()
         try:
             with self._encoding:
@@ -122,6 +124,10 @@ class Sending:
                 self._wait_alone()
             self._put(sender, message, packed)
 
+    def _in_doubt(self) -> bool:
+        """Whether a message was given up that the next one would need: it may be missing at the receiver."""
+        return any(self._refers or message.key for message in self._flight.given_up())
+
     def _wait_alone(self) -> None:
         """Until nothing is under way: of two put at once, one may take the other's place in a receiver's ring."""
         while not self._flight.wait(TICK_S, most=1) and not self._stop.is_set():
@@ -129,6 +135,7 @@ class Sending:
 
     def _put(self, sender: Sender, message: Message, data: bytes) -> None:
         index = message.frame_index
+        self._refers = self._refers or message.needs is not None
         self._flight.sent(index, len(data), message.frame_count, key=message.key, alone=message.needs is None)
         start = time.perf_counter()
         try:

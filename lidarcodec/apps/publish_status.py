@@ -95,7 +95,8 @@ class StatusBoard:
                 "key_frames": self._key_frames,
                 "frame_index": self._last_index,
             }
-        sensor = feed.sensor
+            no_receiver = self.no_receiver
+        sensor, replaced = feed.sensor, feed.replaced  # before `assembled`: never more than there were
         return {
             "vehicle": self._keys.vehicle,
             "sensor": self._keys.sensor,
@@ -108,8 +109,8 @@ class StatusBoard:
             "time_source": feed.time_source,
             "packets": feed.packets,
             "assembled": feed.frames,
-            "replaced": feed.replaced,
-            "no_receiver": self.no_receiver,
+            "replaced": replaced,
+            "no_receiver": no_receiver,
             **totals,
             "fps": None if span is None else round(frames / span, 2),
             "kbps": None if span is None else round(sum(sizes) * 8 / span / 1e3, 1),

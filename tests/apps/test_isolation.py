@@ -118,6 +118,7 @@ def strike(side: Isolation, fault: signal.Signals, ask: Callable[[], object]) ->
 
 
 FAULTS = [
+    (signal.SIGKILL, "killed by SIGKILL"),
     (signal.SIGSEGV, "killed by SIGSEGV"),
     (signal.SIGSTOP, "gave no answer"),
     ("memory", "raised"),

@@ -63,9 +63,12 @@ class Viewer:
         self.sizes.append((message.codec, message.frame_count, len(data)))
 
     def kbps_of(self, codec: int) -> float:
-        """What the frames of a codec took at 10 Hz, but for its first message."""
-        sizes = [(frames, size) for of, frames, size in self.sizes if of == codec][1:] or [(1, 0)]
-        return sum(size for _, size in sizes) * 8 / (sum(frames for frames, _ in sizes) * 0.1) / 1e3
+        """What the frames of a codec took at 10 Hz, but for its first message; 0 before there are some."""
+        of_it = [(message, size) for message, size in zip(self.messages, self.sizes, strict=False) if size[0] == codec]
+        if len(of_it) < 6:
+            return 0.0
+        begin, end = of_it[0][0][1] + of_it[0][1][1], of_it[-1][0][1] + of_it[-1][1][1]  # by index: some are left out
+        return sum(size for _, (*_, size) in of_it[1:]) * 8 / ((end - begin) * 0.1) / 1e3
 
     def first_of(self, codec: int, since: float) -> tuple[float, int] | None:
         """When the first message of a codec came after a time, and its frame."""
@@ -111,7 +114,8 @@ def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
             begin = max(viewer.decoded)
             assert eventually(lambda begin=begin: max(viewer.decoded) > begin + 8, 60)
             if isinstance(changes["target_kbps"], int) and changes["codec"] != "jpeg-layered":  # one group tells little
-                assert 0.5 < viewer.kbps_of(codec) / changes["target_kbps"] < 1.6
+                assert eventually(lambda codec=codec: viewer.kbps_of(codec), 60)
+                assert 0.6 < viewer.kbps_of(codec) / changes["target_kbps"] < 1.5
         in_force = told()["settings"]
         answers = [ask(changes) for changes in REFUSED]
         assert all(answer["error"] and answer["field"] for answer in answers)
@@ -127,7 +131,7 @@ def test_codecs_and_bitrates_change_under_way_and_no_frame_is_lost(data_file):
     # what was sent was decoded, in order, and every gap was a frame that gave way before it was encoded
     assert viewer.receiver.errors == {}
     assert status["errors"] == {}
-    assert status["messages"] - len(viewer.messages) <= 1
+    assert status["messages"] - len(viewer.messages) <= 1 + status["flight"]["unreported"]
     every_frame_is_accounted_for(viewer.decoded, status)
     codecs = [codec for *_, codec, _ in viewer.messages]
     turns = [codec for earlier, codec in pairwise([0, *codecs]) if codec != earlier]

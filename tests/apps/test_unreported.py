@@ -11,6 +11,7 @@ import pytest
 
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.reports import Arrival, pack_arrival
+from lidarcodec.message import Message
 from lidarcodec.packet import Packet
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
@@ -32,15 +33,19 @@ class Slow:
         self._token = end.token(KEYS.arrived("slow"))
         self.frames: list[int] = []
 
-    def take(self) -> bool:
-        """Take the newest message and report it. False once closed."""
+    def lose(self) -> Message:
+        """Take the newest message, and never report it: it might as well have been lost."""
+        return unpack(self._inbox.receive())
+
+    def take(self) -> Message | None:
+        """Take the newest message and report it. None once closed."""
         data = self._inbox.receive()
         if data is None:
-            return False
+            return None
         message = unpack(data)
         self.frames += range(message.frame_index, message.frame_index + message.frame_count)
         self._arrivals.put(pack_arrival(Arrival(message.frame_index, time.time_ns(), 0)))
-        return True
+        return message
 
     @contextmanager
     def taking(self, wait_s: float) -> Iterator[None]:
@@ -48,7 +53,7 @@ class Slow:
 
         def run() -> None:
             time.sleep(wait_s)
-            while self.take():
+            while self.take() is not None:
                 time.sleep(wait_s)
 
         thread = threading.Thread(target=run)
@@ -115,3 +120,17 @@ def test_frames_that_never_arrived_are_told(ends):
         status = publisher.status()
     missing = set(range(slow.frames[-1])) - set(slow.frames)
     assert len(missing) <= status["replaced"] + status["flight"]["unreported"]
+
+
+@pytest.mark.parametrize(("refers", "first"), [(True, True), (True, False), (False, True)])
+def test_what_follows_a_lost_message_needs_nothing_that_was_lost(ends, refers, first):
+    """Else its receiver could not decode it, would ask for a key frame, and would miss two frames for one."""
+    car, office = ends
+    slow = Slow(office)
+    settings = StreamSettings(codec_settings={"mask_history": refers}, intensity="off", key_interval=10_000)
+    with Publisher(Loop(), settings, transport=car, rate=40.0) as publisher:
+        while not first and slow.take().key:
+            pass
+        slow.lose()
+        assert slow.take().key
+        assert eventually(lambda: publisher.status()["flight"]["unreported"] == 1, 20)

@@ -35,7 +35,7 @@ def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path
         assert server.ask(f"{STREAM}/settings", "PATCH", {"codec": "zstd"})[0] == 200
         with urllib.request.urlopen(f"{server.url}{STREAM}/snapshot.png", timeout=40) as picture:
             assert picture.read(8) == b"\x89PNG\r\n\x1a\n"
-        recording = server.ask(f"{STREAM}/recording", "POST", {"max_seconds": 1})[1]["id"]
+        recording = server.ask(f"{STREAM}/recording", "POST", {"max_seconds": 2})[1]["id"]
         assert eventually(lambda: server.ask(f"/api/v1/recordings/{recording}")[1]["state"] == "complete", 40)
         code, played = server.ask(f"/api/v1/recordings/{recording}/play", "POST", {"loop": True})
         assert code < 300, played
