@@ -6,28 +6,29 @@ SIGINT or SIGTERM), 1 failed at work, 2 wrong usage. An error is one line on std
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import logging
-import os
-import sys
-import traceback
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 
-from lidarcodec.commands import evaluate, token
+from lidarcodec.commands import evaluate, fleet, running, token
+from lidarcodec.commands.arguments import (
+    AsJson,
+    CalibrationFile,
+    CodecName,
+    Connect,
+    FrameCount,
+    Listen,
+    Pairs,
+    PosesFile,
+    SkipCount,
+    Source,
+    ZenohConfig,
+)
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
-from lidarcodec.commands.stopping import Interrupter
-from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
-
-DONE, FAILED, WRONG_USAGE = 0, 1, 2
-MAX_FRAMES = 10**12
-"""More than three thousand years of them, and what Python can count to in packets."""
-_STOPPED = 130
-"""What typer makes of a KeyboardInterrupt."""
+from lidarcodec.commands.running import FAILED, WRONG_USAGE, keep_standard_output
+from lidarcodec.errors import SettingsError
 
 app = typer.Typer(
     help="Velodyne HDL-64 packets in, the same packets out, a fraction of the bits between.",
@@ -43,23 +44,6 @@ app = typer.Typer(
 
 app.add_typer(token.app, name="token")
 app.add_typer(evaluate.app, name="evaluate")
-
-Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
-CalibrationFile = Annotated[
-    Path | None, _option("--calibration", metavar="FILE", help="db.xml or ROS yaml; else found as `info` says.")
-]
-PosesFile = Annotated[
-    Path | None,
-    _option("--poses", metavar="FILE", help="Where the sensor was (.npz, TUM or KITTI), sent with each frame."),
-]
-CodecName = Annotated[str | None, _option("--codec", metavar="NAME", help="Default: pcodec.")]
-Pairs = Annotated[
-    list[str] | None,
-    _option("--set", metavar="KEY=VALUE", help="A field of the stream's settings, else of the codec's. Repeatable."),
-]
-FrameCount = Annotated[int | None, _option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
-SkipCount = Annotated[int, _option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Leave out the first N frames.")]
-AsJson = Annotated[bool, _option("--json", help="Print JSON.")]
 
 
 @app.callback()
@@ -218,19 +202,6 @@ def simulate(
     command.run(source, out, frames)
 
 
-Connect = Annotated[
-    list[str] | None,
-    _option("--connect", metavar="ENDPOINT", help="Where others listen, such as tcp/192.168.1.5:7447. Repeatable."),
-]
-Listen = Annotated[
-    list[str] | None,
-    _option("--listen", metavar="ENDPOINT", help="Where to listen; without any, nothing leaves this machine."),
-]
-ZenohConfig = Annotated[
-    Path | None, _option("--zenoh-config", metavar="FILE", help="A whole Zenoh configuration (JSON5), used as it is.")
-]
-
-
 @app.command()
 def publish(
     source: Annotated[
@@ -271,7 +242,7 @@ def publish(
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
 
-    _keep_standard_output()
+    keep_standard_output()
     if config is not None:
         from lidarcodec.commands import publish_config
 
@@ -317,116 +288,13 @@ def subscribe(
     """Receive and decode a stream until a signal comes, and say how it went."""
     from lidarcodec.commands import subscribe as command
 
-    _keep_standard_output()
+    keep_standard_output()
     command.run(key, udp, record, frames, until_end, receiver, (connect or [], listen or [], zenoh_config), as_json)
 
 
-@app.command()
-def swarm(
-    count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
-    source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
-    vehicle_prefix: Annotated[
-        str, _option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
-    ] = "car",
-    codec: CodecName = None,
-    pairs: Pairs = None,
-    rate: Annotated[float, _option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
-    frames: Annotated[int, _option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
-    shared: Annotated[
-        bool, _option("--shared", help="Encode once and send that for all: little load here, all of it there.")
-    ] = False,
-    processes: Annotated[
-        int | None, _option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
-    ] = None,
-    seconds: Annotated[float | None, _option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    zenoh_config: ZenohConfig = None,
-    first: Annotated[int, _option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
-) -> None:
-    """Publish as many vehicles at once, to load a network, a router or a server."""
-    from lidarcodec.commands import swarm as command
-
-    _keep_standard_output()
-    given = (connect or [], listen or [], zenoh_config)
-    load = command.Load(count, source, vehicle_prefix, codec, pairs or [], rate, frames, shared, seconds, given, first)
-    command.run(load, processes)
-
-
-@app.command()
-def certs(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
-    router: Annotated[
-        list[str] | None, _option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
-    ] = None,
-    vehicle: Annotated[
-        list[str] | None,
-        _option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
-    ] = None,
-    viewer: Annotated[list[str] | None, _option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
-    operator: Annotated[
-        list[str] | None, _option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
-    ] = None,
-    remove: Annotated[
-        list[str] | None, _option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
-    ] = None,
-    auth: Annotated[
-        str | None,
-        _option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
-    ] = None,
-    port: Annotated[int | None, _option("--port", min=1, max=65535, help="Default: 7447.")] = None,
-    days: Annotated[int, _option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
-    installed: Annotated[
-        Path | None, _option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
-    ] = None,
-) -> None:
-    """Make or extend a secured deployment: an authority, and one Zenoh configuration for each machine and person."""
-    from lidarcodec.commands import certs as command
-
-    command.run(
-        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed
-    )
-
-
-@app.command()
-def serve(
-    host: Annotated[str | None, _option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
-    port: Annotated[int | None, _option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
-    database_url: Annotated[
-        str | None, _option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
-    ] = None,
-    tls_certificate: Annotated[Path | None, _option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
-    tls_key: Annotated[Path | None, _option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
-    insecure: Annotated[
-        bool, _option("--insecure", help="Listen beyond this machine although there is no token.")
-    ] = False,
-    metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
-    max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
-    max_viewers: Annotated[
-        int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
-    ] = None,
-    recordings: Annotated[
-        Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
-    ] = None,
-    recordings_gb: Annotated[
-        float | None,
-        _option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
-    ] = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    zenoh_config: ZenohConfig = None,
-) -> None:
-    """Serve the streams of a fleet over HTTP until a signal comes: look at them, change them (extra `server`)."""
-    from lidarcodec.commands import serve as command
-
-    _keep_standard_output()
-    command.run(
-        (connect or [], listen or [], zenoh_config),
-        host=host, port=port, database_url=database_url, tls_certificate=tls_certificate, tls_key=tls_key,
-        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
-        recordings=recordings,
-        max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
-    )  # fmt: skip
+app.command()(fleet.swarm)
+app.command()(fleet.certs)
+app.command()(fleet.serve)
 
 
 @app.command()
@@ -443,94 +311,18 @@ def demo(
     del no_browser, port
     from lidarcodec.commands import demo as command
 
-    _keep_standard_output()
+    keep_standard_output()
     command.run(seconds, source, codec, pairs or [], calibration)
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
-        text = f"{error.strerror}: what was written before is kept; make room or write elsewhere"
-    elif isinstance(error, OSError) and error.strerror and error.filename is not None:
-        text = f"{error.filename}: {error.strerror}"
-    return text
-
-
-def _complain(error: BaseException) -> int:
-    """Say in one line what is wrong; the exit code for it."""
-    if isinstance(error, typer.TyperException):
-        context = getattr(error, "ctx", None)
-        path = context.command_path if context else "lidarcodec"
-        text = " ".join(error.format_message().split()).rstrip(".")
-        sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
-        return WRONG_USAGE
-    known = isinstance(error, LidarCodecError | OSError)
-    text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
-    sys.stderr.write(f"lidarcodec: {text}\n")
-    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
-
-
-def _flush() -> None:
-    """Write out what was printed; a stream is None where the caller closed it (`>&-`)."""
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.flush()
 
 
 def run(arguments: list[str]) -> int:
     """Run one command; its exit code."""
-    debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
-    given = [word for word in arguments if word != "--debug"]
-    logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
-    Interrupter().install()
-    try:
-        code = app(given, prog_name="lidarcodec", standalone_mode=False)
-        _flush()
-    except KeyboardInterrupt:
-        return DONE
-    except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
-        # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except Exception as error:
-        if not debug:
-            return _complain(error)
-        traceback.print_exception(error)
-        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
-    return DONE if code in (None, _STOPPED) else int(code)
-
-
-def _keep_standard_output() -> None:
-    """Keep standard output for what we print: the network library writes its log there, past Python."""
-    _flush()
-    ours = os.dup(1)
-    os.dup2(2, 1)
-    sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
-    sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
-
-
-def _open_standard_streams() -> None:
-    """Give what was closed before the start (`>&-`) a place to go; else the first socket would be standard output."""
-    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(number, True)
-    os.close(number)
-    if sys.stdout is None:
-        sys.stdout = os.fdopen(1, "w", closefd=False)
-    if sys.stderr is None:
-        sys.stderr = os.fdopen(2, "w", closefd=False)
+    return running.run(app, arguments)
 
 
 def main() -> NoReturn:
     """The process: run the command of the command line and end."""
-    _open_standard_streams()
-    code = run(sys.argv[1:])
-    with contextlib.suppress(OSError):
-        _flush()
-    if "zenoh" in sys.modules:
-        # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
-        # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
-        os._exit(code)
-    sys.exit(code)
+    running.main(app)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,41 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarcodec.commands.options import option
+
+MAX_FRAMES = 10**12
+"""More than three thousand years of them, and what Python can count to in packets."""
+
+Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
+CalibrationFile = Annotated[
+    Path | None, option("--calibration", metavar="FILE", help="db.xml or ROS yaml; else found as `info` says.")
+]
+PosesFile = Annotated[
+    Path | None,
+    option("--poses", metavar="FILE", help="Where the sensor was (.npz, TUM or KITTI), sent with each frame."),
+]
+CodecName = Annotated[str | None, option("--codec", metavar="NAME", help="Default: pcodec.")]
+Pairs = Annotated[
+    list[str] | None,
+    option("--set", metavar="KEY=VALUE", help="A field of the stream's settings, else of the codec's. Repeatable."),
+]
+FrameCount = Annotated[int | None, option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
+SkipCount = Annotated[int, option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Leave out the first N frames.")]
+AsJson = Annotated[bool, option("--json", help="Print JSON.")]
+Connect = Annotated[
+    list[str] | None,
+    option("--connect", metavar="ENDPOINT", help="Where others listen, such as tcp/192.168.1.5:7447. Repeatable."),
+]
+Listen = Annotated[
+    list[str] | None,
+    option("--listen", metavar="ENDPOINT", help="Where to listen; without any, nothing leaves this machine."),
+]
+ZenohConfig = Annotated[
+    Path | None, option("--zenoh-config", metavar="FILE", help="A whole Zenoh configuration (JSON5), used as it is.")
+]

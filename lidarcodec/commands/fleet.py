@@ -1,0 +1,120 @@
+"""The commands of whoever runs more than one vehicle: a load, certificates and the server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarcodec.commands.arguments import CodecName, Connect, Listen, Pairs, ZenohConfig
+from lidarcodec.commands.options import option as _option
+from lidarcodec.commands.running import keep_standard_output
+
+
+def swarm(
+    count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
+    source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
+    vehicle_prefix: Annotated[
+        str, _option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
+    ] = "car",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    rate: Annotated[float, _option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
+    frames: Annotated[int, _option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
+    shared: Annotated[
+        bool, _option("--shared", help="Encode once and send that for all: little load here, all of it there.")
+    ] = False,
+    processes: Annotated[
+        int | None, _option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
+    ] = None,
+    seconds: Annotated[float | None, _option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    first: Annotated[int, _option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
+) -> None:
+    """Publish as many vehicles at once, to load a network, a router or a server."""
+    from lidarcodec.commands import swarm as command
+
+    keep_standard_output()
+    given = (connect or [], listen or [], zenoh_config)
+    load = command.Load(count, source, vehicle_prefix, codec, pairs or [], rate, frames, shared, seconds, given, first)
+    command.run(load, processes)
+
+
+def certs(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
+    router: Annotated[
+        list[str] | None, _option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
+    ] = None,
+    vehicle: Annotated[
+        list[str] | None,
+        _option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
+    ] = None,
+    viewer: Annotated[list[str] | None, _option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
+    operator: Annotated[
+        list[str] | None, _option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
+    ] = None,
+    remove: Annotated[
+        list[str] | None, _option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
+    ] = None,
+    auth: Annotated[
+        str | None,
+        _option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
+    ] = None,
+    port: Annotated[int | None, _option("--port", min=1, max=65535, help="Default: 7447.")] = None,
+    days: Annotated[int, _option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
+    installed: Annotated[
+        Path | None, _option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
+    ] = None,
+) -> None:
+    """Make or extend a secured deployment: an authority, and one Zenoh configuration for each machine and person."""
+    from lidarcodec.commands import certs as command
+
+    command.run(
+        folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed
+    )
+
+
+def serve(
+    host: Annotated[str | None, _option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
+    port: Annotated[int | None, _option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
+    database_url: Annotated[
+        str | None, _option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
+    ] = None,
+    tls_certificate: Annotated[Path | None, _option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
+    tls_key: Annotated[Path | None, _option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
+    insecure: Annotated[
+        bool, _option("--insecure", help="Listen beyond this machine although there is no token.")
+    ] = False,
+    metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
+    max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    max_viewers: Annotated[
+        int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
+    ] = None,
+    recordings: Annotated[
+        Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
+    ] = None,
+    recordings_gb: Annotated[
+        float | None,
+        _option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
+    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+) -> None:
+    """Serve the streams of a fleet over HTTP until a signal comes: look at them, change them (extra `server`)."""
+    from lidarcodec.commands import serve as command
+
+    keep_standard_output()
+    command.run(
+        (connect or [], listen or [], zenoh_config),
+        host=host, port=port, database_url=database_url, tls_certificate=tls_certificate, tls_key=tls_key,
+        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
+        recordings=recordings,
+        max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
+    )  # fmt: skip
+
+
+__all__ = ["certs", "serve", "swarm"]

@@ -1,0 +1,106 @@
+"""How a command is run and ended: exit codes, errors in one line, standard streams, the end of the process."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import os
+import sys
+import traceback
+from typing import NoReturn
+
+import typer
+
+from lidarcodec.commands.stopping import Interrupter
+from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+
+DONE, FAILED, WRONG_USAGE = 0, 1, 2
+_STOPPED = 130
+"""What typer makes of a KeyboardInterrupt."""
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+        text = f"{error.strerror}: what was written before is kept; make room or write elsewhere"
+    elif isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}"
+    return text
+
+
+def _complain(error: BaseException) -> int:
+    """Say in one line what is wrong; the exit code for it."""
+    if isinstance(error, typer.TyperException):
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "lidarcodec"
+        text = " ".join(error.format_message().split()).rstrip(".")
+        sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
+        return WRONG_USAGE
+    known = isinstance(error, LidarCodecError | OSError)
+    text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
+    sys.stderr.write(f"lidarcodec: {text}\n")
+    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
+
+
+def _flush() -> None:
+    """Write out what was printed; a stream is None where the caller closed it (`>&-`)."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+
+
+def run(app: typer.Typer, arguments: list[str]) -> int:
+    """Run one command; its exit code."""
+    debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
+    given = [word for word in arguments if word != "--debug"]
+    logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
+    Interrupter().install()
+    try:
+        code = app(given, prog_name="lidarcodec", standalone_mode=False)
+        _flush()
+    except KeyboardInterrupt:
+        return DONE
+    except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
+        # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except Exception as error:
+        if not debug:
+            return _complain(error)
+        traceback.print_exception(error)
+        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
+    return DONE if code in (None, _STOPPED) else int(code)
+
+
+def keep_standard_output() -> None:
+    """Keep standard output for what we print: the network library writes its log there, past Python."""
+    _flush()
+    ours = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
+
+
+def _open_standard_streams() -> None:
+    """Give what was closed before the start (`>&-`) a place to go; else the first socket would be standard output."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w", closefd=False)
+
+
+def main(app: typer.Typer) -> NoReturn:
+    """The process: run the command of the command line and end."""
+    _open_standard_streams()
+    code = run(app, sys.argv[1:])
+    with contextlib.suppress(OSError):
+        _flush()
+    if "zenoh" in sys.modules:
+        # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
+        # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        os._exit(code)
+    sys.exit(code)
