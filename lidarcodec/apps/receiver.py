@@ -226,6 +226,8 @@ class Receiver:
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self._want_key()
+            if message.key:  # who asks from here on may not see this one any more
+                self._key_asked_for = False
             came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):
                 if self._slot.closed:
@@ -294,9 +296,9 @@ class Receiver:
         return frames
 
     def _have_key(self, message: Message, *, but_decodes: bool) -> None:
-        """Ask no longer for what came: a key frame, or, if nobody but this decoder wanted one, any that decodes."""
-        if message.key or (but_decodes and not self._key_asked_for):
-            self._key_wanted = self._key_asked_for = False
+        """Ask no longer for what came, a key frame or any that decodes; nor while somebody else still waits for one."""
+        if (message.key or but_decodes) and not self._key_asked_for:
+            self._key_wanted = False
 
     # --- the control thread -----------------------------------------------------------------------------------------
 
