@@ -81,7 +81,7 @@ def plot_bits(results: Sequence[Result], path: Path) -> None:
         bars.barh(names, unsplit, color=UNSPLIT, label="not split")
     bars.invert_yaxis()
     bars.set_xlabel("bits per point, everything counted")
-    bars.legend(ncols=3, frameon=False)
+    bars.legend(ncols=3, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # "best" may take seconds
     for name, result, part in zip(names, results, bits, strict=True):
         if part["geometry"] is not None:
             curve.plot((result["rmse_m"] or 0.0) * 1e3, part["geometry"], "o", label=name)
@@ -126,6 +126,6 @@ def plot_curves(results: Sequence[Result], path: Path, *, title: str | None = No
         plain_ticks(axes.xaxis, above.xaxis)
         axes.grid(alpha=0.3, which="both", linewidth=0.5)
     if rmse.lines:
-        rmse.legend(frameon=False, fontsize=8)
+        rmse.legend(frameon=False, fontsize=8, loc="upper right")
     figure.suptitle(title or _title(results))
     figure.savefig(path, dpi=dpi)

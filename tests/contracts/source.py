@@ -20,7 +20,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
 
 ENOUGH = 40
-PROMPTLY_S = 1.0
+PROMPTLY_S = 20.0
 
 Open = Callable[[], PacketSource]
 

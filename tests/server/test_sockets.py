@@ -19,6 +19,7 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import peek, unpack
 from lidarcodec_server.tokens import create_token
+from tests.calm import Calm
 from tests.server.live import client_module, event, frame, running
 from tests.transport.test_contract import eventually
 
@@ -102,12 +103,15 @@ async def test_ten_viewers_one_decoder_and_the_slow_one_costs_the_others_nothing
         await asyncio.sleep(1.5)
         assert len(decoders()) == 1
 
-    await asyncio.gather(look_on(), *(look(number, 3.5) for number in range(10)))
+    with Calm() as calm:
+        await asyncio.gather(look_on(), *(look(number, 3.5) for number in range(10)))
     slow, fast = watched.pop(0), list(watched.values())
     span = max(max(seen) for seen in fast) - min(min(seen) for seen in fast) + 1
     for seen in fast:
         assert seen == sorted(set(seen))
-        assert len(seen) > 0.3 * span
+        assert len(seen) > 0.5 * len(set().union(*fast))
+        assert len(seen) > 2 * len(slow)
+        assert len(seen) > 0.5 * span or calm.late_s > 0.1
     assert len(slow) <= 5
     assert np.diff(slow).min() > 5, "the slow one gets the newest, not the next"
 
@@ -145,25 +149,27 @@ async def test_a_slow_viewer_of_a_chain_of_messages_gets_only_what_it_can_decode
     with server.publisher(settings=settings):
         assert server.seen()
         async with server.socket(f"{STREAM}/frames") as slow, server.socket(f"{STREAM}/frames") as quick:
-            decoder, indices = StreamDecoder(), []
+            decoder, indices, kept = StreamDecoder(), [], []
 
-            async def keep_up() -> int:
-                count = 0
+            async def keep_up() -> None:
                 async for message in quick:
-                    count += isinstance(message, bytes)
-                    await quick.send("ack") if isinstance(message, bytes) else None
-                return count
+                    if isinstance(message, bytes):
+                        kept.append(peek(message).frame_index)
+                        await quick.send("ack")
 
             other = asyncio.create_task(keep_up())
             for _ in range(3):
                 message = unpack(await frame(slow))
                 indices += [one.index for one in decoder.decode(message)]
-                await asyncio.sleep(0.5)
+                before = len(kept)
+                async with asyncio.timeout(60):
+                    while len(kept) < before + 6:
+                        await asyncio.sleep(0.01)
                 await slow.send("ack")
             assert indices == sorted(set(indices))
             assert indices[-1] - indices[0] > 6, "it skips"
             await quick.close()
-            assert await other > 2 * len(indices)
+            await other
     assert eventually(lambda: not server.hub.watches())
 
 
@@ -222,7 +228,7 @@ async def test_what_a_client_does_not_read_is_not_kept_for_ever(server, vehicle,
 
 
 async def test_frames_that_come_in_groups_are_shown_one_by_one(server):
-    with server.publisher(settings=StreamSettings(codec="jpeg-layered"), rate=10.0):
+    with server.publisher(settings=StreamSettings(codec="jpeg-layered"), rate=10.0) as car:
         assert server.seen()
         async with server.socket(f"{STREAM}/cloud?form=range") as socket:
             indices = []
@@ -230,7 +236,7 @@ async def test_frames_that_come_in_groups_are_shown_one_by_one(server):
                 indices.append(index_of(await frame(socket)))
                 await socket.send("ack")
         assert indices == sorted(set(indices))
-        assert np.count_nonzero(np.diff(indices) == 1) >= 7, "not one of each group"
+        assert np.count_nonzero(np.diff(indices) == 1) + car.status()["replaced"] >= 7, "not one of each group"
 
 
 async def test_a_rate_is_kept(server, vehicle):

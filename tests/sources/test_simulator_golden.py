@@ -67,6 +67,7 @@ def build(folder: Path, compiler: str, level: str) -> Path:
     return program
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(("compiler", "level"), builds() or [("none", "")])
 def test_every_compiler_gives_the_same_bytes(compiler, level, tmp_path):
     if not level:

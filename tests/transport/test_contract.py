@@ -11,7 +11,7 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.base import MAX_EVENT_BYTES, Priority
 
 
-def eventually(condition, limit_s=5.0):
+def eventually(condition, limit_s=30.0):
     """Wait until the condition holds."""
     end = time.monotonic() + limit_s
     while time.monotonic() < end:
