@@ -30,7 +30,7 @@ from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.spec import Spec, parse
 from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 
-SCENES: Final = ("city", "road", "street")
+SCENES: Final = ("city", "road", "street", "bend", "motorway")
 START_NS: Final = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: host and GPS time of the first packet, unless told otherwise."""
 PACKET_NS: Final[int] = _native.SIMULATOR_PACKET_NS
@@ -111,7 +111,7 @@ class SimulatedPoses(Poses):
 class SimulatorSource(PacketSource):
     """A drive through a simulated scene, as a source of packets; every call of `packets` starts it anew.
 
-    scene:    `city`, `road` or `street`
+    scene:    `city`, `road`, `street`, `bend` or `motorway`
     seed:     names the town, the traffic and the noise
     frames:   how many times 348 packets; None = endless
     speed:    top speed in m/s, 0.5 to 40; None = what the scene has
@@ -168,7 +168,9 @@ class SimulatorSource(PacketSource):
         """
         given = parse(spec) if isinstance(spec, str) else spec
         if given.scheme != "sim":
-            raise SourceError(f"'{given.text}' is no simulator: sim:city, sim:road or sim:street is needed")
+            raise SourceError(
+                f"'{given.text}' is no simulator: sim:city, sim:road, sim:street, sim:bend or sim:motorway is needed"
+            )
         given.only("seed", "frames", "skip", "speed", "traffic")
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
         source = cls(

@@ -47,5 +47,7 @@ struct WorldOptions {
 std::unique_ptr<World> make_city(const WorldOptions& options);
 std::unique_ptr<World> make_road(const WorldOptions& options);
 std::unique_ptr<World> make_street(const WorldOptions& options);
+std::unique_ptr<World> make_bend(const WorldOptions& options);
+std::unique_ptr<World> make_motorway(const WorldOptions& options);
 
 }  // namespace lidarcodec::sim

@@ -18,6 +18,8 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (options.scene == "city") return make_city(options.world);
   if (options.scene == "road") return make_road(options.world);
   if (options.scene == "street") return make_street(options.world);
+  if (options.scene == "bend") return make_bend(options.world);
+  if (options.scene == "motorway") return make_motorway(options.world);
   throw Error(ErrorCode::Settings, "no such scene");
 }
 

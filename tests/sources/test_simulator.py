@@ -132,6 +132,21 @@ def test_poses_can_be_asked_in_any_order_and_the_car_moves_like_a_car():
         source.poses([0])
 
 
+def test_the_hard_roads_are_hard_in_different_ways():
+    """More seeds of one road would only repeat what that road shows of a localiser."""
+    stamps = START_NS + np.arange(0, 60 * 10**9, 10**9)
+    turned, vehicles = {}, {}
+    for scene in ("road", "bend", "motorway"):
+        source = SimulatorSource(scene)
+        T = source.poses(stamps)
+        turned[scene] = np.ptp(np.arctan2(T[:, 1, 0], T[:, 0, 0]))
+        _, _, labels = source.truth(700)
+        vehicles[scene] = np.mean(labels == LABELS.index("vehicle"))
+    assert turned["bend"] > 0.5 > 3 * turned["road"] > turned["motorway"]
+    assert vehicles["motorway"] > 1.5 * vehicles["road"]
+    assert vehicles["road"] > 0.01
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_car_gets_through_the_town_and_stops_now_and_then(seed):
     stamps = START_NS + np.arange(0, 900 * 10**9, 5 * 10**8)
@@ -177,7 +192,7 @@ def test_a_scene_is_named_with_its_options():
     with open_source("sim:road?seed=9&frames=1&speed=5&traffic=0.5") as source:
         assert sum(1 for _ in source.packets()) == 348
         assert source.label == "simulated road, seed 9"
-    with pytest.raises(UnknownNameError, match="'village': choose one of city, road, street"):
+    with pytest.raises(UnknownNameError, match="'village': choose one of city, road, street, bend, motorway"):
         open_source("sim:village")
     with pytest.raises(UnknownNameError, match="'sed': choose one of seed, frames, skip, speed, traffic"):
         open_source("sim:city?sed=3")

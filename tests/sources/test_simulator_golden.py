@@ -28,6 +28,10 @@ GOLDEN = {
     ("road", 4, 100_000, 116): "ffe57360dffd2c9c0ac5532ebf540fe6c89b9a919912c5ee63c0f8bacfd937d8",
     ("street", 1, 0, 116): "4ed181fbda3b6fdaa9e9d3930013b875dd73b636793a7ab2c29c126047b87557",
     ("street", 3, 50_000, 116): "9ebb7689d88eee48cb2fb89034c8c8e92aa3878a2b7e29988f732d774430b478",
+    ("bend", 1, 0, 116): "31bfc78f41f640ecaa5bd5d184ff0bc5cf30105e38850cb879de2af34db71653",
+    ("bend", 3, 50_000, 116): "cb1cecc4d37cec3bb3725bc43d00aff596815d1bb8f5711c1c356a796b6a78db",
+    ("motorway", 1, 0, 116): "05b5b862dd3bb937616200042a67bf41fc7df916b6f80979ba832899b1481e3c",
+    ("motorway", 2, 100_000, 116): "2c0fc2de306c121ee9379bedb60aa0bcb2a0351468a1b1ea76a07a4d412bb5e5",
 }
 COMPILERS = ("clang++", "clang++-14", "g++")
 FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")

@@ -15,6 +15,7 @@ import numpy as np
 from lidarcodec.errors import DecodeError
 from lidarcodec.evaluation.localisation.drive import Drive
 from lidarcodec.evaluation.localisation.reference import Reference, pose_of
+from lidarcodec.evaluation.rigid import invert
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
@@ -22,7 +23,8 @@ from lidarcodec.wire import pack, unpack
 
 ODOMETRY_M: Final = 0.05
 ODOMETRY_DEG: Final = 0.1
-"""Standard deviation of one pose against one before it, all axes together: wheel or inertial odometry over a second."""
+ODOMETRY_S: Final = 0.9
+"""What wheels and gyroscopes are off by, all axes together, after so long; the error grows as that of a random walk."""
 Choose = Callable[[Frame], Frame]
 
 
@@ -48,13 +50,17 @@ class Received:
 
 
 def with_odometry(drive: Drive, reference: Reference, seed: int) -> list[Frame]:
-    """The drive's frames, each with T_world_sensor at its stamp, off by 5 cm and 0.1 degree against any other."""
+    """The drive's frames, each with T_world_sensor at its stamp as odometry has it."""
     random = np.random.default_rng((seed, 3))
-    frames = []
-    for at, frame in enumerate(drive.frames):
-        off = random.normal(size=(2, 3)) / np.sqrt(6)
-        error = pose_of(np.radians(ODOMETRY_DEG) * off[0], ODOMETRY_M * off[1])
-        pose = reference.at(at, (frame.stamp_ns - int(drive.stamps_ns[at])) * 1e-9) @ error
+    before = pose = reference.at(0, (drive.frames[0].stamp_ns - int(drive.stamps_ns[0])) * 1e-9)
+    frames = [drive.frames[0].with_(pose=pose)]
+    for at in range(1, len(drive.frames)):
+        frame = drive.frames[at]
+        true = reference.at(at, (frame.stamp_ns - int(drive.stamps_ns[at])) * 1e-9)
+        walked = np.sqrt(max(frame.stamp_ns - drive.frames[at - 1].stamp_ns, 0) * 1e-9 / ODOMETRY_S / 3)
+        turn, step = walked * random.normal(size=(2, 3))
+        pose = pose @ invert(before) @ true @ pose_of(np.radians(ODOMETRY_DEG) * turn, ODOMETRY_M * step)
+        before = true
         frames.append(frame.with_(pose=pose))
     return frames
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.evaluation.localisation.coding import with_odometry
 from lidarcodec.evaluation.localisation.drive import read_drive
 from lidarcodec.evaluation.localisation.errors import pose_errors
 from lidarcodec.evaluation.localisation.maps import merged
@@ -75,6 +76,19 @@ def test_refined_odometry_finds_an_exact_drive_to_a_centimetre_and_says_how_sure
     errors = pose_errors(own, true)
     assert errors["trans_m"].max() < 0.025
     assert errors["angle_deg"].max() < 0.1
+
+
+def test_odometry_is_off_by_five_centimetres_after_nine_tenths_of_a_second(street, exact):
+    """A reducer that is told of the motion gets no better odometry than a car has, and no worse."""
+    off = []
+    for seed in range(60):
+        frames = with_odometry(street, exact, seed)
+        true = [exact.at(at, (frame.stamp_ns - int(street.stamps_ns[at])) * 1e-9) for at, frame in enumerate(frames)]
+        assert pose_errors(frames[0].pose[None], true[0][None])["trans_m"][0] == 0
+        way, real = np.linalg.inv(frames[0].pose) @ frames[9].pose, np.linalg.inv(true[0]) @ true[9]
+        off.append(pose_errors(way[None], real[None]))
+    assert np.sqrt(np.mean([one["trans_m"] ** 2 for one in off])) == pytest.approx(0.05, rel=0.2)
+    assert np.sqrt(np.mean([one["angle_deg"] ** 2 for one in off])) == pytest.approx(0.1, rel=0.2)
 
 
 def test_a_map_of_nothing_is_refused():
