@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import threading
 import time
@@ -10,50 +9,19 @@ import time
 import pytest
 
 from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.subscribe import LiveStream, subscribe
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import LidarCodecError, SettingsError, TransportError, UnknownNameError
+from lidarcodec.errors import LidarCodecError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.transport.memory import MemoryNetwork
-from tests.apps.streams import Broken, Loop
-from tests.conftest import ROOT
+from tests.apps.in_memory import KEY, live, publisher
+from tests.apps.streams import Loop
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
-KEY = "vehicle/lidar"
 KEYS = StreamKeys()
-
-
-@pytest.fixture
-def network():
-    """A network; everything on it is closed after the test, and no thread is left."""
-    before = set(threading.enumerate())
-    one, opened = MemoryNetwork(), []
-
-    def transport():
-        opened.append(one.transport())
-        return opened[-1]
-
-    one.end = transport
-    yield one
-    for end in opened:
-        end.close()
-    assert eventually(lambda: set(threading.enumerate()) <= before), threading.enumerate()
-
-
-def publisher(network, frames=None, settings=None, **options):
-    """A publisher on the network."""
-    options.setdefault("rate", 40.0)
-    return Publisher(Loop(frames), settings, transport=network.end(), **options)
-
-
-def live(network, **options):
-    """A subscriber on the network."""
-    return subscribe(KEY, transport=network.end(), **options)
 
 
 @pytest.mark.parametrize(
@@ -304,130 +272,3 @@ def test_latency_is_measured_from_the_last_packet_and_never_from_a_recording(net
             assert len(list(stream)) == 2
         assert stream.summary()["latency_ms"]["p50"] is None
         assert stream.stats.counts["clocks_apart"] == 2
-
-
-def test_what_ends_a_source_is_raised_after_everything_was_sent(network):
-    source = Broken()
-    with live(network) as stream:
-        car = Publisher(source, transport=network.end(), rate="max")
-        with pytest.raises(RuntimeError, match="the cable was cut"):
-            car.run()
-        assert stream.next(2) is not None
-    assert car.status()["ended"]
-
-
-def test_run_ends_soon_when_interrupted(network):
-    car = publisher(network)
-    threading.Timer(0.3, car.interrupt).start()
-    start = time.monotonic()
-    car.run()
-    assert time.monotonic() - start < 10
-
-
-def test_the_status_and_the_report_reach_the_other_side(network):
-    with publisher(network, rate=20.0) as car, live(network, receiver="office") as stream:
-        assert stream.next(30)
-        assert eventually(lambda: ((stream.status or {}).get("reports") or {}).get("office", {}).get("frames"), 6)
-        told = stream.status
-        assert told["stream_id"] == f"{car.stream_id:016x}"
-        assert told["flight"]["following"] == "office"
-        assert told["settings"]["codec"] == "pcodec"
-        assert told["reports"]["office"]["frames"] > 0
-        assert told["reports"]["office"]["rtt_ms"] is not None
-
-
-def test_names_and_settings_are_checked_before_anything_starts(network):
-    for options in ({"vehicle": "a/b"}, {"sensor": ""}):
-        with pytest.raises(SettingsError):
-            publisher(network, **options)
-    with pytest.raises(UnknownNameError):
-        publisher(network, settings=StreamSettings(codec="none"))
-    for options in ({"receiver": "a b"}, {"udp": "host:"}):
-        with pytest.raises(SettingsError):
-            live(network, **options)
-
-
-def test_what_is_open_never_or_twice_says_so_instead_of_waiting_for_ever(network):
-    stream, car = live(network), publisher(network)
-    with pytest.raises(TransportError, match="with subscribe"):
-        stream.next()
-    for one in (stream, car):
-        with one:
-            pass
-        with pytest.raises(TransportError, match="once"):
-            one.__enter__()
-    assert stream.next() is None
-
-
-async def test_an_interruption_ends_an_asynchronous_iteration_too(network):
-    with live(network) as stream:
-        asyncio.get_running_loop().call_later(0.1, stream.interrupt)
-        assert [frame async for frame in stream] == []
-
-
-async def test_frames_come_to_a_coroutine(network):
-    with publisher(network), live(network) as stream:
-        count = 0
-        async for frame in stream:
-            assert frame.range.shape[0] == 64
-            count += 1
-            if count == 3:
-                break
-
-
-async def test_a_cancelled_wait_loses_no_frame_and_leaves_nothing(network):
-    with live(network) as stream:
-        waiting = asyncio.create_task(stream.next_async())
-        await asyncio.sleep(0.05)
-        waiting.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await waiting
-        assert not stream._listeners
-        assert await stream.next_async(0.05) is None
-        with publisher(network, 1, rate="max"):
-            assert (await stream.next_async(5)).index == 0
-
-
-async def test_a_coroutine_that_waits_ends_with_the_stream(network):
-    with live(network) as stream:
-        waiting = asyncio.create_task(stream.next_async())
-        await asyncio.sleep(0.05)
-        stream.close()
-        assert await asyncio.wait_for(waiting, 2) is None
-
-
-def test_every_field_of_status_and_report_is_documented(network):
-    text = (ROOT / "docs" / "live.md").read_text()
-    with publisher(network, rate=20.0) as car, live(network) as stream:
-        assert stream.next(30)
-        names = {*car.status(), *car.status()["flight"], *COUNTED, *stream.summary()}
-        names -= {"errors", "udp", "recording"} & set(stream.summary())
-    for name in names:
-        assert f"`{name}`" in text or f"`{name.partition('_')[0]}_*`" in text, name
-
-
-@pytest.mark.parametrize("where", ["_frames_of", "stats", "_round_trips"], ids=["decode", "receive", "control"])
-def test_a_fault_in_any_thread_ends_the_stream_aloud(network, where, caplog):
-    """A stream that froze in silence would look like a publisher that has nothing to say."""
-    with live(network) as stream:
-        setattr(stream._receiver, where, None)  # as a fault of ours would
-        with publisher(network, rate=20.0), pytest.raises((TypeError, AttributeError)):
-            sum(1 for _ in stream)
-    assert "the receiver ends" in caplog.text
-
-
-def test_a_message_that_comes_twice_is_decoded_once(network):
-    settings = StreamSettings(key_interval=10_000, codec_settings={"mask_history": True})
-    end = network.end()
-    inbox = end.inbox(KEYS.frame)
-    with publisher(network, settings=settings, rate=20.0), live(network, newest=False) as stream:
-        again = network.end().sender(KEYS.frame, Priority.FRAMES)
-        indices = []
-        for _ in range(6):
-            again.put(inbox.receive())
-            indices.append(stream.next(30).index)
-        assert indices == sorted(set(indices))
-        assert eventually(lambda: stream.stats.counts["duplicates"] > 0)
-        assert stream.summary()["errors"] == {}
-        assert stream.stats.counts["out_of_order"] == 0
-    inbox.close()
