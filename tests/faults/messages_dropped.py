@@ -24,8 +24,8 @@ def run(seconds: float = SECONDS) -> Outcome:
         f"{intra['missing']} of "
         f"{intra['indices']} frames with pcodec ({intra['dropped']} dropped), {video['missing']} of "
         f"{video['indices']} with h264 ({video['dropped']} dropped)",
-        f"publisher: {intra['timeouts']} `timeouts`; receiver: `missing` and `gaps`, with h264 also "
-        f"{video['missing_references']} `missing_references`, each answered by a key frame",
+        f"publisher: {intra['timeouts']} `timeouts` and {intra['unreported']} `unreported`; receiver: `missing` and "
+        f"`gaps`; with h264 {video['missing_references']} `missing_references`, because a key frame follows a lost message",
         {"pcodec": intra, "h264": video},
         [f"errors: {one['errors']}" for one in (intra, video) if set(one["errors"]) - {"missing_references"}],
     )
@@ -53,6 +53,7 @@ def _played(settings: dict[str, Any], seconds: float) -> dict[str, Any]:
         "missing": missing(office.frames),
         "indices": office.frames[-1]["index"] - office.frames[0]["index"] + 1,
         "timeouts": status["flight"]["timeouts"],
+        "unreported": status["flight"]["unreported"],
         "missing_references": summary["errors"].get("missing_references", 0),
         "errors": summary["errors"],
     }
