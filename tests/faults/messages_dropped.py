@@ -25,7 +25,8 @@ def run(seconds: float = SECONDS) -> Outcome:
         f"{intra['indices']} frames with pcodec ({intra['dropped']} dropped), {video['missing']} of "
         f"{video['indices']} with h264 ({video['dropped']} dropped)",
         f"publisher: {intra['timeouts']} `timeouts` and {intra['unreported']} `unreported`; receiver: `missing` and "
-        f"`gaps`; with h264 {video['missing_references']} `missing_references`, because a key frame follows a lost message",
+        f"`gaps`; with h264 {video['missing_references']} `missing_references`, "
+        "because a key frame follows a lost message",
         {"pcodec": intra, "h264": video},
         [f"errors: {one['errors']}" for one in (intra, video) if set(one["errors"]) - {"missing_references"}],
     )
