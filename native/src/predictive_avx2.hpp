@@ -52,6 +52,11 @@ struct alignas(32) Avx2Tables {
 };
 inline constexpr Avx2Tables kAvx2Tables;
 
+constexpr bool all_even(const std::array<std::int16_t, 4>& rates) {
+  return rates[0] % 2 == 0 && rates[1] % 2 == 0 && rates[2] % 2 == 0 && rates[3] % 2 == 0;
+}
+static_assert(all_even(kPredictiveRates) && all_even(kLearnedRates));
+
 struct Avx2Forms {
   template <class Work>
   LIDARCODEC_AVX2 [[gnu::flatten]] static void run(const Work& work) {
@@ -101,9 +106,11 @@ struct Avx2Forms {
     found.of[3] = kContextBegins[3] + (up * kScaleClasses + known.scale) * kSlotCells;
   }
 
-  template <bool kExpects>
-  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  template <bool kExpects, bool kLearned>
+  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots,
+                                     [[maybe_unused]] const std::int16_t* start, Chances& chances) {
     __m256i sum = load(cells + slots.of[0]);
+    if constexpr (kLearned) sum = _mm256_adds_epi16(load(start), sum);
 #pragma GCC unroll 20
     for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[i]));
     // As `probabilities` in cells.hpp.
@@ -114,15 +121,15 @@ struct Avx2Forms {
     store(_mm256_xor_si256(rare, flip), chances.of.data());
   }
 
-  template <bool kExpects>
+  template <bool kExpects, bool kLearned>
   LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     const __m256i missing = _mm256_sub_epi16(load(walked.wanted.data()), load(chances.of.data()));
     const __m256i error = _mm256_and_si256(missing, load(walked.taken.data()));
-    alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kPredictiveRates.size()> by;
+    alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kLearned>.size()> by;
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < by.size(); ++r) {
       // (error * rate / 2 + 2^14) >> 15 is what `moves` gives, as rates are even.
-      __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kPredictiveRates[r] / 2)));
+      __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kRates<kLearned>[r] / 2)));
       if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(1)));  // seen once
       store(move, by[r].data());
     }
@@ -135,8 +142,6 @@ struct Avx2Forms {
   }
 
  private:
-  static_assert(kPredictiveRates[0] % 2 == 0 && kPredictiveRates[1] % 2 == 0 && kPredictiveRates[2] % 2 == 0 &&
-                kPredictiveRates[3] % 2 == 0);
 
   template <class T>
   LIDARCODEC_AVX2 static __m256i load(const T* from) {

@@ -6,6 +6,9 @@
 #include "predictive_avx2.hpp"
 #include "predictive_stage.hpp"
 
+#include <type_traits>
+#include <utility>
+
 namespace lidarcodec {
 
 // What is known of each row where the last slab ends, in cells of so many range steps; 0: nothing.
@@ -37,6 +40,7 @@ namespace {
 
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::uint8_t kSlab = 2;                  // added to either: of a slab
+constexpr std::uint8_t kLearnedKind = 4;           // added to any: a network says what is likely to begin with
 constexpr std::size_t kHeadBytes = 7;              // kind, turn u16, bytes of the first stream u32; of a slab also known u8
 constexpr std::int32_t kMaxLevel = 1000;
 constexpr std::int32_t kMaxRange = 65535;
@@ -50,13 +54,13 @@ void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns k
 }
 
 // Codes all rows of an image, (64, W); only returns are looked at, or written.
-template <class Forms, bool kExpects, class Coder, class Image>
-void code_rows(PredictiveModel& model, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves,
+template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
+void code_rows(PredictiveModel& model, const Teaching& teaching, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves,
                Image* image) {
-  using Rows = PredictiveRows<Coder, Forms, kExpects>;
+  using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(model, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
-  RowStage<Rows::kReads, kExpects> stage(source, 0, coder.start(), coder.first());
+  Rows coder(model, teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     coder.code(stage.begin(row, image));
     stage.end(image);
@@ -64,16 +68,16 @@ void code_rows(PredictiveModel& model, const RowSource& source, std::array<Predi
 }
 
 // Codes a slab: the columns behind those that are known. Rows of the upper and the lower half of the image in turns.
-template <class Forms, bool kExpects, class Coder, class Image>
-void code_slab(PredictiveModel& model, const RowSource& source, SlabStates& states,
+template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
+void code_slab(PredictiveModel& model, const Teaching& teaching, const RowSource& source, SlabStates& states,
                std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
-  using Rows = PredictiveRows<Coder, Forms, kExpects>;
+  using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   constexpr std::size_t kBoth = kMaskRows / 2;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(model, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  Rows coder(model, teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
   states.begin(source.cells.step, coder.start(), source.past != 0);
-  RowStage<Rows::kReads, kExpects> upper(source, 0, coder.start(), coder.first());
-  RowStage<Rows::kReads, kExpects> lower(source, kBoth, coder.start(), coder.first());
+  RowStage<Rows::kReads, kExpects, kLearned> upper(source, 0, coder.start(), coder.first());
+  RowStage<Rows::kReads, kExpects, kLearned> lower(source, kBoth, coder.start(), coder.first());
   for (std::size_t row = 0; row < kBoth; ++row) {
     const RowWork a = upper.begin(row, image), b = lower.begin(row + kBoth, image);
     coder.code(a, states.of[row], b, states.of[row + kBoth]);
@@ -94,15 +98,18 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 
 // Codes a whole frame or a slab on a path, with or without what is expected.
 template <class Coder, class Image>
-void code_image(Path path, PredictiveModel& model, SlabStates& states, const RowSource& source, bool slab,
+void code_image(Path path, PredictiveModel& model, const Teaching& teaching, SlabStates& states, const RowSource& source, bool slab,
                 std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
   const auto code = [&]<class Forms>(const Forms&) {
-    if (slab) {
-      source.expected != nullptr ? code_slab<Forms, true>(model, source, states, halves, image)
-                                 : code_slab<Forms, false>(model, source, states, halves, image);
+    const auto with = [&](auto expects, auto learned) {
+      slab ? code_slab<Forms, expects.value, learned.value>(model, teaching, source, states, halves, image)
+           : code_rows<Forms, expects.value, learned.value>(model, teaching, source, halves, image);
+    };
+    const bool learned = teaching.net != nullptr || teaching.samples != nullptr;
+    if (source.expected != nullptr) {
+      learned ? with(std::true_type{}, std::true_type{}) : with(std::true_type{}, std::false_type{});
     } else {
-      source.expected != nullptr ? code_rows<Forms, true>(model, source, halves, image)
-                                 : code_rows<Forms, false>(model, source, halves, image);
+      learned ? with(std::false_type{}, std::true_type{}) : with(std::false_type{}, std::false_type{});
     }
   };
   switch (path) {
@@ -119,8 +126,9 @@ void code_image(Path path, PredictiveModel& model, SlabStates& states, const Row
   }
 }
 
-std::uint8_t kind_of(bool slab, const std::uint16_t* expected) {
-  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : 0));
+std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net) {
+  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : 0) +
+                                   (net != nullptr ? kLearnedKind : 0));
 }
 
 // Returns that are to be coded: behind the known columns.
@@ -133,8 +141,33 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 
 }  // namespace
 
-PredictiveCoder::PredictiveCoder(Path path) : path_(path), states_(std::make_unique<SlabStates>()) {}
+PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets)
+    : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), states_(std::make_unique<SlabStates>()) {}
 PredictiveCoder::~PredictiveCoder() = default;
+
+const RiddleNet* PredictiveCoder::net_of(bool expects) const {
+  if (nets_ == nullptr) return nullptr;
+  const std::optional<RiddleNet>& net = expects ? nets_->expecting : nets_->alone;
+  if (!net) throw Error(ErrorCode::Section, "weights without a network for frames of this kind");
+  return &*net;
+}
+
+void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
+                             const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
+                             RiddleSamples& samples) {
+  check(cells, geometry, kWholeFrame);
+  if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
+  const MaskLayout layout(geometry);
+  const ClosedRows returned(returns, layout, geometry.width);
+  samples.inputs = expected != nullptr ? kInputsExpecting : kInputsAlone;
+  if (returned.returns == 0) return;
+  if (turn == 0) turn = find_turn(layout, returned.cells.data(), geometry.width);
+  PredictiveModel model(true);
+  SlabStates states;
+  std::array<PredictiveHalf<WideEncoder>, 2> halves;
+  code_image(quickest_path(), model, {nullptr, &samples}, states,
+             {layout, returned, cells, expected, geometry.width, 0, turn}, false, halves, ranges);
+}
 
 void PredictiveCoder::reset() {
   model_.reset();
@@ -152,13 +185,14 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const ClosedRows returned(returns, layout, width);
   if (returns_behind(returned, returns, width, past) == 0) return {};
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
+  const RiddleNet* const net = net_of(expected != nullptr);
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_image(path_, model_, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
+  code_image(path_, model_, {net, nullptr}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
   out.reserve(kHeadBytes + first.size() + second.size());
-  put(out, kind_of(known >= 0, expected), 1);
+  put(out, kind_of(known >= 0, expected, net), 1);
   put(out, turn, 2);
   put(out, first.size(), 4);
   if (known >= 0) put(out, past, 1);
@@ -182,7 +216,8 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     return image;
   }
   if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
-  if (data[0] != kind_of(known >= 0, expected)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  const RiddleNet* const net = net_of(expected != nullptr);
+  if (data[0] != kind_of(known >= 0, expected, net)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
   const std::size_t head = kHeadBytes + (known >= 0 ? 1 : 0);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -194,7 +229,7 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
       PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
       PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
   for (auto& half : halves) half.interval = half.coder.start();
-  code_image(path_, model_, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, image.data());
+  code_image(path_, model_, {net, nullptr}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, image.data());
   for (const auto& half : halves) half.coder.finish(half.interval);
   return image;
 }

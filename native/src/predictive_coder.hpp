@@ -8,11 +8,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "mask_coder.hpp"
 #include "predictive_model.hpp"
 #include "processor.hpp"
+#include "riddle_net.hpp"
+#include "riddle_samples.hpp"
 
 namespace lidarcodec {
 
@@ -28,11 +31,16 @@ struct SlabStates;
 using KnownColumns = std::int64_t;
 inline constexpr KnownColumns kWholeFrame = -1;
 
+// Networks that say what is likely to begin with: of frames alone, and of those that expect something.
+struct RiddleNets {
+  std::optional<RiddleNet> alone, expecting;
+};
+
 // What one frame taught stays for the next one, until `reset`. After an error only `reset` may be called.
 class PredictiveCoder {
  public:
-  // path: how it computes. All paths give the same bytes.
-  explicit PredictiveCoder(Path path = quickest_path());
+  // path: how it computes. All paths give the same bytes. nets: where there are any, codes with them.
+  explicit PredictiveCoder(Path path = quickest_path(), std::shared_ptr<const RiddleNets> nets = nullptr);
   ~PredictiveCoder();
 
   // Forgets everything.
@@ -51,8 +59,17 @@ class PredictiveCoder {
                                     const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
                                     const std::uint16_t* before = nullptr);
 
+  // Takes samples of what networks are told of a frame, and of what came. All else as for `encode`.
+  static void sample(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
+                     const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
+                     RiddleSamples& samples);
+
  private:
+  // Raises Section if there are networks, but not that for such a frame.
+  const RiddleNet* net_of(bool expects) const;
+
   Path path_;
+  std::shared_ptr<const RiddleNets> nets_;
   PredictiveModel model_;
   std::unique_ptr<SlabStates> states_;  // of rows at the end of the last slab
 };

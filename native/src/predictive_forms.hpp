@@ -13,6 +13,9 @@ namespace lidarcodec {
 
 // How fast a context learns, by how often it was seen: less than 6, 24, 96 times, and more.
 inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {720, 460, 320, 230};
+inline constexpr std::array<std::int16_t, 4> kLearnedRates = {216, 138, 96, 70};  // where a network has said most
+template <bool kLearned>
+inline constexpr const std::array<std::int16_t, 4>& kRates = kLearned ? kLearnedRates : kPredictiveRates;
 inline constexpr auto kRateOfCount = [] {
   std::array<std::uint8_t, 97> rate{};
   for (std::size_t n = 0; n < rate.size(); ++n) rate[n] = static_cast<std::uint8_t>((n >= 6) + (n >= 24) + (n >= 96));
@@ -74,10 +77,13 @@ struct NarrowForm {
       name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
 
-  template <bool kExpects>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  // start: log odds that a network gave, where kLearned.
+  template <bool kExpects, bool kLearned>
+  static void add_up(const std::int16_t* cells, const Slots& slots, [[maybe_unused]] const std::int16_t* start,
+                     Chances& chances) {
     for (std::size_t v = 0; v < 2; ++v) {
       Cells sum = Cells::load(cells + slots.of[0] + 8 * v);
+      if constexpr (kLearned) sum = Cells::load(start + 8 * v) + sum;
 #pragma GCC unroll 20
       for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + 8 * v);
       probabilities(sum).store(chances.of.data() + 8 * v);
@@ -85,14 +91,14 @@ struct NarrowForm {
   }
 
   // walked: down the tree, where the return lies.
-  template <bool kExpects>
+  template <bool kExpects, bool kLearned>
   static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
-    std::array<std::array<Cells, 2>, kPredictiveRates.size()> by;
+    std::array<std::array<Cells, 2>, kRates<kLearned>.size()> by;
     for (std::size_t v = 0; v < 2; ++v) {
       const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
       const Cells p = Cells::load(chances.of.data() + 8 * v);
 #pragma GCC unroll 4
-      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = moves(wanted, taken, p, kPredictiveRates[r]);
+      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = moves(wanted, taken, p, kRates<kLearned>[r]);
     }
     for (std::size_t r = 0; r + 1 < by.size(); ++r) by[r][0] = by[r][0] + Cells::load(kSeenOnce.data());
 #pragma GCC unroll 20

@@ -133,6 +133,18 @@ struct OffsetCells {
   std::array<std::int16_t, kScaleClasses * 32> more_of_scale{};    // [scale][octave]
 };
 
+// Of returns beyond the last leaf, where a network says what is likely (riddle_beyond.hpp).
+inline constexpr std::size_t kBeyondContexts = 6;
+// First slot of each context; then how many slots there are.
+inline constexpr std::array<std::uint32_t, kBeyondContexts + 1> kBeyondBegins = {0, 512, 768, 1024, 1280, 1536, 1792};
+
+struct BeyondCells {
+  std::array<Slot, kBeyondBegins.back()> slots{};
+  std::array<std::int16_t, kScaleClasses * 16> offset{};     // [scale][leaf]: the first offset bit
+  std::array<std::int16_t, kScaleClasses> of_scale{};        // beyond the last leaf of this tree, too
+  std::array<std::int16_t, 2 * kScaleClasses> more{};        // [octave][side]
+};
+
 // What is known of a return.
 struct Known {
   Around around;
@@ -145,20 +157,24 @@ struct Known {
 
 class PredictiveModel {
  public:
-  PredictiveModel() { reset(); }
+  // learned: a network says what is likely to begin with.
+  explicit PredictiveModel(bool learned = false) : learned_(learned) { reset(); }
 
   void reset() {
     slots_.assign(kContextBegins[kAllContexts] / kSlotCells, {});
-    for (std::uint32_t c = 0; c < kScaleClasses; ++c) std::copy_n(kFirstLogOdds[c], kSlotCells, slots_[c].cells.data());
+    for (std::uint32_t c = 0; c < kScaleClasses && !learned_; ++c) std::copy_n(kFirstLogOdds[c], kSlotCells, slots_[c].cells.data());
     offsets = {};
+    beyond = {};
   }
 
   // Of all slots.
   std::int16_t* cells() { return slots_.data()->cells.data(); }
 
   OffsetCells offsets;
+  BeyondCells beyond;
 
  private:
+  bool learned_;
   std::vector<Slot> slots_;
 };
 

@@ -12,6 +12,10 @@
 #include "error.hpp"
 #include "predictive_forms.hpp"
 #include "predictive_model.hpp"
+#include "riddle_beyond.hpp"
+#include "riddle_inputs.hpp"
+#include "riddle_net.hpp"
+#include "riddle_samples.hpp"
 #include "wide_coder.hpp"
 
 namespace lidarcodec {
@@ -25,6 +29,11 @@ struct RowSurroundings {
   const std::uint32_t* sizes_around;         // 3, 1, 2 and 2 times that of a cell, to its left, and of two to its right
   // Where something is expected: ranges, filled from the left where nothing is.
   const std::int32_t *expected = nullptr, *expected_above = nullptr;
+  // For networks: what is expected in the row below, too; returns, 0 and 1, of this row and those around; and whether
+  // something is expected.
+  const std::int32_t* expected_below = nullptr;
+  const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
+  std::uint32_t row = 0;
 };
 
 // What is known from the returns of a row, or of a half of one, that were coded before, but for the last ranges.
@@ -35,6 +44,7 @@ struct RowState {
   std::int32_t bias = 0;                         // of what comes above what is expected, sixteenths
   std::uint32_t miss = 0;                        // mean difference from what is expected
   std::uint32_t leaves = 0x88;                   // of the last two returns
+  std::uint32_t last_cell = 0;                   // of the last return
 
   static RowState at_start(std::uint32_t start) {
     RowState state;
@@ -43,7 +53,7 @@ struct RowState {
   }
 };
 
-inline constexpr std::size_t kLastRanges = 5;
+inline constexpr std::size_t kLastRanges = 8;
 
 // The same where a row of a slab ends, with its last ranges, the latest first.
 struct RowEnd : RowState {
@@ -118,17 +128,24 @@ inline constexpr auto kLeafBegins = [] {
   return begins;
 }();
 
+// What kLearned rows are coded with: a network, and where samples go; one of them may be missing.
+struct Teaching {
+  const RiddleNet* net = nullptr;
+  RiddleSamples* samples = nullptr;
+};
+
 // Codes rows of ranges; `Coder` is WideEncoder or WideDecoder, `Forms` those of predictive_forms.hpp for the processor.
 // The two halves of a row take turns, a return each.
-template <class Coder, class Forms, bool kExpects>
+// kLearned: a network says what is likely to begin with, and returns beyond the last leaf have a tree of their own.
+template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows {
  public:
   static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
   using Halves = std::array<PredictiveHalf<Coder>, 2>;
 
-  // step: native range steps in a cell; limit: largest range, in cells.
-  PredictiveRows(PredictiveModel& model, std::uint32_t step, std::int32_t limit, Halves& halves)
-      : model_(model), start_(480 / step + 5), first_(static_cast<std::int32_t>(2500 / step)), limit_(limit), halves_(halves) {}
+  // step: native range steps in a cell; limit: largest range, in cells; teaching: where kLearned.
+  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, Halves& halves)
+      : model_(model), teaching_(teaching), step_(step), start_(480 / step + 5), first_(static_cast<std::int32_t>(2500 / step)), limit_(limit), halves_(halves) {}
 
   // Writes or reads the ranges of the returns of a row, its halves in turns. Raises Section or Truncated.
   void code(const RowWork& row) {
@@ -165,7 +182,14 @@ class PredictiveRows {
   std::int32_t first() const { return first_; }   // range to begin with
 
  private:
-  static constexpr std::size_t kMostDecisions = 4 + OffsetCells::kDepth + kMaxOctaves + 3;
+  static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 3;
+
+  static constexpr std::size_t kAlike = 12, kAlikeLeft = 4;  // ranges of a row that is not there; those to the left
+
+  struct Learned {
+    NetValues values;
+  };
+  struct Nothing {};
 
   // A return about to be coded.
   struct Place {
@@ -174,7 +198,8 @@ class PredictiveRows {
     const std::int32_t *up, *upper;  // the rows above, from the cell to the left of this one
     Slots slots;
     Chances chances;
-    std::array<std::int32_t, 6> alike;  // for rows that are not there
+    [[no_unique_address]] std::conditional_t<kLearned, Learned, Nothing> net;
+    std::array<std::int32_t, kAlike> alike;  // for rows that are not there
   };
 
   // Where the first difference of a row, or of a half of one, is counted from.
@@ -202,6 +227,21 @@ class PredictiveRows {
         leaf[h] = d < 0 ? 7 - l : 8 + l;
       }
     }
+    if constexpr (kLearned) {
+      if (teaching_.net != nullptr) {
+        if constexpr (N == 2) {
+          teaching_.net->run(place[0].net.values, place[1].net.values);
+        } else {
+          teaching_.net->run(place[0].net.values);
+        }
+      }
+      if (teaching_.samples != nullptr) {
+        for (std::size_t h = 0; h < N; ++h)
+          teaching_.samples->take(place[h].net.values, leaf[h], first_offset(place[h].scale, leaf[h], away[h]));
+      }
+      for (Place& p : place)
+        Forms::template add_up<kExpects, true>(model_.cells(), p.slots, p.net.values.out.data(), p.chances);
+    }
 #pragma GCC unroll 4
     for (int level = 3; level >= 0; --level) {
 #pragma GCC unroll 2
@@ -218,7 +258,7 @@ class PredictiveRows {
       }
     }
     for (std::size_t h = 0; h < N; ++h) {
-      Forms::template learn<kExpects>(model_.cells(), place[h].slots, place[h].chances, kWalks[node[h]]);
+      Forms::template learn<kExpects, kLearned>(model_.cells(), place[h].slots, place[h].chances, kWalks[node[h]]);
       PredictiveHalf<Coder>& half = halves[h];
       const std::uint32_t came = node[h] - 16;
       const bool down = came < 8;
@@ -242,8 +282,9 @@ class PredictiveRows {
     place.cell = cell;
     place.base = base;
     if (about.upper == nullptr) [[unlikely]] place.alike.fill(base);
-    place.up = about.above != nullptr ? about.above + cell - 1 : place.alike.data();
-    place.upper = about.upper != nullptr ? about.upper + cell - 1 : place.alike.data();
+    const std::int32_t* const alike = place.alike.data() + kAlikeLeft - 1;
+    place.up = about.above != nullptr ? about.above + cell - 1 : alike;
+    place.upper = about.upper != nullptr ? about.upper + cell - 1 : alike;
     const std::uint32_t mean = (5 * half.size1 + 3 * half.size2 + about.sizes_around[cell]) / 16;
     place.scale = scale_class(mean);
     Known known;
@@ -260,7 +301,43 @@ class PredictiveRows {
       known.seen_size = half.miss;
     }
     Forms::template find<kExpects>(known, place.slots);
-    Forms::template add_up<kExpects>(model_.cells(), place.slots, place.chances);
+    if constexpr (kLearned) {
+      look_for_net(half, about, place);
+    } else {
+      Forms::template add_up<kExpects, false>(model_.cells(), place.slots, nullptr, place.chances);
+    }
+  }
+
+  // What the network is told of a return.
+  void look_for_net(const PredictiveHalf<Coder>& half, const RowSurroundings& about, Place& place) {
+    const std::uint32_t cell = place.cell;
+    Surroundings s{};
+    s.last = half.last;
+    s.up = place.up + 1;
+    s.upper = place.upper + 1;
+    s.sizes = about.sizes + cell;
+    s.here = about.mask + cell;
+    s.above = about.above_mask + cell;
+    s.below = about.below_mask + cell;
+    if constexpr (kExpects) {
+      s.seen = about.expected + cell;
+      s.seen_above = about.above != nullptr ? about.expected_above + cell : s.up;
+      s.seen_below = about.expected_below != nullptr ? about.expected_below + cell : s.seen;
+      s.known = about.known + cell;
+    }
+    s.level = half.level;
+    s.bias = half.bias;
+    s.size1 = half.size1;
+    s.size2 = half.size2;
+    s.mean = half.mean;
+    s.miss = half.miss;
+    s.scale = place.scale;
+    s.leaves = half.leaves;
+    s.row = about.row;
+    s.gap = half.begun && cell > half.last_cell ? cell - half.last_cell : 1u;
+    s.step = step_;
+    s.begun = half.begun;
+    find_inputs<kExpects>(s, place.net.values.in.data());
   }
 
   // Ranges around, the likeliest first, as they lie from the base.
@@ -281,6 +358,13 @@ class PredictiveRows {
     std::uint32_t leaf = 0;
     for (std::size_t l = 1; l < 8; ++l) leaf += away >= kLeafBegins[scale][l];
     return leaf;
+  }
+
+  // The first offset bit of a difference in a leaf.
+  static std::uint8_t first_offset(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
+    const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
+    if (l == 7 || kLeafBits[scale][l] == 0) return RiddleSamples::kNone;
+    return static_cast<std::uint8_t>((away - kLeafBegins[scale][l]) >> (kLeafBits[scale][l] - 1) & 1u);
   }
 
   // A decision whose log odds are the sum of two cells, which learn from it.
@@ -308,6 +392,9 @@ class PredictiveRows {
     std::uint32_t begin = kLeafBegins[place.scale][leaf];
     std::uint32_t left = leaf < 7 ? kLeafBits[place.scale][leaf] : kBeyondBits[place.scale];
     if (leaf < 7 && left == 0) return begin;
+    if constexpr (kLearned) {
+      if (leaf == 7) return beyond(half, interval, about, place, down, begin, away);
+    }
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(half, about, place, down);
     std::uint32_t end = begin + (1u << left);
@@ -336,7 +423,7 @@ class PredictiveRows {
       const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + (likeliest == 1 ? 0 : 2);
       std::int16_t& a = cells.near[(says * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(place.scale * 8 + leaf) * 4 + depth];
-      if (decide(half.coder, interval, a, b, 0, away >= middle) != 0) {
+      if (decide(half.coder, interval, a, b, said(place, leaf, down, depth), away >= middle) != 0) {
         begin = middle;
         from_begin = from_middle;
       } else {
@@ -352,6 +439,105 @@ class PredictiveRows {
       }
     }
     return kReads ? begin : away;
+  }
+
+  // Log odds of the first offset bit as the network has them.
+  static std::int32_t said(const Place& place, std::uint32_t leaf, bool down, std::uint32_t depth) {
+    if constexpr (kLearned) {
+      if (depth == 0 && leaf < 7) return place.net.values.out[16 + (down ? 7 - leaf : 8 + leaf)];
+    }
+    return 0;
+  }
+
+  // Ranges around that a return beyond the last leaf may belong to, the likeliest first.
+  std::array<std::int32_t, kAnchors> anchors(const PredictiveHalf<Coder>& half, const RowSurroundings& about,
+                                             const Place& place) {
+    const std::int32_t *up = place.up, *upper = place.upper, *last = half.last;
+    if constexpr (kExpects) {
+      const std::int32_t* const seen = about.expected + place.cell;
+      const std::int32_t below = about.expected_below != nullptr ? about.expected_below[place.cell] : seen[0];
+      return {seen[1], seen[0], below, seen[2], up[1], up[2], seen[0] + (half.bias >> kDifferenceBits), seen[-1], upper[1], last[1]};
+    }
+    return {up[1], up[2], up[3], upper[1], up[1] + (half.level >> kDifferenceBits), up[0], last[1], upper[2], last[2], upper[3]};
+  }
+
+  // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
+  std::uint32_t beyond(PredictiveHalf<Coder>& half, WideInterval& interval, const RowSurroundings& about,
+                       const Place& place, bool down, std::uint32_t begin, std::uint32_t away) {
+    const BeyondPlace at(anchors(half, about, place), place.base, down, static_cast<std::int32_t>(begin), place.scale);
+    BeyondCells& cells = model_.beyond;
+    std::uint32_t leaf = 0, in = 0;
+    if constexpr (!kReads) {
+      const std::int32_t d = static_cast<std::int32_t>(away) - at.anchor;
+      in = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
+      leaf = d < 0 ? 7 - leaf_of(at.scale, in) : 8 + leaf_of(at.scale, in);
+    }
+    leaf = walk_beyond(half.coder, interval, at, leaf);
+    const bool back = leaf < 8;
+    const std::uint32_t l = back ? 7 - leaf : leaf - 8;
+    std::int16_t none = 0;
+    std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
+    for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
+      if (octave >= kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
+        throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+      const std::uint32_t end = from + (1u << left);
+      if (decide(half.coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
+      from = end;
+    }
+    if (left > 0) {
+      --left;
+      const std::uint32_t middle = from + (1u << left);
+      if (decide(half.coder, interval, cells.offset[at.scale * 16 + leaf], none, 0, in >= middle) != 0) from = middle;
+    }
+    if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+    if (left > 0) {
+      if constexpr (kReads) {
+        from += half.coder.decode_plain(interval, left);
+      } else {
+        half.coder.encode_plain(interval, in - from, left);
+      }
+    }
+    if constexpr (!kReads) return away;
+    const auto d = static_cast<std::int32_t>(from);
+    const std::int32_t found = at.anchor + (back ? -1 - d : d);
+    if (found < static_cast<std::int32_t>(begin)) throw Error(ErrorCode::Section, "a range coded twice");
+    return static_cast<std::uint32_t>(found);
+  }
+
+  // Walks down the tree of a return beyond the last leaf, and learns; gives the leaf.
+  std::uint32_t walk_beyond(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t leaf) {
+    std::array<Cells, 2> p;
+    alignas(16) std::array<std::int16_t, kSlotCells> chance;
+    std::int16_t* const all = model_.beyond.slots.data()->cells.data();
+    for (std::size_t v = 0; v < 2; ++v) {
+      Cells sum = Cells::load(all + at.slots[0] * kSlotCells + 8 * v);
+      for (std::size_t i = 1; i < kBeyondContexts; ++i) sum = sum + Cells::load(all + at.slots[i] * kSlotCells + 8 * v);
+      p[v] = probabilities(sum);
+      p[v].store(chance.data() + 8 * v);
+    }
+    std::uint32_t node = 1;
+    for (int level = 3; level >= 0; --level) {
+      const auto probability = static_cast<std::uint32_t>(chance[node]);
+      std::uint32_t bit;
+      if constexpr (kReads) {
+        bit = coder.decode(interval, probability);
+      } else {
+        bit = leaf >> level & 1u;
+        coder.encode(interval, bit, probability);
+      }
+      node = 2 * node + bit;
+    }
+    const Walk& walked = kWalks[node];
+    for (const std::uint32_t slot : at.slots) {
+      std::int16_t* const of = all + slot * kSlotCells;
+      const auto seen = static_cast<std::size_t>(of[0]);
+      for (std::size_t v = 0; v < 2; ++v) {
+        const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
+        (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[kRateOfCount[seen]])).store(of + 8 * v);
+      }
+      of[0] = static_cast<std::int16_t>(seen + (seen < kRateOfCount.size() - 1));
+    }
+    return node - 16;
   }
 
   // Takes note of a return.
@@ -377,10 +563,13 @@ class PredictiveRows {
         if (std::abs(by) <= 4 * far) half.bias += by / 4;
       }
     }
+    half.last_cell = place.cell;
     half.take(range);
   }
 
   PredictiveModel& model_;
+  Teaching teaching_;
+  std::uint32_t step_;
   std::uint32_t start_;
   std::int32_t first_, limit_;
   Halves& halves_;

@@ -59,18 +59,29 @@ void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_
   }
 }
 
-// The rows from `first` on, one after another. kReads: whether ranges are read and not written.
-template <bool kReads, bool kExpects>
+// What is expected in a row, closed up: ranges in cells, filled from the left, and at the start from the right.
+struct ExpectedRow {
+  std::vector<std::int32_t> ranges;
+  std::vector<std::uint8_t> known;
+  bool any = false;
+  explicit ExpectedRow(std::size_t width) : ranges(width + 1), known(width + 1) {}
+};
+
+// The rows from `first` on, one after another. kReads: whether ranges are read and not written; kLearned: whether a
+// network is told of them.
+template <bool kReads, bool kExpects, bool kLearned>
 class RowStage {
  public:
   // start, begin: difference and range to begin with.
   RowStage(const RowSource& source, std::size_t first, std::uint32_t start, std::int32_t begin)
       : source_(source), first_(first), start_(start), begin_(begin), here_(source.width), before_(source.width),
         earlier_(source.width), above_(source.width), upper_(source.width), expected_here_(source.width),
-        expected_above_(source.width), sizes_(source.width), mask_(source.width), above_mask_(source.width),
-        below_mask_(source.width), known_(source.width), returns_(source.width + 1), foreseen_(source.width + 1),
-        foreseen_above_(source.width + 1), is_known_(source.width + 1),
-        around_(source.width), sizes_around_(source.width) {}
+        expected_above_(source.width), expected_below_(source.width), sizes_(source.width), mask_(source.width), above_mask_(source.width),
+        below_mask_(source.width), known_(source.width), returns_(source.width + 1), foreseen_(source.width),
+        foreseen_above_(source.width), foreseen_below_(source.width), around_(source.width),
+        sizes_around_(source.width) {
+    if constexpr (kExpects) foresee(first, foreseen_below_);
+  }
 
   // Brings in a row, and where it is to be coded the ranges of its returns out of the image. Raises Section.
   template <class Image>
@@ -109,6 +120,12 @@ class RowStage {
       all(below_mask_, std::uint8_t{1});
     }
     if constexpr (kExpects) expect(about);
+    if constexpr (kLearned) {
+      about.mask = mask_.cells();
+      about.above_mask = above_mask_.cells();
+      about.below_mask = below_mask_.cells();
+      about.row = static_cast<std::uint32_t>(row);
+    }
     look_around<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
@@ -152,32 +169,51 @@ class RowStage {
     return (range + source_.cells.level[row_] + step / 2) / step;
   }
 
-  // Where something is expected, that; else what is to the left, the first of the row, or the row above.
-  void expect(RowSurroundings& about) {
-    const std::size_t n = n_;
-    const MaskLayout& layout = source_.layout;
-    const std::uint16_t* const of_expected = source_.expected + row_ * source_.width;
+  // What is expected in a row; where nothing is, what is to the left, or the first of the row.
+  void foresee(std::size_t row, ExpectedRow& into) const {
+    const std::vector<std::uint32_t>& columns = source_.layout.columns(row);
+    const std::uint16_t* const expected = source_.expected + row * source_.width;
+    const std::size_t n = columns.size();
+    const auto step = static_cast<std::int32_t>(source_.cells.step), level = source_.cells.level[row];
     std::int32_t last = -1;
     std::size_t first = n;
     for (std::size_t k = 0; k < n; ++k) {
-      const std::int32_t range = of_expected[layout.columns(row_)[k]];
-      is_known_[k] = range != 0;
+      const std::int32_t range = expected[columns[k]];
+      into.known[k] = range != 0;
       if (range != 0) {
-        last = cell(range);
+        last = (range + level + step / 2) / step;
         first = std::min(first, k);
       }
-      foreseen_[k] = last;
+      into.ranges[k] = last;
     }
+    into.any = first < n;
+    if (into.any) std::fill_n(into.ranges.begin(), first, into.ranges[first]);
+  }
+
+  // Where nothing is expected in the whole row: the row above.
+  void expect(RowSurroundings& about) {
+    const MaskLayout& layout = source_.layout;
     const bool above = row_ > first_;
-    for (std::size_t k = 0; k < n && k < first; ++k)
-      foreseen_[k] = first < n ? foreseen_[first] : above ? above_.cells()[k] : begin_;
-    layout.align(foreseen_.data(), row_, row_, 0, expected_here_);
-    layout.align(is_known_.data(), row_, row_, 0, known_);
-    if (above)
-      layout.align(foreseen_above_.data(), row_ - 1, row_, layout.shift(row_ - 1, row_, source_.turn), expected_above_);
+    std::swap(foreseen_above_, foreseen_);
+    std::swap(foreseen_, foreseen_below_);
+    if (!foreseen_.any)
+      for (std::size_t k = 0; k < n_; ++k) foreseen_.ranges[k] = above ? above_.cells()[k] : begin_;
+    layout.align(foreseen_.ranges.data(), row_, row_, 0, expected_here_);
+    layout.align(foreseen_.known.data(), row_, row_, 0, known_);
+    const auto seen = [&](std::size_t other, const ExpectedRow& from, PaddedRowOf<std::int32_t>& to) {
+      layout.align(from.ranges.data(), other, row_, layout.shift(other, row_, source_.turn), to);
+    };
+    if (above) seen(row_ - 1, foreseen_above_, expected_above_);
     about.expected = expected_here_.cells();
     about.expected_above = expected_above_.cells();
-    std::copy_n(foreseen_.begin(), n, foreseen_above_.begin());
+    about.known = known_.cells();
+    if (row_ + 1 < kMaskRows) {
+      foresee(row_ + 1, foreseen_below_);
+      if (kLearned && foreseen_below_.any) {
+        seen(row_ + 1, foreseen_below_, expected_below_);
+        about.expected_below = expected_below_.cells();
+      }
+    }
   }
 
   // Ranges of the returns that are known or to be written, and what each of the known ones differs by.
@@ -203,12 +239,11 @@ class RowStage {
   std::uint32_t start_;
   std::int32_t begin_;
   FilledRow here_, before_, earlier_;
-  PaddedRowOf<std::int32_t> above_, upper_, expected_here_, expected_above_;
+  PaddedRowOf<std::int32_t> above_, upper_, expected_here_, expected_above_, expected_below_;
   PaddedRowOf<std::uint32_t> sizes_;
   PaddedRow mask_, above_mask_, below_mask_, known_;
   std::vector<std::uint32_t> returns_;
-  std::vector<std::int32_t> foreseen_, foreseen_above_;
-  std::vector<std::uint8_t> is_known_;
+  ExpectedRow foreseen_, foreseen_above_, foreseen_below_;
   std::vector<std::uint16_t> around_;
   std::vector<std::uint32_t> sizes_around_;
 };

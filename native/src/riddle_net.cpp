@@ -1,0 +1,212 @@
+#include "riddle_net.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+
+#include "error.hpp"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace lidarcodec {
+namespace {
+
+using Layer = RiddleNet::Layer;
+constexpr std::size_t kBlock = 16;
+
+// Hidden values of one return, between two layers.
+struct alignas(64) Middle {
+  std::array<std::int16_t, kMostHidden> of;
+};
+
+std::int16_t settled(std::int32_t sum, const Layer& layer) {
+  return static_cast<std::int16_t>(std::clamp(sum >> layer.shift, layer.low, layer.high));
+}
+
+void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
+  for (std::size_t block = 0; block < layer.blocks(); ++block) {
+    std::array<std::int32_t, kBlock> sums;
+    std::copy_n(layer.bias.data() + block * kBlock, kBlock, sums.begin());
+    const std::int16_t* w = layer.weights.data() + block * kBlock * layer.in;
+    for (std::size_t i = 0; i < layer.in; i += 2, w += 2 * kBlock)
+      for (std::size_t o = 0; o < kBlock; ++o) sums[o] += w[2 * o] * in[i] + w[2 * o + 1] * in[i + 1];
+    for (std::size_t o = 0; o < kBlock; ++o) out[block * kBlock + o] = settled(sums[o], layer);
+  }
+}
+
+#if defined(__x86_64__)
+
+// Two neighbouring values, to be multiplied with pairs of weights.
+inline std::int32_t pair_at(const std::int16_t* in) {
+  std::int32_t pair;
+  std::memcpy(&pair, in, sizeof pair);
+  return pair;
+}
+
+// N returns at once, two blocks of sums each.
+template <std::size_t N>
+__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<const std::int16_t*, N>& in,
+                                                const std::array<std::int16_t*, N>& out) {
+  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
+  const __m256i low = _mm256_set1_epi32(layer.low), high = _mm256_set1_epi32(layer.high);
+  for (std::size_t block = 0; block < layer.blocks(); ++block) {
+    const std::int16_t* w = layer.weights.data() + block * kBlock * layer.in;
+    const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
+    // Odd and even pairs are added up apart, so that additions need not wait for each other.
+    __m256i sums[N][4];
+    for (std::size_t r = 0; r < N; ++r) {
+      sums[r][0] = _mm256_loadu_si256(bias);
+      sums[r][1] = _mm256_loadu_si256(bias + 1);
+      sums[r][2] = sums[r][3] = _mm256_setzero_si256();
+    }
+    for (std::size_t i = 0; i < layer.in; i += 4, w += 4 * kBlock) {
+      for (std::size_t odd = 0; odd < 2; ++odd) {
+        const auto* from = reinterpret_cast<const __m256i*>(w + odd * 2 * kBlock);
+        const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
+        for (std::size_t r = 0; r < N; ++r) {
+          const __m256i x = _mm256_set1_epi32(pair_at(in[r] + i + 2 * odd));
+          sums[r][2 * odd] = _mm256_add_epi32(sums[r][2 * odd], _mm256_madd_epi16(x, w0));
+          sums[r][2 * odd + 1] = _mm256_add_epi32(sums[r][2 * odd + 1], _mm256_madd_epi16(x, w1));
+        }
+      }
+    }
+    for (std::size_t r = 0; r < N; ++r) {
+      __m256i done[2];
+      for (std::size_t v = 0; v < 2; ++v) {
+        const __m256i sum = _mm256_sra_epi32(_mm256_add_epi32(sums[r][v], sums[r][v + 2]), shift);
+        done[v] = _mm256_min_epi32(_mm256_max_epi32(sum, low), high);
+      }
+      const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(done[0], done[1]), 0xd8);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + block * kBlock), packed);
+    }
+  }
+}
+
+template <std::size_t N>
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void layer_vnni(
+    const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
+  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
+  for (std::size_t block = 0; block < layer.blocks(); block += 2) {
+    // Two blocks at once, odd and even pairs apart; the last block of an odd number of them twice.
+    const std::size_t other = std::min(block + 1, layer.blocks() - 1);
+    const std::int16_t* w0 = layer.weights.data() + block * kBlock * layer.in;
+    const std::int16_t* w1 = layer.weights.data() + other * kBlock * layer.in;
+    __m512i sums[N][4];
+    for (std::size_t r = 0; r < N; ++r) {
+      sums[r][0] = _mm512_loadu_si512(layer.bias.data() + block * kBlock);
+      sums[r][1] = _mm512_loadu_si512(layer.bias.data() + other * kBlock);
+      sums[r][2] = sums[r][3] = _mm512_setzero_si512();
+    }
+    for (std::size_t i = 0; i < layer.in; i += 4) {
+      for (std::size_t odd = 0; odd < 2; ++odd, w0 += 2 * kBlock, w1 += 2 * kBlock) {
+        const __m512i a = _mm512_loadu_si512(w0), b = _mm512_loadu_si512(w1);
+        for (std::size_t r = 0; r < N; ++r) {
+          const __m512i x = _mm512_set1_epi32(pair_at(in[r] + i + 2 * odd));
+          sums[r][2 * odd] = _mm512_dpwssd_epi32(sums[r][2 * odd], x, a);
+          sums[r][2 * odd + 1] = _mm512_dpwssd_epi32(sums[r][2 * odd + 1], x, b);
+        }
+      }
+    }
+    for (std::size_t r = 0; r < N; ++r) {
+      for (std::size_t v = 0; v < 2; ++v) {
+        const __m512i sum = _mm512_sra_epi32(_mm512_add_epi32(sums[r][v], sums[r][v + 2]), shift);
+        const __m512i done = _mm512_min_epi32(_mm512_max_epi32(sum, low), high);
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + (v == 0 ? block : other) * kBlock),
+                            _mm512_cvtsepi32_epi16(done));
+      }
+    }
+  }
+}
+
+#endif
+
+enum class NetPath { Plain, Avx2, Vnni };
+
+NetPath quickest() {
+#if defined(__x86_64__)
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx512vnni") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
+    return NetPath::Vnni;
+  if (__builtin_cpu_supports("avx2")) return NetPath::Avx2;
+#endif
+  return NetPath::Plain;
+}
+
+template <std::size_t N>
+void run_layers(NetPath path, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+  std::array<std::array<Middle, 2>, N> middle;
+  std::array<const std::int16_t*, N> in;
+  std::array<std::int16_t*, N> out;
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    for (std::size_t r = 0; r < N; ++r) {
+      in[r] = l == 0 ? values[r]->in.data() : middle[r][l - 1].of.data();
+      out[r] = l + 1 == kNetLayers ? values[r]->out.data() : middle[r][l].of.data();
+    }
+#if defined(__x86_64__)
+    if (path == NetPath::Vnni) {
+      layer_vnni<N>(layers[l], in, out);
+      continue;
+    }
+    if (path == NetPath::Avx2) {
+      layer_avx2<N>(layers[l], in, out);
+      continue;
+    }
+#endif
+    for (std::size_t r = 0; r < N; ++r) layer_plainly(layers[l], in[r], out[r]);
+  }
+}
+
+// What is possible in a layer, and the largest a value it takes can be.
+void check(const GivenLayer& given, std::int64_t largest) {
+  if (given.shift < 5 || given.shift > 13) throw Error(ErrorCode::Section, "a layer shifted by other than 5 to 13 bits");
+  for (std::size_t o = 0; o < given.out; ++o) {
+    std::int64_t sum = std::abs(static_cast<std::int64_t>(given.bias[o]));
+    for (std::size_t i = 0; i < given.in; ++i)
+      sum += largest * std::abs(static_cast<std::int64_t>(given.weights[o * given.in + i]));
+    if (sum > std::numeric_limits<std::int32_t>::max())
+      throw Error(ErrorCode::Section, "sums of a network may pass 32 bits");
+  }
+}
+
+}  // namespace
+
+RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given) {
+  const auto hidden = [](std::size_t n) { return n >= 8 && n <= kMostHidden && n % 8 == 0; };
+  if ((given[0].in != kInputsAlone && given[0].in != kInputsExpecting) || !hidden(given[0].out) ||
+      given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out || given[2].out != kNetOutputs)
+    throw Error(ErrorCode::Section, "layers of a network that do not fit each other");
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    const GivenLayer& from = given[l];
+    check(from, l == 0 ? 128 : kMiddleTop);
+    Layer& layer = layers_[l];
+    layer.in = from.in;
+    layer.out = from.out;
+    layer.shift = l == 0 ? from.shift - 2 : l == 1 ? from.shift : from.shift - 5;
+    layer.low = l == 2 ? -32768 : 0;
+    layer.high = l == 2 ? 32767 : kMiddleTop;
+    layer.bias.assign(layer.blocks() * kBlock, 0);
+    std::copy_n(from.bias, from.out, layer.bias.begin());
+    layer.weights.assign(layer.blocks() * kBlock * layer.in, 0);
+    for (std::size_t o = 0; o < from.out; ++o)
+      for (std::size_t i = 0; i < from.in; ++i)
+        layer.weights[(o / kBlock * from.in + i / 2 * 2) * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
+  }
+}
+
+void RiddleNet::run(NetValues& values) const {
+  static const NetPath path = quickest();
+  run_layers<1>(path, layers_, {&values});
+}
+
+void RiddleNet::run(NetValues& first, NetValues& second) const {
+  static const NetPath path = quickest();
+  run_layers<2>(path, layers_, {&first, &second});
+}
+
+void RiddleNet::run_plainly(NetValues& values) const { run_layers<1>(NetPath::Plain, layers_, {&values}); }
+
+}  // namespace lidarcodec

@@ -1,0 +1,60 @@
+// The networks of codec riddle: what a return's surroundings say of its difference, in whole numbers.
+//
+// Three layers: inputs of 8 bits, two hidden layers clamped to 0..4095, and 32 log odds (cells.hpp). All sums fit 32
+// bits, which is checked when a network is made, so that any order of adding gives the same.
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace lidarcodec {
+
+inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
+inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
+inline constexpr std::int32_t kMiddleTop = 4095;
+
+// Inputs, -128 to 127, and what comes of them; hidden values between.
+struct alignas(64) NetValues {
+  std::array<std::int16_t, kInputsExpecting> in{};
+  std::array<std::int16_t, kNetOutputs> out{};
+};
+
+// A layer as given: weights (out, in), a bias for each sum, and the shift of the weights.
+struct GivenLayer {
+  std::size_t in = 0, out = 0;
+  const std::int16_t* weights = nullptr;
+  const std::int32_t* bias = nullptr;
+  std::uint32_t shift = 0;
+};
+
+class RiddleNet {
+ public:
+  // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 5 to 13, and no sum can
+  // pass 32 bits.
+  explicit RiddleNet(const std::array<GivenLayer, kNetLayers>& layers);
+
+  std::size_t inputs() const { return layers_[0].in; }
+
+  // Log odds of one return, or of two at once, which takes little longer than one.
+  void run(NetValues& values) const;
+  void run(NetValues& first, NetValues& second) const;
+
+  // The same on any processor, whatever this one has: for tests.
+  void run_plainly(NetValues& values) const;
+
+  struct Layer {
+    std::size_t in = 0, out = 0;
+    std::uint32_t shift = 0;  // of the sums
+    std::int32_t low = 0, high = 0;
+    // Blocks of 16 sums; in each, for every two inputs, 16 pairs of weights. Sums beyond `out` are 0.
+    std::vector<std::int16_t> weights;
+    std::vector<std::int32_t> bias;
+    std::size_t blocks() const { return (out + 15) / 16; }
+  };
+
+ private:
+  std::array<Layer, kNetLayers> layers_;
+};
+
+}  // namespace lidarcodec
