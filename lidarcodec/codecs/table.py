@@ -24,9 +24,10 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "jpeg-layered": (7, "lidarcodec.codecs.jpeg_layered"),
     "h264": (8, "lidarcodec.codecs.h264"),
     "h264-log": (9, "lidarcodec.codecs.h264_log"),
+    "riddle": (10, "lidarcodec.codecs.riddle"),
     "predictive": (11, "lidarcodec.codecs.predictive"),
 }
-"""Name: number in messages, never given to another codec; module. 10 is promised in docs/wire-format.md."""
+"""Name: number in messages, never given to another codec; module."""
 
 
 def names() -> tuple[str, ...]:

@@ -8,13 +8,16 @@ from lidarcodec.entropy.azimuth_coder import (
     rotation_from_runs,
     rotation_runs,
 )
+from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
 from lidarcodec.entropy.predictive_coder import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
 __all__ = [
+    "GivenLayer",
     "KnownColumns",
+    "NativeNets",
     "PredictiveCoder",
     "RotationRuns",
     "columns_in_turn",
@@ -27,6 +30,7 @@ __all__ = [
     "encode_mask",
     "encode_side",
     "known_columns",
+    "net_forms",
     "rotation_from_runs",
     "rotation_runs",
 ]

@@ -91,14 +91,62 @@ def coding_paths() -> list[str]:
     return cast(list[str], _native.coding_paths())
 
 
+def net_forms() -> list[str]:
+    """How the processor at hand can run networks (`plain`, `avx2`, `avx512vnni`), the quickest last: the same odds."""
+    return cast(list[str], _native.net_forms())
+
+
+GivenLayer = tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int]
+"""Weights (out, in), biases (out,), shift."""
+
+
+class NativeNets:
+    """Networks of codec `riddle`: of frames alone, of frames that expect something, or both. form: of `net_forms`."""
+
+    def __init__(self, form: str = "") -> None:
+        self.native, self._form = _native.RiddleNets(), form
+
+    def add(self, layers: Sequence[GivenLayer]) -> None:
+        """Takes a network of three layers. Raises SectionError."""
+        self.native.set(*(part for layer in layers for part in layer), self._form)
+
+    def run(self, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
+        """(n, 32) log odds of (n, 72 or 112) inputs. Raises SectionError."""
+        odds: npt.NDArray[np.int16] = self.native.run(inputs)
+        return odds
+
+
+Samples = tuple[npt.NDArray[np.int8], npt.NDArray[np.uint8], npt.NDArray[np.uint8]]
+
+
+def riddle_samples(
+    ranges: npt.NDArray[np.uint16],
+    returns: npt.NDArray[np.bool_],
+    step: int,
+    levels: npt.NDArray[np.int32],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    turn: int,
+    expected: npt.NDArray[np.uint16],
+    share: int,
+    seed: int,
+) -> Samples:
+    """Inputs (n, 72 or 112), leaves (n,), first offset bits (n,), 255: none, of a share, of 65536, of the returns."""
+    geometry = (fired.view(np.uint8), half, rotation)
+    given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, share, seed)
+    return cast(Samples, _native.riddle_samples(*given))
+
+
 class NativePredictiveCoder:
     """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,).
 
     turn 0: find it; expected: (64, W), or (64, 0): nothing; path: one of `coding_paths`, by default the quickest.
+    nets: what to code with, if anything
     """
 
-    def __init__(self, path: str = "") -> None:
-        self._coder = _native.PredictiveCoder(path)
+    def __init__(self, path: str = "", nets: NativeNets | None = None) -> None:
+        self._coder = _native.PredictiveCoder(path, None if nets is None else nets.native)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -32,7 +32,7 @@ from lidarcodec.units import LASERS
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
-_FIRST_SLAB_KIND: Final = 3
+_SLAB_KINDS: Final = (3, 4, 7, 8)
 _HEAD_BYTES: Final = 7
 _WHOLE: Final = -1
 
@@ -65,7 +65,7 @@ class KnownColumns(NamedTuple):
 
 def known_columns(data: bytes) -> int | None:
     """How many columns the bytes of a slab need to be known; None for a whole frame, and for no returns."""
-    if not data or data[0] < _FIRST_SLAB_KIND:
+    if not data or data[0] not in _SLAB_KINDS:
         return None
     if len(data) <= _HEAD_BYTES:
         raise TruncatedError("ranges end within their header", len(data))
@@ -77,10 +77,11 @@ class PredictiveCoder:
 
     A decoder has to see the same frames as the encoder since the last `reset`. After an error only `reset` helps.
     path: how it computes, one of `fast.coding_paths`; by default the quickest. Bytes do not depend on it.
+    nets: networks that say what is likely to begin with, as codec `riddle` has them; a decoder needs the same
     """
 
-    def __init__(self, path: str = "") -> None:
-        self._native = fast.NativePredictiveCoder(path)
+    def __init__(self, path: str = "", nets: fast.NativeNets | None = None) -> None:
+        self._native = fast.NativePredictiveCoder(path, nets)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -1,37 +1,14 @@
+#include <nanobind/stl/shared_ptr.h>
+
 #include "bindings.hpp"
 #include "error.hpp"
 #include "geometry.hpp"
 #include "predictive_coder.hpp"
-
-namespace {
+#include "range_images.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
 using lidarcodec::PredictiveCoder;
-
-template <class T>
-void expect_image(const In<T, 2>& image, const MaskGeometry& geometry) {
-  if (image.shape(0) != kMaskRows || image.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "ranges and returns are (64, W), as wide as what fired");
-}
-
-// (64, W), or (64, 0) where nothing is expected.
-const std::uint16_t* expectation(const In<std::uint16_t, 2>& expected, const MaskGeometry& geometry) {
-  if (expected.shape(0) == kMaskRows && expected.shape(1) == 0) return nullptr;
-  expect_image(expected, geometry);
-  return expected.data();
-}
-
-lidarcodec::RangeCells cells_of(std::uint32_t step, const In<std::int32_t, 1>& level) {
-  if (level.shape(0) != kMaskRows)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "levels are (64,)");
-  lidarcodec::RangeCells cells;
-  cells.step = step;
-  for (std::size_t row = 0; row < kMaskRows; ++row) cells.level[row] = level.data()[row];
-  return cells;
-}
-
-}  // namespace
 
 void bind_predictive(nb::module_& m) {
   m.def(
@@ -44,10 +21,10 @@ void bind_predictive(nb::module_& m) {
       "Ways to compute that this processor can run, the quickest last.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
       .def("__init__",
-           [](PredictiveCoder* coder, const char* path) {
-             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path));
+           [](PredictiveCoder* coder, const char* path, std::shared_ptr<lidarcodec::RiddleNets> nets) {
+             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), std::move(nets));
            },
-           nb::arg("path") = "", "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
+           nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
       .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
       .def(
           "encode",

@@ -182,7 +182,7 @@ class PredictiveRows {
   std::int32_t first() const { return first_; }   // range to begin with
 
  private:
-  static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 3;
+  static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 4;
 
   static constexpr std::size_t kAlike = 12, kAlikeLeft = 4;  // ranges of a row that is not there; those to the left
 
@@ -449,6 +449,8 @@ class PredictiveRows {
     return 0;
   }
 
+  std::int32_t possible(std::int32_t range) const { return std::clamp(range, 0, limit_); }
+
   // Ranges around that a return beyond the last leaf may belong to, the likeliest first.
   std::array<std::int32_t, kAnchors> anchors(const PredictiveHalf<Coder>& half, const RowSurroundings& about,
                                              const Place& place) {
@@ -456,9 +458,9 @@ class PredictiveRows {
     if constexpr (kExpects) {
       const std::int32_t* const seen = about.expected + place.cell;
       const std::int32_t below = about.expected_below != nullptr ? about.expected_below[place.cell] : seen[0];
-      return {seen[1], seen[0], below, seen[2], up[1], up[2], seen[0] + (half.bias >> kDifferenceBits), seen[-1], upper[1], last[1]};
+      return {seen[1], seen[0], below, seen[2], up[1], up[2], possible(seen[0] + (half.bias >> kDifferenceBits)), seen[-1], upper[1], last[1]};
     }
-    return {up[1], up[2], up[3], upper[1], up[1] + (half.level >> kDifferenceBits), up[0], last[1], upper[2], last[2], upper[3]};
+    return {up[1], up[2], up[3], upper[1], possible(up[1] + (half.level >> kDifferenceBits)), up[0], last[1], upper[2], last[2], upper[3]};
   }
 
   // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
@@ -478,7 +480,7 @@ class PredictiveRows {
     std::int16_t none = 0;
     std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
     for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
-      if (octave >= kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
+      if (octave > kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
         throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       const std::uint32_t end = from + (1u << left);
       if (decide(half.coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;

@@ -124,20 +124,8 @@ __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void layer_vnni(
 
 #endif
 
-enum class NetPath { Plain, Avx2, Vnni };
-
-NetPath quickest() {
-#if defined(__x86_64__)
-  __builtin_cpu_init();
-  if (__builtin_cpu_supports("avx512vnni") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
-    return NetPath::Vnni;
-  if (__builtin_cpu_supports("avx2")) return NetPath::Avx2;
-#endif
-  return NetPath::Plain;
-}
-
 template <std::size_t N>
-void run_layers(NetPath path, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
   std::array<std::array<Middle, 2>, N> middle;
   std::array<const std::int16_t*, N> in;
   std::array<std::int16_t*, N> out;
@@ -147,11 +135,11 @@ void run_layers(NetPath path, const std::array<Layer, kNetLayers>& layers, const
       out[r] = l + 1 == kNetLayers ? values[r]->out.data() : middle[r][l].of.data();
     }
 #if defined(__x86_64__)
-    if (path == NetPath::Vnni) {
+    if (form == NetForm::Vnni) {
       layer_vnni<N>(layers[l], in, out);
       continue;
     }
-    if (path == NetPath::Avx2) {
+    if (form == NetForm::Avx2) {
       layer_avx2<N>(layers[l], in, out);
       continue;
     }
@@ -174,7 +162,19 @@ void check(const GivenLayer& given, std::int64_t largest) {
 
 }  // namespace
 
-RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given) {
+std::vector<NetForm> net_forms_here() {
+  std::vector<NetForm> forms = {NetForm::Plain};
+#if defined(__x86_64__)
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx2")) forms.push_back(NetForm::Avx2);
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512vnni"))
+    forms.push_back(NetForm::Vnni);
+#endif
+  return forms;
+}
+
+RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm form) : form_(form) {
   const auto hidden = [](std::size_t n) { return n >= 8 && n <= kMostHidden && n % 8 == 0; };
   if ((given[0].in != kInputsAlone && given[0].in != kInputsExpecting) || !hidden(given[0].out) ||
       given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out || given[2].out != kNetOutputs)
@@ -197,16 +197,8 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given) {
   }
 }
 
-void RiddleNet::run(NetValues& values) const {
-  static const NetPath path = quickest();
-  run_layers<1>(path, layers_, {&values});
-}
+void RiddleNet::run(NetValues& values) const { run_layers<1>(form_, layers_, {&values}); }
 
-void RiddleNet::run(NetValues& first, NetValues& second) const {
-  static const NetPath path = quickest();
-  run_layers<2>(path, layers_, {&first, &second});
-}
-
-void RiddleNet::run_plainly(NetValues& values) const { run_layers<1>(NetPath::Plain, layers_, {&values}); }
+void RiddleNet::run(NetValues& first, NetValues& second) const { run_layers<2>(form_, layers_, {&first, &second}); }
 
 }  // namespace lidarcodec

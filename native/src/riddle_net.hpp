@@ -14,6 +14,12 @@ inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
 inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
 inline constexpr std::int32_t kMiddleTop = 4095;
 
+// Ways to compute: C++ alone, sixteen numbers of 16 bits at a time, thirty-two of them. All give the same.
+enum class NetForm { Plain, Avx2, Vnni };
+
+// Those that this processor can run, the quickest last.
+std::vector<NetForm> net_forms_here();
+
 // Inputs, -128 to 127, and what comes of them; hidden values between.
 struct alignas(64) NetValues {
   std::array<std::int16_t, kInputsExpecting> in{};
@@ -32,16 +38,13 @@ class RiddleNet {
  public:
   // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 5 to 13, and no sum can
   // pass 32 bits.
-  explicit RiddleNet(const std::array<GivenLayer, kNetLayers>& layers);
+  explicit RiddleNet(const std::array<GivenLayer, kNetLayers>& layers, NetForm form = net_forms_here().back());
 
   std::size_t inputs() const { return layers_[0].in; }
 
   // Log odds of one return, or of two at once, which takes little longer than one.
   void run(NetValues& values) const;
   void run(NetValues& first, NetValues& second) const;
-
-  // The same on any processor, whatever this one has: for tests.
-  void run_plainly(NetValues& values) const;
 
   struct Layer {
     std::size_t in = 0, out = 0;
@@ -54,6 +57,7 @@ class RiddleNet {
   };
 
  private:
+  NetForm form_;
   std::array<Layer, kNetLayers> layers_;
 };
 

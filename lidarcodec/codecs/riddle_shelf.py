@@ -1,0 +1,68 @@
+"""Where codec `riddle` finds its weights: those of the package, by name, those of a file, and those of a stream.
+
+A message says by name, the hash of their file, with which weights it is coded. Those of the package are on every
+machine, and files that were once shipped stay in it; others travel with the key messages.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from lidarcodec import entropy
+from lidarcodec.codecs.riddle_weights import Net, Weights, read_weights
+from lidarcodec.errors import MissingReferenceError
+
+DEFAULT: Final = "riddle-sim"
+"""Stem of the file that is used unless settings name another."""
+EFFORTS: Final = (1, 2, 3)
+"""Without a network, with the small ones, with the large ones."""
+_FOLDER: Final = Path(__file__).parent / "weights"
+_FROM_STREAM: Final = 4
+
+
+@cache
+def shipped() -> dict[str, Weights]:
+    """The weights of the package, by name."""
+    return {weights.name: weights for weights in map(read_weights, sorted(_FOLDER.glob("*.lcrw")))}
+
+
+@cache
+def weights_of(path: str) -> Weights:
+    """Those of a file, by default the package's own. Raises SourceError, or as `unpack_weights`."""
+    return read_weights(Path(path) if path else _FOLDER / f"{DEFAULT}.lcrw")
+
+
+def nets_of(weights: Weights, effort: int) -> entropy.NativeNets:
+    """Networks of an effort that has some. Raises UnknownNameError if a kind is missing."""
+    nets = entropy.NativeNets()
+    for expects in (False, True):
+        nets.add(_layers(weights.net(expects=expects, large=effort == EFFORTS[2])))
+    return nets
+
+
+def _layers(net: Net) -> list[entropy.GivenLayer]:
+    return [(layer.weights, layer.bias, layer.shift) for layer in net.layers]
+
+
+class Shelf:
+    """Weights that a decoder knows: those of the package, and the last few that its stream has brought."""
+
+    def __init__(self) -> None:
+        self._brought: OrderedDict[str, Weights] = OrderedDict()
+
+    def put(self, weights: Weights) -> None:
+        """Takes weights out of a stream; the oldest give way."""
+        self._brought[weights.name] = weights
+        self._brought.move_to_end(weights.name)
+        while len(self._brought) > _FROM_STREAM:
+            self._brought.popitem(last=False)
+
+    def find(self, name: str, frame: int) -> Weights:
+        """The weights of a name, for a frame. Raises MissingReferenceError."""
+        found = self._brought.get(name) or shipped().get(name)
+        if found is None:
+            raise MissingReferenceError(f"weights {name} are not here: they come with a key frame, ask for one", frame)
+        return found

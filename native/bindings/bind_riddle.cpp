@@ -1,0 +1,106 @@
+#include <nanobind/stl/shared_ptr.h>
+
+#include <memory>
+#include <string>
+
+#include "bindings.hpp"
+#include "error.hpp"
+#include "geometry.hpp"
+#include "predictive_coder.hpp"
+#include "range_images.hpp"
+
+namespace {
+
+using lidarcodec::Error;
+using lidarcodec::ErrorCode;
+using lidarcodec::GivenLayer;
+using lidarcodec::NetForm;
+using lidarcodec::NetValues;
+using lidarcodec::RiddleNet;
+using lidarcodec::RiddleNets;
+
+const char* name_of(NetForm form) {
+  return form == NetForm::Plain ? "plain" : form == NetForm::Avx2 ? "avx2" : "avx512vnni";
+}
+
+NetForm form_named(const std::string& name) {
+  const std::vector<NetForm> here = lidarcodec::net_forms_here();
+  if (name.empty()) return here.back();
+  for (const NetForm form : here)
+    if (name == name_of(form)) return form;
+  throw Error(ErrorCode::Settings, "this processor cannot run networks in such a form");
+}
+
+GivenLayer layer_of(const In<std::int16_t, 2>& weights, const In<std::int32_t, 1>& bias, std::uint32_t shift) {
+  if (bias.shape(0) != weights.shape(0)) throw Error(ErrorCode::Section, "a layer with other biases than sums");
+  return {weights.shape(1), weights.shape(0), weights.data(), bias.data(), shift};
+}
+
+}  // namespace
+
+void bind_riddle(nb::module_& m) {
+  m.def(
+      "net_forms",
+      [] {
+        nb::list names;
+        for (const NetForm form : lidarcodec::net_forms_here()) names.append(name_of(form));
+        return names;
+      },
+      "Ways to run networks on this processor, the quickest last.");
+  nb::class_<RiddleNets>(m, "RiddleNets")
+      .def(nb::init<>())
+      .def(
+          "set",
+          [](RiddleNets& nets, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1,
+             In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int16_t, 2> w3,
+             In<std::int32_t, 1> b3, std::uint32_t s3, const char* form) {
+            RiddleNet net({layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)}, form_named(form));
+            (net.inputs() == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone).emplace(std::move(net));
+          },
+          nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("w2").noconvert(),
+          nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("w3").noconvert(), nb::arg("b3").noconvert(),
+          nb::arg("s3"), nb::arg("form") = "", "Take a network; whether it knows what to expect its inputs say.")
+      .def(
+          "run",
+          [](const RiddleNets& nets, In<std::int8_t, 2> inputs) {
+            const auto& net = inputs.shape(1) == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone;
+            if (!net || net->inputs() != inputs.shape(1)) throw Error(ErrorCode::Section, "no network for such inputs");
+            std::vector<std::int16_t> odds(inputs.shape(0) * lidarcodec::kNetOutputs);
+            NetValues pair[2];
+            for (std::size_t i = 0; i < inputs.shape(0); i += 2) {  // in pairs, as frames are coded
+              const std::size_t n = std::min<std::size_t>(2, inputs.shape(0) - i);
+              for (std::size_t k = 0; k < n; ++k)
+                std::copy_n(inputs.data() + (i + k) * inputs.shape(1), inputs.shape(1), pair[k].in.begin());
+              n == 2 ? net->run(pair[0], pair[1]) : net->run(pair[0]);
+              for (std::size_t k = 0; k < n; ++k)
+                std::copy_n(pair[k].out.begin(), lidarcodec::kNetOutputs, odds.begin() + static_cast<std::ptrdiff_t>((i + k) * lidarcodec::kNetOutputs));
+            }
+            return give(std::move(odds), {inputs.shape(0), lidarcodec::kNetOutputs});
+          },
+          nb::arg("inputs").noconvert(), "(n, 32) int16 log odds of (n, 72 or 112) inputs.");
+  m.def(
+      "riddle_samples",
+      [](In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step, In<std::int32_t, 1> level,
+         In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half, In<std::int32_t, 1> rotation, std::uint32_t turn,
+         In<std::uint16_t, 2> expected, std::uint32_t share, std::uint32_t seed) {
+        const lidarcodec::MaskGeometry geometry = geometry_of(fired, half, rotation);
+        expect_image(ranges, geometry);
+        expect_image(returns, geometry);
+        const lidarcodec::RangeCells cells = cells_of(step, level);
+        const std::uint16_t* const seen = expectation(expected, geometry);
+        lidarcodec::RiddleSamples samples;
+        samples.share = share;
+        samples.seed = seed;
+        {
+          nb::gil_scoped_release release;
+          lidarcodec::PredictiveCoder::sample(ranges.data(), returns.data(), cells, geometry, turn, seen, samples);
+        }
+        const std::size_t n = samples.leaf.size();
+        return nb::make_tuple(give(std::move(samples.in), {n, samples.inputs}), give(std::move(samples.leaf), {n}),
+                              give(std::move(samples.offset), {n}));
+      },
+      nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
+      nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
+      nb::arg("expected").noconvert(), nb::arg("share"), nb::arg("seed"),
+      "Inputs (n, 72 or 112) int8 of a share of the returns, of 65536; leaves (n,); first offset bits, 255: none.");
+}
