@@ -37,7 +37,7 @@ struct BeyondPlace {
       if (n == 0) who = static_cast<std::uint32_t>(i) + 1;
       at[n++] = away;
     }
-    if (n == 0) at[0] = begin + (4 << kBeyondBits[scale_here]);
+    if (n == 0) at[0] = begin + std::min(4 << kBeyondBits[scale_here], 4096);
     for (std::size_t i = std::max<std::size_t>(n, 1); i < 4; ++i) at[i] = at[i - 1];
     anchor = at[0];
     scale = n < 2 ? std::min(scale_here + 4, kScaleClasses - 1)
