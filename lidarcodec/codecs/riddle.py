@@ -29,7 +29,7 @@ from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.codecs.riddle_shelf import EFFORTS, Shelf, nets_of, shipped, weights_of
 from lidarcodec.codecs.riddle_weights import Weights, unpack_weights
 from lidarcodec.entropy import KnownColumns
-from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError
+from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
@@ -158,7 +158,11 @@ class RiddleDecoder(ExpectingDecoder):
     ) -> Ranges:
         step, effort, name, coded = _split(data)
         weights = None if effort == EFFORTS[0] else self._shelf.find(name, self._frame)
-        if self._memory.use(weights, effort) and not self._begins:
+        try:
+            changed = self._memory.use(weights, effort)
+        except UnknownNameError as error:
+            raise SectionError(str(error)) from None
+        if changed and not self._begins:
             raise SectionError("other weights than those of the frame before, which it goes on from")
         given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
         return self._memory.coder.decode(coded, *given, expected=expected, slab_after=edge)
