@@ -16,6 +16,10 @@
 #include "predictive_tables.hpp"
 #include "riddle_net.hpp"
 
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
 namespace lidarcodec {
 
 // Units in a quarter of a cell, of each scale class: 4 / 2^((class + 1.5) / 2).
@@ -64,27 +68,44 @@ inline Ints quarters_at(const std::int32_t* from) {
 inline Ints least(Ints a, Ints b) { return a < b ? a : b; }
 inline Floats least(Floats a, Floats b) { return a < b ? a : b; }
 
-inline void put(Ints sizes, Ints signs, std::int16_t* to) {
-  const Ints of = (sizes ^ signs) - signs;
-  for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<std::int16_t>(of[i]);
+inline Ints with_sign(Ints sizes, Ints signs) { return (sizes ^ signs) - signs; }
+
+// Eight numbers that 16 bits hold.
+inline void put(Ints low, Ints high, std::int16_t* to) {
+#if defined(__SSE2__)
+  const __m128i packed = _mm_packs_epi32(std::bit_cast<__m128i>(low), std::bit_cast<__m128i>(high));
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(to), packed);
+#else
+  for (std::size_t i = 0; i < 4; ++i) {
+    to[i] = static_cast<std::int16_t>(low[i]);
+    to[4 + i] = static_cast<std::int16_t>(high[i]);
+  }
+#endif
 }
 
-// Straight: 16 to a unit, rounded, -127 to 127. Groups of four; more than `count` may be written, up to three.
-inline void straight(const std::int32_t* quarters, std::size_t count, float units, std::int16_t* to) {
-  for (std::size_t i = 0; i < count; i += 4) {
-    const Ints q = quarters_at(quarters + i), signs = q >> 31;
-    const Floats size = __builtin_convertvector((q ^ signs) - signs, Floats) * (units * 16.0f);
-    put(__builtin_convertvector(least(size + 0.5f, Floats{} + 127.0f), Ints), signs, to + i);
-  }
+// Straight: 16 to a unit, rounded, -127 to 127. `units`: times 16.
+inline Ints straight_four(const std::int32_t* quarters, Floats units) {
+  const Ints q = quarters_at(quarters), signs = q >> 31;
+  const Floats size = __builtin_convertvector(with_sign(q, signs), Floats) * units;
+  return with_sign(__builtin_convertvector(least(size + 0.5f, Floats{} + 127.0f), Ints), signs);
 }
 
 // By logarithm: 16 log2(1 + units), up to 127, with the sign.
+inline Ints companded_four(const std::int32_t* quarters, Floats units) {
+  const Ints q = quarters_at(quarters), signs = q >> 31;
+  const Floats size = __builtin_convertvector(with_sign(q, signs), Floats) * units;
+  return with_sign(least(log2_16(size + 1.0f), Ints{} + 127), signs);
+}
+
+// In groups of eight: up to seven more than `count` are read and written.
+inline void straight(const std::int32_t* quarters, std::size_t count, float units, std::int16_t* to) {
+  const Floats times = Floats{} + units * 16.0f;
+  for (std::size_t i = 0; i < count; i += 8) put(straight_four(quarters + i, times), straight_four(quarters + i + 4, times), to + i);
+}
+
 inline void companded(const std::int32_t* quarters, std::size_t count, float units, std::int16_t* to) {
-  for (std::size_t i = 0; i < count; i += 4) {
-    const Ints q = quarters_at(quarters + i), signs = q >> 31;
-    const Floats size = __builtin_convertvector((q ^ signs) - signs, Floats) * units;
-    put(least(log2_16(size + 1.0f), Ints{} + 127), signs, to + i);
-  }
+  const Floats times = Floats{} + units;
+  for (std::size_t i = 0; i < count; i += 8) put(companded_four(quarters + i, times), companded_four(quarters + i + 4, times), to + i);
 }
 
 inline std::int16_t kept(std::int32_t x) { return static_cast<std::int16_t>(std::clamp(x, -127, 127)); }
@@ -157,8 +178,7 @@ inline void find_inputs(const Surroundings& s, std::int16_t* to) {
     at += 18;
     *at++ = relative(s.miss);
     q[0] = s.bias >> 2;
-    inputs::companded(q, 1, units, at);
-    ++at;
+    *at++ = static_cast<std::int16_t>(inputs::companded_four(q, inputs::Floats{} + units)[0]);
     flags(s.known - 1, 4);
     std::fill_n(at, to + kInputsExpecting - at, std::int16_t{0});
   }

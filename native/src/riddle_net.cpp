@@ -57,15 +57,18 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
     const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
     // Odd and even pairs are added up apart, so that additions need not wait for each other.
     __m256i sums[N][4];
+#pragma GCC unroll 2
     for (std::size_t r = 0; r < N; ++r) {
       sums[r][0] = _mm256_loadu_si256(bias);
       sums[r][1] = _mm256_loadu_si256(bias + 1);
       sums[r][2] = sums[r][3] = _mm256_setzero_si256();
     }
     for (std::size_t i = 0; i < layer.in; i += 4, w += 4 * kBlock) {
+#pragma GCC unroll 2
       for (std::size_t odd = 0; odd < 2; ++odd) {
         const auto* from = reinterpret_cast<const __m256i*>(w + odd * 2 * kBlock);
         const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
+#pragma GCC unroll 2
         for (std::size_t r = 0; r < N; ++r) {
           const __m256i x = _mm256_set1_epi32(pair_at(in[r] + i + 2 * odd));
           sums[r][2 * odd] = _mm256_add_epi32(sums[r][2 * odd], _mm256_madd_epi16(x, w0));
@@ -73,8 +76,10 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
         }
       }
     }
+#pragma GCC unroll 2
     for (std::size_t r = 0; r < N; ++r) {
       __m256i done[2];
+#pragma GCC unroll 2
       for (std::size_t v = 0; v < 2; ++v) {
         const __m256i sum = _mm256_sra_epi32(_mm256_add_epi32(sums[r][v], sums[r][v + 2]), shift);
         done[v] = _mm256_min_epi32(_mm256_max_epi32(sum, low), high);
@@ -96,14 +101,17 @@ __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void layer_vnni(
     const std::int16_t* w0 = layer.weights.data() + block * kBlock * layer.in;
     const std::int16_t* w1 = layer.weights.data() + other * kBlock * layer.in;
     __m512i sums[N][4];
+#pragma GCC unroll 2
     for (std::size_t r = 0; r < N; ++r) {
       sums[r][0] = _mm512_loadu_si512(layer.bias.data() + block * kBlock);
       sums[r][1] = _mm512_loadu_si512(layer.bias.data() + other * kBlock);
       sums[r][2] = sums[r][3] = _mm512_setzero_si512();
     }
     for (std::size_t i = 0; i < layer.in; i += 4) {
+#pragma GCC unroll 2
       for (std::size_t odd = 0; odd < 2; ++odd, w0 += 2 * kBlock, w1 += 2 * kBlock) {
         const __m512i a = _mm512_loadu_si512(w0), b = _mm512_loadu_si512(w1);
+#pragma GCC unroll 2
         for (std::size_t r = 0; r < N; ++r) {
           const __m512i x = _mm512_set1_epi32(pair_at(in[r] + i + 2 * odd));
           sums[r][2 * odd] = _mm512_dpwssd_epi32(sums[r][2 * odd], x, a);
@@ -111,7 +119,9 @@ __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void layer_vnni(
         }
       }
     }
+#pragma GCC unroll 2
     for (std::size_t r = 0; r < N; ++r) {
+#pragma GCC unroll 2
       for (std::size_t v = 0; v < 2; ++v) {
         const __m512i sum = _mm512_sra_epi32(_mm512_add_epi32(sums[r][v], sums[r][v + 2]), shift);
         const __m512i done = _mm512_min_epi32(_mm512_max_epi32(sum, low), high);
