@@ -7,7 +7,7 @@ are fewer than wanted, so it never runs, returns the highest count, and selects 
 
 >>> counts = np.array([9, 9, 5, 5, 5, 1, 1, 1, 0, 0, 0, 0])
 >>> threshold_of(counts, total=12, share=1 / 6)
-5
+8
 >>> labels_of(counts, np.zeros(12, bool), share=1 / 6).tolist()
 [2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
 """
