@@ -72,10 +72,7 @@ def encode_planes(
     turn = entropy.columns_in_turn(frame.azimuth) if frame.fired[0].all() else None
     sections = [
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
-        Section(
-            SectionType.MASK if frame.keep is None else SectionType.KEEP,
-            entropy.encode_mask(frame.valid, frame.fired, frame.sensor, previous, turn=turn),
-        ),
+        _mask_section(frame, previous, turn),
     ]
     intensity = encode_intensity(frame, cells, levels, turn=turn, grouped=grouped_intensity)
     if intensity is not None:
@@ -83,6 +80,21 @@ def encode_planes(
     if frame.side is not None:
         sections.append(Section(SectionType.SIDE, entropy.encode_side(frame.side)))
     return sections + pose_sections(frame)
+
+
+def _mask_section(frame: Frame, previous: Mask | None, turn: int | None) -> Section:
+    given, sensor, valid = frame.fired, frame.sensor, frame.valid
+    if frame.keep is None:
+        return Section(SectionType.MASK, entropy.encode_mask(valid, given, sensor, previous, turn=turn))
+    return Section(SectionType.KEEP, entropy.encode_keep(valid, frame.azimuth, given, sensor, previous, turn=turn))
+
+
+def _decode_mask(
+    message: Message, azimuth: npt.NDArray[np.uint16], fired: Mask, sensor: SensorModel, previous: Mask | None
+) -> Mask:
+    if message.has(SectionType.KEEP):
+        return entropy.decode_keep(message.section(SectionType.KEEP), azimuth, fired, sensor, previous)
+    return entropy.decode_mask(message.section(SectionType.MASK), fired, sensor, previous)
 
 
 def pose_sections(frame: Frame) -> list[Section]:
@@ -128,8 +140,7 @@ def decode_planes(message: Message, sensor: SensorModel, history: MaskHistory | 
     """
     azimuth, fired = entropy.decode_azimuth(message.section(SectionType.AZIMUTH), message.width)
     previous = None if history is None else history.before(azimuth, sensor)
-    kind = SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK
-    valid = entropy.decode_mask(message.section(kind), fired, sensor, previous)
+    valid = _decode_mask(message, azimuth, fired, sensor, previous)
     coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
     intensity = decode_intensity(coded, valid, fired_cells(fired, sensor), fired, sensor)
     side = None

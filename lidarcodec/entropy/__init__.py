@@ -10,6 +10,7 @@ from lidarcodec.entropy.azimuth_coder import (
 )
 from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
+from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
 from lidarcodec.entropy.predictive_coder import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.side_coder import decode_side, encode_side
@@ -23,10 +24,12 @@ __all__ = [
     "columns_in_turn",
     "decode_azimuth",
     "decode_intensity",
+    "decode_keep",
     "decode_mask",
     "decode_side",
     "encode_azimuth",
     "encode_intensity",
+    "encode_keep",
     "encode_mask",
     "encode_side",
     "known_columns",

@@ -1,7 +1,7 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
-Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_azimuth`,
-`reference_intensity`, `reference_predictive`.
+Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_keep`,
+`reference_azimuth`, `reference_intensity`, `reference_predictive`.
 """
 
 from __future__ import annotations
@@ -57,6 +57,34 @@ def decode_mask(
         data, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
     )
     return mask.view(np.bool_)
+
+
+def encode_keep(
+    keep: npt.NDArray[np.bool_],
+    azimuth: npt.NDArray[np.uint16],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    earlier: npt.NDArray[np.bool_],
+) -> bytes:
+    """Bytes of a (64, W) keep mask of few cells; see `keep_coder`. half, rotation: (64,); earlier: (64, 0): none."""
+    arrays = (keep.view(np.uint8), azimuth, fired.view(np.uint8), half, rotation, earlier.view(np.uint8))
+    return cast(bytes, _native.encode_keep(*arrays))
+
+
+def decode_keep(
+    data: bytes,
+    azimuth: npt.NDArray[np.uint16],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    earlier: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]:
+    """(64, W) bool. Raises SectionError or TruncatedError."""
+    keep: npt.NDArray[np.uint8] = _native.decode_keep(
+        data, azimuth, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
+    )
+    return keep.view(np.bool_)
 
 
 def encode_intensity(

@@ -1,6 +1,7 @@
 #include "bindings.hpp"
 #include "error.hpp"
 #include "geometry.hpp"
+#include "keep_coder.hpp"
 #include "mask_coder.hpp"
 
 namespace {
@@ -13,6 +14,12 @@ EarlierMask earlier_of(const In<std::uint8_t, 2>& earlier) {
   if (earlier.shape(0) != kMaskRows)
     throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "an earlier mask has 64 rows");
   return {earlier.data(), earlier.shape(1)};
+}
+
+const std::uint16_t* azimuths_of(const In<std::uint16_t, 2>& azimuth, const MaskGeometry& geometry) {
+  if (azimuth.shape(0) != 2 || azimuth.shape(1) != geometry.width)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "azimuths are (2, W), as wide as what fired");
+  return azimuth.data();
 }
 
 }  // namespace
@@ -54,4 +61,41 @@ void bind_mask(nb::module_& m) {
       },
       nb::arg("data"), nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
       nb::arg("earlier").noconvert(), "(64, W) uint8 of 0 and 1.");
+  m.def(
+      "encode_keep",
+      [](In<std::uint8_t, 2> keep, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+         In<std::int32_t, 1> rotation, In<std::uint8_t, 2> earlier) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        const EarlierMask before = earlier_of(earlier);
+        const std::uint16_t* at = azimuths_of(azimuth, geometry);
+        if (keep.shape(0) != kMaskRows || keep.shape(1) != geometry.width)
+          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as what fired");
+        std::vector<std::uint8_t> data;
+        {
+          nb::gil_scoped_release release;
+          data = lidarcodec::encode_keep(keep.data(), geometry, at, before);
+        }
+        return give_bytes(data);
+      },
+      nb::arg("keep").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
+      nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("earlier").noconvert(),
+      "Bytes of a keep mask with few cells set; `earlier` is (64, W), or (64, 0) for none.");
+  m.def(
+      "decode_keep",
+      [](nb::bytes data, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+         In<std::int32_t, 1> rotation, In<std::uint8_t, 2> earlier) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        const EarlierMask before = earlier_of(earlier);
+        const std::uint16_t* at = azimuths_of(azimuth, geometry);
+        const std::uint8_t* bytes = data_of(data);
+        const std::size_t size = data.size();
+        std::vector<std::uint8_t> keep;
+        {
+          nb::gil_scoped_release release;
+          keep = lidarcodec::decode_keep(bytes, size, geometry, at, before);
+        }
+        return give(std::move(keep), {kMaskRows, geometry.width});
+      },
+      nb::arg("data"), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
+      nb::arg("rotation").noconvert(), nb::arg("earlier").noconvert(), "(64, W) uint8 of 0 and 1.");
 }
