@@ -1,8 +1,8 @@
 """Keep coder: which returns of a reduced frame are left, in about three bits a return of `voxel`.
 
 A message says it in the way that takes fewer bytes: as a mask of returns (`mask_coder`), which suits whole columns,
-or as few cells on a lattice of directions. The format is docs/wire-format-keep.md. Every message decodes alone, but for the
-earlier mask that it may refer to.
+or as few cells on a lattice of directions. The format is docs/wire-format-keep.md. Every message decodes alone, but for
+the earlier mask that it may refer to.
 
 >>> import numpy as np
 >>> from lidarcodec.sensor_model import Calibration, SensorModel
