@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from lidarcodec.commands import evaluate, fleet, running, token
+from lidarcodec.commands import evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
     AsJson,
     CalibrationFile,
@@ -44,6 +44,7 @@ app = typer.Typer(
 
 app.add_typer(token.app, name="token")
 app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(train.app, name="train")
 
 
 @app.callback()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Final, cast
 
 from lidarcodec.errors import SettingsError
@@ -21,12 +22,20 @@ _TABLE: Final = {
     "random": "lidarcodec.reduction.random_points",
     "voxel": "lidarcodec.reduction.voxel",
     "voxel-seen": "lidarcodec.reduction.voxel_seen",
+    "poconet": "lidarcodec.reduction.poconet",
+    "poconet-paper": "lidarcodec.reduction.poconet_paper",
 }
+_NEEDED: Final = {"poconet": "onnxruntime", "poconet-paper": "onnxruntime"}
+"""Packages of an extra, `poconet`, without which a reducer is not offered."""
 
 
 def names() -> tuple[str, ...]:
-    """Names of all reducers; `columns` takes a number, as `columns:8`."""
-    return tuple(_TABLE)
+    """Names of all reducers that can be had here; `columns` takes a number, as `columns:8`."""
+    return tuple(name for name in _TABLE if _is_offered(name))
+
+
+def _is_offered(name: str) -> bool:
+    return name not in _NEEDED or find_spec(_NEEDED[name]) is not None
 
 
 @cache
@@ -36,8 +45,13 @@ def reduction(name: str) -> Reduction:
     Raises SettingsError.
     """
     if name not in _TABLE:
-        known = ", ".join(f"{name}:n" if name == "columns" else name for name in _TABLE)
+        known = ", ".join(f"{name}:n" if name == "columns" else name for name in names())
         raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
+    if not _is_offered(name):
+        raise SettingsError(
+            f"reduction {name} needs {_NEEDED[name]}, which is not installed here: pip install 'lidarcodec[poconet]'",
+            "reduction",
+        )
     return cast(Reduction, import_module(_TABLE[name]).REDUCTION)
 
 

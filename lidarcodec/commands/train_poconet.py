@@ -1,0 +1,96 @@
+"""`lidarcodec train poconet` and `train scores`: networks that choose returns, from annotated drives."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lidarcodec.commands.options import option
+from lidarcodec.commands.progress import progress
+from lidarcodec.errors import SettingsError
+from lidarcodec.training import training_module
+
+Drives = Annotated[
+    list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives that `annotate` has labelled.")
+]
+Out = Annotated[
+    Path, option("--out", metavar="FILE", show_default=False, help="The checkpoint; resumed if it is there.")
+]
+Test = Annotated[
+    list[Path] | None, option("--test", metavar="DIR", help="Measure on this drive at the end. Repeatable.")
+]
+Seed = Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")]
+Device = Annotated[str, option("--device", metavar="NAME", help="auto, cpu, cuda, cuda:1 ...")]
+Threads = Annotated[int, option("--threads", min=1, metavar="N", help="Of the CPU.")]
+Every = Annotated[int, option("--every", min=1, metavar="N", help="Every N-th labelled frame.")]
+Seconds = Annotated[float | None, option("--seconds", min=1.0, metavar="S", help="Stop after so long, to go on later.")]
+
+
+def poconet(
+    drives: Drives,
+    out: Out,
+    test: Test = None,
+    epochs: Annotated[int, option("--epochs", min=1, metavar="N")] = 30,
+    batch: Annotated[int, option("--batch", min=1, metavar="N", help="Scans in a step.")] = 1,
+    points: Annotated[
+        int | None, option("--points", min=512, metavar="N", help="Of a scan; default: 122880 on a GPU, else 8192.")
+    ] = None,
+    every: Every = 1,
+    seconds: Seconds = None,
+    seed: Seed = 1,
+    device: Device = "auto",
+    threads: Threads = 1,
+) -> None:
+    """Train PocoNet, the paper's network, on annotated drives (extra `learned`)."""
+    training = _begun(drives, test, threads, "train_poconet")
+    run = training.PocoRun(seed=seed, epochs=epochs, batch=batch, points=points)
+    with progress("steps") as tick:
+        net = training.train_poconet(
+            drives, out, run, device, tick=lambda *_: tick(), every=every, seconds=seconds
+        )  # fmt: skip
+    used = run.on(next(net.parameters()).device)["points"]
+    _tell(out, {str(drive): training.measure_poconet(net, [drive], used) for drive in test or []})
+
+
+def scores(
+    drives: Drives,
+    out: Out,
+    onnx: Annotated[
+        Path | None, option("--onnx", metavar="FILE", help="Also write the network as `poconet` reads it.")
+    ] = None,
+    note: Annotated[str, option("--note", help="What the ONNX file says that it was trained on.")] = "unknown drives",
+    licence: Annotated[str, option("--licence", help="What it says of the licence of its weights.")] = "unknown",
+    test: Test = None,
+    steps: Annotated[int, option("--steps", min=1, metavar="N")] = 1300,
+    every: Every = 1,
+    seconds: Seconds = None,
+    seed: Seed = 1,
+    device: Device = "auto",
+    threads: Threads = 1,
+) -> None:
+    """Train the small network of the reducers `poconet` and `poconet-paper` on annotated drives (extra `learned`)."""
+    training = _begun(drives, test, threads, "train_scores")
+    run = training.ScoreRun(seed=seed, steps=steps)
+    with progress("reading"):
+        examples = training.examples_of(drives, seed, every)
+    with progress("steps", steps) as tick:
+        net = training.train_scores(examples, out, run, device, tick=lambda *_: tick(), seconds=seconds)
+    if onnx is not None:
+        training_module("export_scores").export_scores(net, onnx, {"trained_on": note, "licence": licence})
+    _tell(out, {str(drive): training.measure_scores(net.eval(), [drive]) for drive in test or []})
+
+
+def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: str) -> Any:
+    for drive in [*drives, *(test or [])]:
+        if not (drive / "annotation.json").is_file():
+            raise SettingsError(f"{drive} is no annotated drive: make one with `lidarcodec annotate`", "drives")
+    training_module("runs").limit_threads(threads)
+    return training_module(module)
+
+
+def _tell(out: Path, found: dict[str, Any]) -> None:
+    about = training_module("runs").load_checkpoint(out)
+    print(json.dumps({"steps": about.step, "seconds": round(about.seconds, 1), "tests": found}, indent=2))

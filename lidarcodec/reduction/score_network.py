@@ -1,0 +1,66 @@
+"""ScoreNetwork: what the network that ships thinks of each return, in one thread of a vehicle: 12 ms, its image 6 ms.
+
+`poconet.onnx` is ScoreNet (lidarcodec/training/nets), 0.1 M weights, trained on simulated drives only: `about` says on
+which. The reducer that asks sends which returns it chose, so a decoder needs neither the network nor onnxruntime.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.frame import Frame
+from lidarcodec.reduction.score_image import score_image, unpatched
+
+WEIGHTS: Final = "poconet.onnx"
+Floats = npt.NDArray[np.float32]
+
+
+class Scores(NamedTuple):
+    """(N,) float32 each, of the returns that were asked for: logits of the classes, of the rank of the count (higher is
+    seen more often), and of being seen seldom, as what moves is."""
+
+    low: Floats
+    high: Floats
+    ground: Floats
+    rank: Floats
+    seldom: Floats
+
+    @property
+    def is_ground(self) -> npt.NDArray[np.bool_]:
+        """(N,) bool, whether ground is the likeliest class."""
+        return (self.ground > self.low) & (self.ground > self.high)
+
+    @property
+    def high_odds(self) -> Floats:
+        """(N,) float32, logit of being high: rises with its probability."""
+        odds: Floats = self.high - np.logaddexp(self.low, self.ground)
+        return odds
+
+
+@cache
+def _session() -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    data = files("lidarcodec.reduction").joinpath(WEIGHTS).read_bytes()
+    return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+
+def scores_of(frame: Frame, cells: npt.NDArray[Any]) -> Scores:
+    """Scores of the returns in these cells, (N,) row * W + column."""
+    image = score_image(frame, cells)
+    (patches,) = _session().run(None, {"features": image.features[None]})
+    values = unpatched(patches[0]).reshape(len(Scores._fields), -1)
+    return Scores(*(value[image.pixel] for value in values))
+
+
+def about() -> dict[str, str]:
+    """What the weights say of themselves: `trained_on`, `licence`, `steps`."""
+    return dict(_session().get_modelmeta().custom_metadata_map)

@@ -1,0 +1,44 @@
+"""ScoreNet as an ONNX file, with a note of what it was trained on, for `lidarcodec.reduction.score_network`."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lidarcodec.errors import MissingExtraError, SourceError
+from lidarcodec.reduction.score_image import CHANNELS, MULTIPLE
+from lidarcodec.training.nets.score_net import ScoreNet
+from lidarcodec.units import LASERS
+
+OPSET = 17
+
+
+def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str]) -> None:
+    """Write the network, for images of any width that is a multiple of 16; about: what stands in its metadata.
+
+    Raises MissingExtraError without the package onnx; SourceError when the file cannot be written.
+    """
+    try:
+        import onnx
+    except ImportError:
+        raise MissingExtraError("writing ONNX files", "learned") from None
+    example = torch.from_numpy(np.zeros((1, CHANNELS, LASERS, 4 * MULTIPLE), np.float32))
+    buffer = io.BytesIO()
+    axes = {"features": {3: "columns"}, "values": {3: "patches"}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the other exporter needs packages that nothing else here does
+        torch.onnx.export(
+            net.cpu().eval(), (example,), buffer, input_names=["features"], output_names=["values"],
+            dynamic_axes=axes, opset_version=OPSET, dynamo=False,
+        )  # fmt: skip
+    model = onnx.load_from_string(buffer.getvalue())
+    onnx.helper.set_model_props(model, dict(about))
+    try:
+        path.write_bytes(model.SerializeToString())
+    except OSError as error:
+        raise SourceError(f"cannot write {path}: {error.strerror or error}") from None

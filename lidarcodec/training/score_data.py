@@ -1,0 +1,86 @@
+"""Annotated frames as images to train ScoreNet on, and crops of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SourceError
+from lidarcodec.frame import Frame
+from lidarcodec.reduction.score_image import score_image
+from lidarcodec.training.annotation_folder import AnnotationFolder, Labels
+from lidarcodec.training.labels import GROUND
+
+SELDOM_COUNT: Final = 3
+"""Counts up to this are seldom: things that move, and what came into sight at the end of the drive."""
+SELDOM_M: Final = 40.0
+"""Further away any count is low."""
+IGNORED: Final = -1
+
+
+class Example(NamedTuple):
+    """Of a frame's image: features (6, 64, C) float16; label (64, C) int8: 0 low, 1 high, 2 ground; rank (64, C)
+    float16: of the count among what is not ground, 0 to 1; seldom (64, C) int8. -1 where nothing is asked."""
+
+    features: npt.NDArray[Any]
+    label: npt.NDArray[Any]
+    rank: npt.NDArray[Any]
+    seldom: npt.NDArray[Any]
+
+
+def labelled(paths: Sequence[Path], every: int = 1) -> Iterator[tuple[Frame, Labels]]:
+    """Every `every`-th labelled frame of annotated drives. Raises SourceError."""
+    for path in paths:
+        folder = AnnotationFolder(path)
+        sensor, numbers = folder.sensor, [k for k in range(folder.frames) if folder.has(f"labels/{k:06d}.npz")]
+        if not numbers:
+            raise SourceError(f"{path} holds no labels: run `lidarcodec annotate` to its end")
+        for k in numbers[::every]:
+            yield folder.frame(k, sensor), folder.labels(k)
+
+
+def seldom_of(counts: npt.NDArray[Any], labels: npt.NDArray[Any], metres: npt.NDArray[Any]) -> npt.NDArray[np.int8]:
+    """(N,) int8, 1 for returns seen seldom, 0 for others, -1 for those of which it cannot be said; all (N,)."""
+    judged = (labels != GROUND) & (metres < SELDOM_M)
+    return np.where(judged, counts <= SELDOM_COUNT, IGNORED).astype(np.int8)
+
+
+def example_of(frame: Frame, found: Labels, rng: np.random.Generator) -> Example:
+    """A frame as an image; equal counts get ranks at random."""
+    image = score_image(frame)
+    places = np.flatnonzero(frame.valid)
+    labels, counts = found.labels.ravel()[places], found.counts.ravel()[places]
+    metres = frame.range.ravel()[places] * frame.sensor.range_step_m
+    beside = labels != GROUND
+    rank = np.full(len(places), IGNORED, np.float32)
+    order = np.lexsort((rng.random(int(beside.sum())), counts[beside]))
+    ranks = np.empty(len(order), np.float32)
+    ranks[order] = (np.arange(len(order)) + 0.5) / max(len(order), 1)
+    rank[beside] = ranks
+
+    def seen(values: npt.NDArray[Any], dtype: type) -> npt.NDArray[Any]:
+        plane: npt.NDArray[Any] = np.full(image.features.shape[1:], IGNORED, dtype)
+        plane.reshape(-1)[image.pixel] = values
+        return plane
+
+    return Example(image.features.astype(np.float16), seen(labels.astype(np.int8) - 1, np.int8),
+                   seen(rank, np.float16), seen(seldom_of(counts, labels, metres), np.int8))  # fmt: skip
+
+
+def crop(example: Example, width: int, rng: np.random.Generator) -> Example:
+    """A piece of `width` columns, mirrored half of the time, as another sensor's amplifier might have seen it."""
+    columns = (int(rng.integers(example.label.shape[1])) + np.arange(width)) % example.label.shape[1]
+    mirrored = rng.random() < 0.5
+    if mirrored:
+        columns = columns[::-1]
+    features = example.features[:, :, columns].astype(np.float32)
+    if mirrored:  # the step to the next column is now that to the one before, the other way
+        features[4] = -np.roll(features[4], -1, axis=1)
+    bright = 0.0 if rng.random() < 0.2 else float(np.exp(rng.normal(0.0, 0.4)))
+    features[2] = np.minimum(features[2] * bright, 1.0)
+    label, rank, seldom = (plane[:, columns] for plane in example[1:])
+    return Example(features, label, rank, seldom)

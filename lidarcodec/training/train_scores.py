@@ -1,0 +1,146 @@
+"""Training of ScoreNet on annotated drives: what is high, low and ground, the rank of the counts, and what is seldom.
+
+A step draws its crops by its number (`runs.step_rng`), so a run that was stopped goes on as if it had not been.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.reduction.score_image import score_image
+from lidarcodec.training.nets.score_net import GROUND, HIGH, LOW, RANK, SELDOM, ScoreNet, in_place
+from lidarcodec.training.runs import (
+    Checkpoint,
+    choose_device,
+    load_checkpoint,
+    rate_at,
+    save_checkpoint,
+    seed_torch,
+    set_rate,
+    step_rng,
+)
+from lidarcodec.training.score_data import Example, crop, example_of, labelled, seldom_of
+from lidarcodec.training.score_metrics import Agreement
+
+CLASS_WEIGHTS: Final = (1.0, 2.0, 0.7)
+SAVE_SECONDS: Final = 60.0
+
+
+@dataclass(frozen=True)
+class ScoreRun:
+    """How ScoreNet is trained. batch: crops a step;  width: their columns, a multiple of 16;  rate: the highest."""
+
+    seed: int = 1
+    steps: int = 3000
+    batch: int = 4
+    width: int = 512
+    rate: float = 2e-3
+    rank_weight: float = 2.0
+    seldom_weight: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.steps < 1 or self.batch < 1 or self.width < 16 or self.width % 16:
+            raise SettingsError("steps and batch are at least 1, the width a multiple of 16")
+
+
+def examples_of(drives: Sequence[Path], seed: int, every: int = 1) -> list[Example]:
+    """All labelled frames of these drives, 3 MB each. Raises SourceError if there are none."""
+    found = [example_of(frame, labels, np.random.default_rng([seed, k]))
+             for k, (frame, labels) in enumerate(labelled(drives, every))]  # fmt: skip
+    if not found:
+        raise SourceError("no drive to train on")
+    return found
+
+
+def train_scores(
+    examples: Sequence[Example], out: Path, run: ScoreRun, device: str = "auto",
+    tick: Callable[[int, float], None] = lambda step, loss: None, seconds: float | None = None,
+) -> ScoreNet:  # fmt: skip
+    """The trained network; `out` keeps the checkpoint, from which it goes on. tick(step, loss) after each step.
+
+    seconds: stop (with a checkpoint) after so long;  Raises SettingsError, SourceError.
+    """
+    target = choose_device(device)
+    seed_torch(run.seed)
+    net: ScoreNet = ScoreNet().to(target)
+    optimiser = torch.optim.AdamW(net.parameters(), run.rate, weight_decay=1e-3)
+    state = load_checkpoint(out, target) or Checkpoint(0, dict(asdict(run)), {}, {})
+    state.require(asdict(run))
+    if state.step:
+        net.load_state_dict(state.model)
+        optimiser.load_state_dict(state.optimiser)
+    began = saved = time.monotonic()
+    before, losses = state.seconds, []
+    net.train()
+    for step in range(state.step, run.steps):
+        set_rate(optimiser, rate_at(step, run.steps, peak=run.rate, warm_up=50))
+        loss = _loss(net, _batch(examples, run, step, target), run)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+        tick(step, losses[-1])
+        state.step, now = step + 1, time.monotonic()
+        state.seconds = before + now - began
+        if now - saved > SAVE_SECONDS or state.step == run.steps or (seconds is not None and now - began > seconds):
+            state.model, state.optimiser = net.state_dict(), optimiser.state_dict()
+            state.log.append({"step": state.step, "loss": round(float(np.mean(losses)), 5)})
+            save_checkpoint(out, state)
+            saved, losses = now, []
+            if seconds is not None and now - began > seconds:
+                break
+    net.eval()
+    return net
+
+
+def _batch(examples: Sequence[Example], run: ScoreRun, step: int, device: torch.device) -> list[Tensor]:
+    rng = step_rng(run.seed, step)
+    crops = [crop(examples[int(rng.integers(len(examples)))], run.width, rng) for _ in range(run.batch)]
+    planes = [np.stack(plane) for plane in zip(*crops, strict=True)]
+    dtypes = (torch.float32, torch.long, torch.float32, torch.float32)
+    return [torch.from_numpy(np.ascontiguousarray(p)).to(device, d) for p, d in zip(planes, dtypes, strict=True)]
+
+
+def _loss(net: ScoreNet, batch: Sequence[Tensor], run: ScoreRun) -> Tensor:
+    features, label, rank, seldom = batch
+    values = in_place(net(features))
+    weights = torch.tensor(CLASS_WEIGHTS, device=values.device)
+    total = functional.cross_entropy(values[:, : GROUND + 1], label, weight=weights, ignore_index=-1)
+    asked = rank >= 0
+    if bool(asked.any()):
+        guessed = torch.sigmoid(values[:, RANK])[asked]
+        total = total + run.rank_weight * functional.smooth_l1_loss(guessed, rank[asked], beta=0.2)
+    asked = seldom >= 0
+    if bool(asked.any()):
+        lost = functional.binary_cross_entropy_with_logits(values[:, SELDOM][asked], seldom[asked])
+        total = total + run.seldom_weight * lost
+    found: Tensor = total
+    return found
+
+
+def measure_scores(net: ScoreNet, drives: Sequence[Path], every: int = 1) -> dict[str, Any]:
+    """What `Agreement` says of a network on annotated drives. Raises SourceError."""
+    device = next(net.parameters()).device
+    found = Agreement()
+    for frame, truth in labelled(drives, every):
+        image = score_image(frame)
+        with torch.no_grad():
+            values = in_place(net(torch.from_numpy(image.features)[None].to(device)))[0].cpu().numpy()
+        at = values.reshape(len(values), -1)[:, image.pixel]
+        places = np.flatnonzero(frame.valid)
+        labels, counts = truth.labels.ravel()[places], truth.counts.ravel()[places]
+        high = at[HIGH] - np.logaddexp(at[LOW], at[GROUND])
+        found.add(high, at[: GROUND + 1].argmax(axis=0) + 1, labels, counts, at[RANK])
+        seldom = seldom_of(counts, labels, frame.range.ravel()[places] * frame.sensor.range_step_m)
+        found.add_seldom(at[SELDOM][seldom >= 0], seldom[seldom >= 0] > 0)
+    return found.result()
