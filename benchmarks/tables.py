@@ -40,6 +40,11 @@ SETTINGS = (
     StreamSettings(codec="pcodec"),
     StreamSettings(codec="pcodec", max_error_m=0.01),
     StreamSettings(codec="pcodec", max_error_m=0.05),
+    *(
+        StreamSettings(codec="predictive", codec_settings=own, max_error_m=bound)
+        for own in ({}, {"motion": True})
+        for bound in (None, 0.01, 0.05)
+    ),
     StreamSettings(codec="zstd"),
     StreamSettings(codec="zstd", max_error_m=0.01),
     StreamSettings(codec="raw"),

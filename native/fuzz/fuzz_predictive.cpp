@@ -15,18 +15,34 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 using Ranges = std::vector<std::uint16_t>;
 
+// The first columns of an image, which both ends of a slab know; none of a whole frame.
+Ranges columns_of(const Ranges& image, std::size_t width, lidarcodec::KnownColumns known) {
+  Ranges before;
+  for (std::size_t row = 0; row < kMaskRows && known > 0; ++row)
+    before.insert(before.end(), image.begin() + static_cast<std::ptrdiff_t>(row * width),
+                  image.begin() + static_cast<std::ptrdiff_t>(row * width) + known);
+  return before;
+}
+
 // What a coder that has seen a frame before writes and reads, whatever the processors of both can do.
-void check_round_trip(const Ranges& image, const Bytes& returns, const lidarcodec::RangeCells& cells,
-                      const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected) {
+void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::RangeCells cells,
+                      const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
+                      lidarcodec::KnownColumns known) {
+  const Ranges before = columns_of(image, geometry.width, known);
   const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
   PredictiveCoder encoder(paths[turn % paths.size()]), decoder(paths[turn / 8 % paths.size()]);
   for (int frame = 0; frame < 2; ++frame) {
-    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, expected);
-    const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected);
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, expected, known);
+    const Ranges came =
+        decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected, known, before.data());
     for (std::size_t i = 0; i < image.size(); ++i) {
       const int apart = returns[i] != 0 ? std::abs(int{came[i]} - int{image[i]}) : came[i];
-      if (apart > static_cast<int>(cells.step / 2) || (returns[i] != 0 && came[i] == 0)) std::abort();
+      const bool is_known = static_cast<lidarcodec::KnownColumns>(i % geometry.width) < known;
+      if (is_known ? came[i] != image[i]
+                   : apart > static_cast<int>(cells.step / 2) || (returns[i] != 0 && came[i] == 0))
+        std::abort();
     }
+    cells.step = (5 * cells.step + 2) % 65536 | 1u;  // another odd one
   }
 }
 
@@ -59,18 +75,24 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (std::size_t i = 0; i < guesses.size(); ++i)
     guesses[i] = static_cast<std::uint16_t>(i * 40503u >> (kind & 32u ? 0 : 7)) * (i % 5 != 0);
   const std::uint16_t* const expected = kind & 16u ? guesses.data() : nullptr;
+  const lidarcodec::KnownColumns known = kind & 64u ? static_cast<lidarcodec::KnownColumns>(holes % (width + 1)) : -1;
   try {
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const auto first = static_cast<std::uint8_t>(rest.size() * pattern / 256);
-      const std::uint8_t what = expected == nullptr ? 1 : 2;
+      const auto what = static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (known < 0 ? 0 : 2));
       coded = {what, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), first, 0, 0, 0};
+      if (known >= 0) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
     const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
     PredictiveCoder coder(paths[turn / 64 % paths.size()]);
-    check_round_trip(coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected), returns,
-                     cells, geometry, turn, expected);
+    Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
+    const Ranges before = columns_of(seen, width, known);
+    check_round_trip(
+        coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data()),
+        returns, cells, geometry, turn, expected, known);
   } catch (const lidarcodec::Error&) {
   }
   if (kind & 2u && !returns.empty() && rest.size() > 1) {
@@ -79,7 +101,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const std::size_t at = i % (rest.size() - 1);
       image[i] = static_cast<std::uint16_t>(std::max(1, rest[at] << 8 | rest[at + 1]));
     }
-    check_round_trip(image, returns, cells, geometry, turn, expected);
+    check_round_trip(image, returns, cells, geometry, turn, expected, known);
   }
   return 0;
 }
