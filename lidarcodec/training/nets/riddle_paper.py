@@ -20,7 +20,7 @@ import torch
 from torch import nn
 from torch.nn.functional import cross_entropy, huber_loss
 
-RESIDUAL_UNIT_M: Final = 0.05
+RESIDUAL_UNIT_M: Final = 0.01
 """A residual of 1."""
 
 
@@ -61,7 +61,7 @@ class RiddlePaper(nn.Module):
     def forward(
         self, features: torch.Tensor, valid: torch.Tensor, step: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """(N, K) logits of each neighbour being the anchor, and (N, K) residual from each, in units of 5 cm.
+        """(N, K) logits of each neighbour being the anchor, and (N, K) residual from each, in units of 1 cm.
 
         features: (N, K, features); valid: (N, K) bool, no anchor where not; step: (N,) how coarse the image is
         """
@@ -72,11 +72,11 @@ class RiddlePaper(nn.Module):
 
 
 def loss_of(
-    logits: torch.Tensor, residuals: torch.Tensor, anchor: torch.Tensor, residual: torch.Tensor, weight: float = 1.0
+    logits: torch.Tensor, residuals: torch.Tensor, anchor: torch.Tensor, residual: torch.Tensor, weight: float = 0.5
 ) -> torch.Tensor:
     """(N,) cross entropy of the right anchor plus `weight` times the Huber loss of its residual.
 
-    anchor: (N,) its number; residual: (N,) how far the range lies from it, in units of 5 cm
+    anchor: (N,) its number; residual: (N,) how far the range lies from it, in units of 1 cm
     """
     own = residuals.gather(1, anchor[:, None])[:, 0]
     return cross_entropy(logits, anchor, reduction="none") + weight * huber_loss(own, residual, reduction="none")

@@ -28,7 +28,7 @@ FEATURES: Final = 7
 """Of a neighbour: azimuth, elevation, range coarse and fine, absolute range, whether it is valid, time."""
 _AZIMUTH_UNIT_RAD, _ELEVATION_UNIT_RAD = 0.003, 0.006
 """About a column and a row of an HDL-64E."""
-_COARSE_UNIT_M, _FINE_UNIT_M, _FAR_M = 0.02, 0.25, 40.0
+_COARSE_UNIT_M, _FINE_UNIT_M, _FAR_M = 0.02, 0.1, 40.0
 
 Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.intp]

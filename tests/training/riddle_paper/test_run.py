@@ -61,6 +61,13 @@ def test_a_resumed_run_makes_the_weights_of_one_without_a_break(tmp_path: Path, 
     assert log.log[-1]["within_10_cm"] is not None
 
 
+def test_a_run_may_be_made_shorter_on_the_way(tmp_path: Path) -> None:
+    train(scans(2), [], SMALL, tmp_path, until=2)
+    train(scans(2), [], RunSettings(**{**SMALL.__dict__, "steps": 3}), tmp_path)
+    _, state = load_net(tmp_path)
+    assert (state.step, state.settings["steps"]) == (3, 3)
+
+
 def test_a_run_is_not_resumed_as_another(tmp_path: Path) -> None:
     train(scans(2), [], SMALL, tmp_path, until=2)
     with pytest.raises(SettingsError, match="seed"):
