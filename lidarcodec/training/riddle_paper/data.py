@@ -32,8 +32,8 @@ class Scan:
     motion: Motion | None = None
 
     def points(self, step: int, count: int) -> MovedPoints | None:
-        """What a decoder has of the scan before, in steps of `step` x 2 mm; None where there is none."""
-        if self.earlier is None or self.motion is None:
+        """What a decoder has of the scan before, in steps of `step` x 2 mm; None where there is none, or count is 0."""
+        if self.earlier is None or self.motion is None or not count:
             return None
         sent = ranges_of(image_of(self.earlier, step), self.earlier)
         return MovedPoints(self.earlier, sent, self.motion, count)
@@ -103,6 +103,6 @@ def batch_of(
     for number in rng.choice(len(scans), frames, replace=len(scans) < frames):
         step = int(rng.choice(np.asarray(quanta)))
         scan = scans[int(number)]
-        earlier = scan.points(step, temporal) if temporal else None
+        earlier = scan.points(step, temporal)
         parts.append(samples_of(image_of(scan.frame, step), earlier, count // frames, rng))
     return parts

@@ -106,7 +106,7 @@ def drawn_returns(
 
 
 def _drawn(net: Learned, scan: Scan, image: PaperImage, some: tuple[Any, Any]) -> Any:
-    reader = ContextReader(image, scan.points(image.step, net.temporal) if net.temporal else None)
+    reader = ContextReader(image, scan.points(image.step, net.temporal))
     parts = [
         net.predictor.predict(reader.read(some[0][at : at + 128], some[1][at : at + 128]), image)
         for at in range(0, len(some[0]), 128)
@@ -121,7 +121,7 @@ def comes_back(scan: Scan, net: Learned, step: int) -> dict[str, Any]:
     """
     started = time.monotonic()
     image = image_of(scan.frame, step)
-    points = scan.points(step, net.temporal) if net.temporal else None
+    points = scan.points(step, net.temporal)
     data = encode_image(image, net.predictor, points)
     unknown = image.with_cells(np.zeros_like(image.cells))
     came = ranges_of(decode_image(data, unknown, net.predictor, points), scan.frame)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarcodec.cloud import xyz_of
 from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.motion import Motion
+from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import RANGE_STEP_M
@@ -48,11 +49,14 @@ class MovedPoints:
 
     ranges:  (64, W) uint16 of `frame`, as a decoder has them
     motion:  T_current_previous; count: neighbours for each beam
+    Raises LidarCodecError if `count` is not at least 1.
     """
 
     def __init__(self, frame: Frame, ranges: npt.NDArray[np.uint16], motion: Motion, count: int = NEIGHBOURS) -> None:
         from small_gicp import KdTree
 
+        if count < 1:
+            raise LidarCodecError(f"{count} neighbours: at least 1 is needed")
         sent = frame.with_(range=ranges, keep=None)
         chosen = np.flatnonzero(ranges.T)
         points = np.stack([axis.ravel()[chosen] for axis in xyz_of(sent)], axis=1)

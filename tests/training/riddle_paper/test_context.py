@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from lidarcodec.codecs.motion import STILL, Motion
+from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.training.riddle_paper.context import OFFSETS, SPATIAL, ContextReader, nearest_anchor
 from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
@@ -102,6 +104,8 @@ def test_a_scan_without_returns_gives_no_neighbours() -> None:
     context = ContextReader(image, empty).read(*some)
     assert context.valid.shape == (5, 99 + 7)
     assert not context.valid[:, 99:].any()
+    with pytest.raises(LidarCodecError, match="at least 1"):
+        MovedPoints(frame, sent, STILL, count=0)
     few = np.zeros_like(sent)
     few[30, 100:103] = 5000
     context = ContextReader(image, MovedPoints(frame, few, STILL, count=7)).read(*some)

@@ -47,6 +47,8 @@ def test_shares_and_bits_are_those_of_all_returns() -> None:
     fine = whole_frames([one], {}, 10)["previous valid"]
     assert fine["right_cell"] < fine["within_0.1_m"]
     assert 0 < row["bits"]["entropy"] < fine["bits"]["entropy"]
+    learned = whole_frames([one], nets(), 51)
+    assert {row["returns"] for row in learned.values()} == {len(left)}
     everything = drawn_returns([one], {}, 51, count=10**6)["previous valid"]
     assert everything["right_cell"] == pytest.approx(row["right_cell"])
 
