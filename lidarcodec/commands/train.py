@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import typer
 
-from lidarcodec.commands import train_poconet
+from lidarcodec.commands import train_poconet, train_riddle
 
 app = typer.Typer(
     help="Train networks on drives of one's own (extra `learned`).", no_args_is_help=True, rich_markup_mode=None
 )
 
 
+app.command()(train_riddle.riddle)
 app.command()(train_poconet.poconet)
 app.command()(train_poconet.scores)

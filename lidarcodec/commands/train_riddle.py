@@ -1,0 +1,87 @@
+"""`lidarcodec train riddle`: the networks of codec riddle, from drives or simulated ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarcodec.commands.options import option
+from lidarcodec.commands.sources import check_finite, check_not_input
+from lidarcodec.errors import SettingsError
+
+Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", show_default=False)]
+
+
+def riddle(
+    sources: Names = None,
+    out: Annotated[
+        Path,
+        option("--out", metavar="FILE", show_default=False, help="The weight file; FILE.run beside it is resumed."),
+    ] = ...,  # type: ignore[assignment]
+    holdout: Annotated[
+        list[str] | None,
+        option("--holdout", metavar="SOURCE", help="A drive to measure on, never learned. Repeatable."),
+    ] = None,
+    scans: Annotated[
+        list[str] | None, option("--scans", metavar="SOURCE", help="Scans that do not follow each other. Repeatable.")
+    ] = None,
+    simulated: Annotated[
+        int, option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
+    ] = 0,
+    size: Annotated[
+        str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large.")
+    ] = "small,large",
+    kind: Annotated[
+        str, option("--kind", metavar="NAME[,NAME]", help="alone: for key frames; expecting: for all others.")
+    ] = "alone,expecting",
+    steps: Annotated[int, option("--steps", min=1, metavar="N", help="Steps of each network.")] = 8000,
+    batch: Annotated[int, option("--batch", min=1, metavar="N", help="Returns in a step.")] = 8192,
+    seed: Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")] = 1,
+    frames: Annotated[
+        int | None, option("--frames", min=1, metavar="N", help="At most N frames of each source.")
+    ] = None,
+    framing: Annotated[str, option("--framing", help="How frames are cut, as the stream will have it.")] = "packets",
+    frame_rows: Annotated[
+        int, option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame at each step.")
+    ] = 5000,
+    passes: Annotated[int, option("--passes", min=1, metavar="N", help="Go N times through each source.")] = 1,
+    units: Annotated[
+        str,
+        option("--units", metavar="auto|varied|own", help="Also learn other units of the sensor; auto: if simulated."),
+    ] = "auto",
+    precision: Annotated[
+        str, option("--precision", metavar="float32|mixed", help="mixed: bfloat16 first, for processors that have it.")
+    ] = "float32",
+    device: Annotated[str, option("--device", metavar="NAME", help="auto, cpu, cuda, ...")] = "auto",
+    threads: Annotated[int, option("--threads", min=1, metavar="N", help="Of the CPU.")] = 1,
+    licence: Annotated[
+        str | None, option("--licence", metavar="TEXT", help="Of the data, written into the file.")
+    ] = None,
+    date: Annotated[str | None, option("--date", metavar="TEXT", help="Written into the file.")] = None,
+) -> None:
+    """Train the networks of codec riddle; the same command again goes on where it was stopped."""
+    from lidarcodec.training import training_module
+
+    runs, run = training_module("runs"), training_module("riddle.run")
+    samples = training_module("riddle.samples")
+    learned, held, single = tuple(sources or ()), tuple(holdout or ()), tuple(scans or ())
+    for spec in (*learned, *held, *single):
+        check_finite(spec, frames)
+        check_not_input(out, spec)
+    if shared := (set(learned) | set(single)) & set(held):
+        raise SettingsError(f"{sorted(shared)[0]} is held out and learned from", "holdout")
+    if not out.parent.is_dir():
+        raise SettingsError(f"{out.parent} is no folder", "out")
+    runs.limit_threads(threads)
+    how = samples.Gathering(seed, frame_rows, passes, frames, framing, units)
+    about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}
+    wanted = run.RiddleRun(
+        learned, single, held, simulated, tuple(size.split(",")), tuple(kind.split(",")), steps, batch,
+        precision=precision, gathering=how, about=about,
+    )  # fmt: skip
+    weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
+    for net in weights.provenance["networks"]:
+        print(f"{net['network']}: {net['in whole numbers']:.4f} bits a return on drives held out, ranges' first 5 bits")
+    print(f"{out}: {len(weights.data)} bytes, weights {weights.name}")

@@ -1,0 +1,86 @@
+"""Drives to train on: simulated ones of many kinds, and any source, cut into clips.
+
+A clip is a few frames at one distance from each other: 1 is a drive as it is, 2 and more are drives as much faster, or
+frames that were left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Final
+
+import numpy as np
+
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources.base import Source
+from lidarcodec.sources.simulator import LABELS, SimulatorSource
+from lidarcodec.training.riddle.beams import MOST_FRAMES, even_frames
+from lidarcodec.units import FRAME_PACKETS
+
+DISTANCES: Final = (1, 1, 1, 1, 1, 1, 2, 3, 5)
+"""Frames from one of a clip to the next, as often as they stand here."""
+CLIP_FRAMES: Final = 4
+"""Frames in a clip: two make known how the sensor moves, the others are looked at."""
+DRIVE_FRAMES: Final = (CLIP_FRAMES - 1) * max(DISTANCES) + 1
+"""Frames of a simulated drive: one clip at the largest distance, or several at smaller ones."""
+_SCENES: Final = (*("city",) * 10, "road", "street")
+_SPEEDS: Final = (1, 3, 5, 8, 14, 20, 28)
+_TRAFFIC: Final = (0.3, 0.7, 1, 1, 1.5, 2)
+_ANYHOW, _FOR_VEGETATION = 0.08, 6.0
+"""A drive is taken with this probability, and this much more for the share of its returns that are leaves."""
+_OWN_SPEED: Final = 0.75
+"""Share of the drives at the speed that their scene has, stops at crossings included."""
+
+
+def simulated_drives(count: int, seed: int) -> Iterator[str]:
+    """Names of sources: simulated drives of every scene, each through a town of its own.
+
+    Leaves and grass are rarer in that town than where real drives were recorded, and costly to code: drives that begin
+    among many are taken the sooner. To look at one takes a twentieth of a second.
+    """
+    rng = np.random.default_rng([seed, 0x51])
+    for _ in range(count):
+        while True:
+            drive = _drawn(rng)
+            if rng.random() < _ANYHOW + _FOR_VEGETATION * _vegetation(drive):
+                break
+        yield drive
+
+
+def _drawn(rng: np.random.Generator) -> str:
+    options = f"seed={rng.integers(1, 10**6)}&skip={rng.integers(0, 600)}&traffic={rng.choice(_TRAFFIC):g}"
+    speed = "" if rng.random() < _OWN_SPEED else f"&speed={rng.choice(_SPEEDS)}"
+    return f"sim:{rng.choice(_SCENES)}?{options}{speed}&frames={DRIVE_FRAMES}"
+
+
+def _vegetation(drive: str) -> float:
+    """Share of a drive's first returns that are leaves."""
+    labels = SimulatorSource.from_spec(drive).truth(FRAME_PACKETS)[2]
+    leaves, all_of_them = np.count_nonzero(labels == LABELS.index("vegetation")), np.count_nonzero(labels)
+    return float(leaves) / max(1.0, float(all_of_them))
+
+
+def clips(frames: Iterable[Frame], rng: np.random.Generator) -> Iterator[list[Frame]]:
+    """Clips of a drive, one behind the other; what is left at its end is one at distance 1. Holds 16 frames at most."""
+    wanted = int(rng.choice(DISTANCES))
+    held: list[Frame] = []
+    for frame in frames:
+        held.append(frame.with_(side=None))
+        if len(held) == (CLIP_FRAMES - 1) * wanted + 1:
+            yield held[::wanted]
+            held, wanted = [], int(rng.choice(DISTANCES))
+    if held:
+        yield held[:CLIP_FRAMES]
+
+
+def frames_to_learn(source: Source, framing: str, frames: int | None = None) -> Iterator[Frame]:
+    """Frames of a source; a simulated one as a real sensor would report it.
+
+    frames: how many of it at most. Raises what the source raises, SourceError for a simulated drive of over 287 frames.
+    """
+    if isinstance(source, SimulatorSource):
+        given = [count for count in (source.frames, frames) if count is not None]
+        return even_frames(source, framing, min(given, default=MOST_FRAMES))
+    return islice(frames_of(source.packets(), source.sensor, framing), frames)

@@ -1,0 +1,48 @@
+"""What the native core says that a network sees of the returns of a frame."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import _native
+from lidarcodec.codecs.canvas import level_offsets
+from lidarcodec.entropy import columns_in_turn
+from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.frame import Frame
+from lidarcodec.units import LASERS
+
+Rows = npt.NDArray[np.int8]
+
+_WHOLE_SHARE: Final = 65536
+
+
+def extracted(
+    frame: Frame, step: int, expected: npt.NDArray[np.uint16] | None, rows: int, rng: np.random.Generator
+) -> Rows:
+    """(n, inputs + 2) int8 of about `rows` returns of a frame, drawn at random: inputs, leaf, first offset bit or -1.
+
+    step: odd; expected: (64, W) uint16, what to expect, 0 = nothing; None: a frame that expects nothing
+    Raises SectionError for a frame whose blocks did not fire where there are returns.
+    """
+    half, rotation = row_geometry(frame.sensor)
+    turn = columns_in_turn(frame.azimuth) if frame.fired.all() else None
+    share = min(_WHOLE_SHARE, -(-rows * _WHOLE_SHARE // max(1, int(np.count_nonzero(frame.valid)))))
+    inputs, leaves, bits = _native.riddle_samples(
+        frame.range,
+        np.ascontiguousarray(frame.valid).view(np.uint8),
+        step,
+        level_offsets(frame.sensor),
+        frame.fired.view(np.uint8),
+        half,
+        rotation,
+        turn or 0,
+        np.zeros((LASERS, 0), np.uint16) if expected is None else expected,
+        share,
+        int(rng.integers(1 << 32)),
+    )
+    labels = np.stack([leaves.view(np.int8), bits.view(np.int8)], axis=1)  # 255, no bit, becomes -1
+    found: Rows = np.concatenate([inputs, labels], axis=1)
+    return found

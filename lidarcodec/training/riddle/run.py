@@ -1,0 +1,164 @@
+"""A whole training run: samples, a network of each kind and size, and the weight file.
+
+The run lives in a folder beside the file: samples and checkpoints. The same command goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from lidarcodec.codecs.riddle_weights import Net, Weights, pack_weights, unpack_weights
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.training import runs
+from lidarcodec.training.riddle.drives import simulated_drives
+from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit
+from lidarcodec.training.riddle.nets import HIDDEN, exported, mean_bits
+from lidarcodec.training.riddle.samples import Gathering, SampleStore
+
+KINDS: Final = ("alone", "expecting")
+HELD_ROWS: Final = 400_000
+"""Samples of drives held out that are looked at, of each kind."""
+_SIMULATED_HELD: Final = 8
+"""One in so many simulated drives is held out."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class RiddleRun:
+    """What a run is asked for.
+
+    sources: drives to learn from; scans: single scans, from which only networks alone learn; simulated: so many
+             simulated drives on top; held: drives to measure on, and one in eight of the simulated
+    sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
+    about:   what is written into the file: licence, date, anything that JSON holds
+    """
+
+    sources: tuple[str, ...] = ()
+    scans: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+    simulated: int = 0
+    sizes: tuple[str, ...] = ("small", "large")
+    kinds: tuple[str, ...] = KINDS
+    steps: int = 8000
+    batch: int = 8192
+    rate: float = 3e-3
+    precision: str = "float32"
+    gathering: Gathering = field(default_factory=Gathering)
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, given, known in (("size", self.sizes, tuple(HIDDEN)), ("kind", self.kinds, KINDS)):
+            if not given or not set(given) <= set(known) or len(set(given)) != len(given):
+                raise SettingsError(f"{name} = {','.join(given)}: choose of {', '.join(known)}", name)
+        if not 0 <= self.simulated <= 100_000:
+            raise SettingsError(f"{self.simulated} simulated drives: 0 to 100000 are possible", "simulated")
+        if not self.sources and not self.scans and not self.simulated:
+            raise SettingsError("nothing to train on: give sources, or --simulated N")
+        if not self.held and self.simulated < _SIMULATED_HELD:
+            raise SettingsError("nothing to measure on: name a drive that is held out with --holdout", "holdout")
+
+    def drives(self) -> tuple[list[str], list[str]]:
+        """Drives to learn from, and to measure on."""
+        made = list(simulated_drives(self.simulated, self.gathering.seed))
+        out = made[::_SIMULATED_HELD] if self.simulated >= _SIMULATED_HELD else []
+        return [*self.sources, *(drive for drive in made if drive not in out)], [*self.held, *out]
+
+
+def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, every: int = 500) -> Weights:
+    """Trains what is asked for and writes the weights to `out`; samples and checkpoints are in the folder OUT.run.
+
+    Raises SettingsError, SourceError, or what a source raises.
+    """
+    chosen, folder = runs.choose_device(device), out.with_name(f"{out.name}.run")
+    training, held = run.drives()
+    learned = SampleStore(folder, "training", run.gathering, training, run.scans)
+    measured = SampleStore(folder, "held-out", run.gathering, held, ())
+    for store in (learned, measured):
+        store.gather(say)
+    nets, results = [], []
+    for kind in run.kinds:
+        expects = kind == "expecting"
+        samples, looked_at = learned.rows(expects), measured.some(expects, HELD_ROWS)
+        for size in run.sizes:
+            settings = FitSettings(
+                expects, HIDDEN[size], run.steps, run.batch, run.rate, run.gathering.seed, run.precision
+            )  # fmt: skip
+            name = f"{kind}-{size}"
+            net, state = fit(settings, samples, looked_at, folder / f"{name}.pt", device=chosen,
+                             watch=_watcher(name, say), every=every)  # fmt: skip
+            whole, bits = exported(net, size == "large", looked_at)
+            nets.append(whole)
+            results.append(
+                _result(name, whole, settings, state, sum(map(len, samples)), mean_bits(net, looked_at), bits)
+            )
+    return _write(out, nets, _provenance(run, results))
+
+
+def _watcher(name: str, say: Say) -> Callable[[Measured], None]:
+    def watch(at: Measured) -> None:
+        say(
+            f"{name}: step {at.step}, {at.trained_bits:.4f} bits a return, "
+            f"{at.held_bits:.4f} on drives held out, {at.seconds:.0f} s"
+        )
+
+    return watch
+
+
+def _result(
+    name: str, net: Net, settings: FitSettings, state: runs.Checkpoint, rows: int, held: float, whole: float
+) -> dict[str, Any]:
+    return {
+        "network": name,
+        "hidden": list(net.dims[1:-1]),
+        "steps": state.step,
+        "batch": settings.batch,
+        "samples": rows,
+        "seconds": round(state.seconds),
+        "held out, bits": round(held, 4),
+        "in whole numbers": round(whole, 4),
+    }
+
+
+def _provenance(run: RiddleRun, results: list[dict[str, Any]]) -> dict[str, Any]:
+    from lidarcodec import __version__
+
+    return {
+        "trained on": [_name(spec) for spec in run.sources],
+        "single scans": [_name(spec) for spec in run.scans],
+        "simulated drives": run.simulated,
+        "held out": [_name(spec) for spec in run.held],
+        "seed": run.gathering.seed,
+        "rate": run.rate,
+        "precision": run.precision,
+        "networks": results,
+        "tool": f"lidarcodec {__version__}",
+        **run.about,
+    }
+
+
+def _name(spec: str) -> str:
+    """A source without the folder it is in: that is nobody's business."""
+    return spec if spec.startswith("sim:") else Path(spec).name
+
+
+def _write(out: Path, nets: list[Net], provenance: dict[str, Any]) -> Weights:
+    data = pack_weights(nets, provenance)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+            Path(name).chmod(0o644)
+            Path(name).replace(out)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise SourceError(f"cannot write the weights {out}: {error.strerror or error}") from None
+    return unpack_weights(data)

@@ -1,0 +1,172 @@
+"""What the networks see of some returns, and what came: rows of bytes, kept on disk.
+
+A clip goes through what the codec does with a stream: each frame is quantised, the motion since the last one is found,
+what was seen is warped, and the native core says what a network would look at for each return. Of each frame some rows
+are kept, at random. All is drawn from the run's seed, the source's number and the clip's, so that it can be made again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.codecs.expecting import as_decoded
+from lidarcodec.codecs.motion_finder import MotionFinder
+from lidarcodec.codecs.riddle_weights import INPUTS_ALONE, INPUTS_EXPECTING
+from lidarcodec.codecs.warp import RangeHistory
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.frame import Frame
+from lidarcodec.sources import open_source
+from lidarcodec.training.riddle.drives import clips, frames_to_learn
+from lidarcodec.training.riddle.extraction import extracted
+from lidarcodec.training.riddle.variations import Variation
+from lidarcodec.training.runs import step_rng
+
+STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
+"""Quantiser steps, as often as they stand here."""
+LABELS: Final = 2
+"""Bytes behind the inputs in a row: the leaf, and the first offset bit, -1 if there is none."""
+_WARM: Final = 2
+"""Frames of a clip before motion is known."""
+_CLIP_STEPS: Final = 4
+
+Rows = npt.NDArray[np.int8]
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """How samples are taken.
+
+    frame_rows: rows kept of each frame at each step; passes: how often each source is gone through, each time otherwise
+    frames:     of each source; framing: how it is cut into frames
+    units:      `varied`: other units of the sensor too; `own`: only the sensor itself; `auto`: varied where simulated
+    """
+
+    seed: int = 1
+    frame_rows: int = 5000
+    passes: int = 1
+    frames: int | None = None
+    framing: str = "packets"
+    units: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.frame_rows < 1 or self.passes < 1:
+            raise SettingsError("at least one row of each frame and one pass are needed")
+        if self.units not in ("auto", "varied", "own"):
+            raise SettingsError(f"units = {self.units}: auto, varied or own are possible", "units")
+
+
+def row_bytes(expects: bool) -> int:
+    """Bytes of a row."""
+    return (INPUTS_EXPECTING if expects else INPUTS_ALONE) + LABELS
+
+
+def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Generator) -> tuple[Rows, Rows]:
+    """Rows of a clip at one step: of one of its frames alone, and of all but the first two expecting.
+
+    clip: frames of one sensor in order; rows: at most so many of each frame
+    """
+    history, finder = RangeHistory(), MotionFinder()
+    looked_alone = int(rng.integers(len(clip)))
+    alone, expecting = [np.empty((0, row_bytes(False)), np.int8)], [np.empty((0, row_bytes(True)), np.int8)]
+    for number, frame in enumerate(clip):
+        if number == looked_alone:
+            alone.append(extracted(frame, step, None, rows, rng))
+        if len(clip) > 1:
+            motion = finder.next(frame, history).motion
+            if number >= _WARM:
+                expected = history.expected(motion, frame.azimuth, frame.fired, frame.sensor)
+                expecting.append(extracted(frame, step, expected, rows, rng))
+            sent = as_decoded(frame.range, frame.valid, step, frame.sensor)
+            history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
+    return np.concatenate(alone), np.concatenate(expecting)
+
+
+def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False) -> Iterator[tuple[Rows, Rows]]:
+    """Rows of each clip of a source. stream: numbers that name it; scans: its frames do not follow each other.
+
+    Raises SourceError, CalibrationError or PacketError when it cannot be read.
+    """
+    units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
+    with open_source(spec) as source:
+        found = clips(frames_to_learn(source, how.framing, how.frames), step_rng(how.seed, 0, *stream))
+        for number, clip in enumerate(found):
+            rng = step_rng(how.seed, number + 1, *stream)
+            varied = Variation.drawn(rng, units=units).of(clip, rng)
+            for step in rng.choice(STEPS, _CLIP_STEPS, replace=False):
+                for part in [[frame] for frame in varied] if scans else [varied]:
+                    yield clip_samples(part, int(step), how.frame_rows, rng)
+
+
+class SampleStore:
+    """Samples of a run in a folder: two files for each source and pass, written whole or not at all."""
+
+    def __init__(self, folder: Path, name: str, how: Gathering, sources: Sequence[str], scans: Sequence[str]) -> None:
+        self.folder, self._how = folder / name, how
+        self._sources = [(spec, False) for spec in sources] + [(spec, True) for spec in scans]
+        self._plan = {"sources": list(sources), "scans": list(scans), **asdict(how)}
+
+    def gather(self, say: Say) -> None:
+        """Takes what is not there yet. Raises SettingsError if the folder has samples of something else."""
+        self._check_plan()
+        jobs = [(n, p) for p in range(self._how.passes) for n in range(len(self._sources))]
+        for done, (number, turn) in enumerate(jobs):
+            paths = [self._path(number, turn, expects) for expects in (False, True)]
+            if not all(path.exists() for path in paths):
+                self._gather_one(number, turn, paths)
+                say(f"{self.folder.name} samples: {done + 1} of {len(jobs)} sources, {self._sources[number][0]}")
+
+    def rows(self, expects: bool) -> list[Rows]:
+        """The samples of one kind, file by file, mapped into memory. Raises SettingsError if there are none."""
+        width = row_bytes(expects)
+        found: list[Rows] = []
+        for path in sorted(self.folder.glob(f"*-{_kind(expects)}.rows")):
+            if count := path.stat().st_size // width:
+                found.append(np.memmap(path, np.int8, "r", shape=(count, width)))
+        if not found:
+            raise SettingsError(f"the sources give no {self.folder.name} samples for a network {_kind(expects)}")
+        return found
+
+    def some(self, expects: bool, count: int) -> list[Rows]:
+        """About `count` samples of one kind, evenly out of all files. Raises SettingsError if there are none."""
+        found = self.rows(expects)
+        every = max(1, -(-sum(map(len, found)) // count))
+        return [np.array(rows[::every]) for rows in found]
+
+    def _gather_one(self, number: int, turn: int, paths: list[Path]) -> None:
+        spec, scans = self._sources[number]
+        new = [path.with_suffix(".new") for path in paths]
+        try:
+            with new[0].open("wb") as alone, new[1].open("wb") as expecting:
+                for rows in source_samples(spec, self._how, number, turn, scans=scans):
+                    for file, part in zip((alone, expecting), rows, strict=True):
+                        file.write(part.tobytes())
+            for path, made in zip(paths, new, strict=True):
+                made.replace(path)
+        except OSError as error:
+            raise SourceError(f"cannot write samples to {self.folder}: {error.strerror or error}") from None
+
+    def _check_plan(self) -> None:
+        path = self.folder / "plan.json"
+        text = json.dumps(self._plan, sort_keys=True, indent=1)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if path.exists() and path.read_text() != text:
+                raise SettingsError(f"{self.folder} has samples of other sources or settings: give another folder")
+            path.write_text(text)
+        except OSError as error:
+            raise SourceError(f"cannot write samples to {self.folder}: {error.strerror or error}") from None
+
+    def _path(self, number: int, turn: int, expects: bool) -> Path:
+        return self.folder / f"{turn:03d}-{number:05d}-{_kind(expects)}.rows"
+
+
+def _kind(expects: bool) -> str:
+    return "expecting" if expects else "alone"
