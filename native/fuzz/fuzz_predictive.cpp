@@ -5,6 +5,7 @@
 #include "error.hpp"
 #include "fuzz_input.hpp"
 #include "predictive_coder.hpp"
+#include "random_nets.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
@@ -27,10 +28,11 @@ Ranges columns_of(const Ranges& image, std::size_t width, lidarcodec::KnownColum
 // What a coder that has seen a frame before writes and reads, whatever the processors of both can do.
 void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::RangeCells cells,
                       const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
-                      lidarcodec::KnownColumns known) {
+                      lidarcodec::KnownColumns known, bool learned) {
   const Ranges before = columns_of(image, geometry.width, known);
   const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
-  PredictiveCoder encoder(paths[turn % paths.size()]), decoder(paths[turn / 8 % paths.size()]);
+  PredictiveCoder encoder(paths[turn % paths.size()], nets_of(learned, turn & 1u));
+  PredictiveCoder decoder(paths[turn / 8 % paths.size()], nets_of(learned, turn & 2u));
   for (int frame = 0; frame < 2; ++frame) {
     const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, expected, known);
     const Ranges came =
@@ -76,23 +78,24 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     guesses[i] = static_cast<std::uint16_t>(i * 40503u >> (kind & 32u ? 0 : 7)) * (i % 5 != 0);
   const std::uint16_t* const expected = kind & 16u ? guesses.data() : nullptr;
   const lidarcodec::KnownColumns known = kind & 64u ? static_cast<lidarcodec::KnownColumns>(holes % (width + 1)) : -1;
+  const bool learned = kind & 128u;
   try {
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const auto first = static_cast<std::uint8_t>(rest.size() * pattern / 256);
-      const auto what = static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (known < 0 ? 0 : 2));
+      const auto what = static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (known < 0 ? 0 : 2) + (learned ? 4 : 0));
       coded = {what, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), first, 0, 0, 0};
       if (known >= 0) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
     const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
-    PredictiveCoder coder(paths[turn / 64 % paths.size()]);
+    PredictiveCoder coder(paths[turn / 64 % paths.size()], nets_of(learned, turn & 4u));
     Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, known);
     check_round_trip(
         coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data()),
-        returns, cells, geometry, turn, expected, known);
+        returns, cells, geometry, turn, expected, known, learned);
   } catch (const lidarcodec::Error&) {
   }
   if (kind & 2u && !returns.empty() && rest.size() > 1) {
@@ -101,7 +104,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const std::size_t at = i % (rest.size() - 1);
       image[i] = static_cast<std::uint16_t>(std::max(1, rest[at] << 8 | rest[at + 1]));
     }
-    check_round_trip(image, returns, cells, geometry, turn, expected, known);
+    check_round_trip(image, returns, cells, geometry, turn, expected, known, learned);
   }
   return 0;
 }
