@@ -59,128 +59,123 @@ inline std::int32_t log2_16(std::uint32_t x) {
   return (std::bit_cast<std::int32_t>(static_cast<float>(x)) - 0x3f800000) >> 19;
 }
 
-inline Ints quarters_at(const std::int32_t* from) {
-  Ints four;
-  std::memcpy(&four, from, sizeof four);
-  return four;
+inline Ints four(const std::int32_t* from) {
+  Ints numbers;
+  std::memcpy(&numbers, from, sizeof numbers);
+  return numbers;
 }
 
 inline Ints least(Ints a, Ints b) { return a < b ? a : b; }
+inline Ints most(Ints a, Ints b) { return a > b ? a : b; }
 inline Floats least(Floats a, Floats b) { return a < b ? a : b; }
-
 inline Ints with_sign(Ints sizes, Ints signs) { return (sizes ^ signs) - signs; }
 
-// Eight numbers that 16 bits hold.
-inline void put(Ints low, Ints high, std::int16_t* to) {
+// Four numbers that 16 bits hold. What follows may overwrite those of them that are too many.
+inline void put(Ints numbers, std::int16_t* to) {
 #if defined(__SSE2__)
-  const __m128i packed = _mm_packs_epi32(std::bit_cast<__m128i>(low), std::bit_cast<__m128i>(high));
-  _mm_storeu_si128(reinterpret_cast<__m128i*>(to), packed);
+  const auto lanes = std::bit_cast<__m128i>(numbers);
+  _mm_storel_epi64(reinterpret_cast<__m128i*>(to), _mm_packs_epi32(lanes, lanes));
 #else
-  for (std::size_t i = 0; i < 4; ++i) {
-    to[i] = static_cast<std::int16_t>(low[i]);
-    to[4 + i] = static_cast<std::int16_t>(high[i]);
-  }
+  for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<std::int16_t>(numbers[i]);
 #endif
 }
 
-// Straight: 16 to a unit, rounded, -127 to 127. `units`: times 16.
-inline Ints straight_four(const std::int32_t* quarters, Floats units) {
-  const Ints q = quarters_at(quarters), signs = q >> 31;
-  const Floats size = __builtin_convertvector(with_sign(q, signs), Floats) * units;
-  return with_sign(__builtin_convertvector(least(size + 0.5f, Floats{} + 127.0f), Ints), signs);
+inline Ints kept(Ints numbers) { return most(least(numbers, Ints{} + 127), Ints{} - 127); }
+
+// Of four bytes, 0 or 1 each: 32 where they are 1.
+inline constexpr auto kFlags = [] {
+  std::array<std::array<std::int16_t, 4>, 16> flags{};
+  for (std::size_t bits = 0; bits < 16; ++bits)
+    for (std::size_t i = 0; i < 4; ++i) flags[bits][i] = (bits >> i & 1u) != 0 ? 32 : 0;
+  return flags;
+}();
+inline void put_flags(const std::uint8_t* from, std::int16_t* to) {
+  const std::size_t bits = from[0] | from[1] << 1u | from[2] << 2u | from[3] << 3u;
+  std::memcpy(to, kFlags[bits].data(), sizeof kFlags[bits]);
 }
 
-// By logarithm: 16 log2(1 + units), up to 127, with the sign.
-inline Ints companded_four(const std::int32_t* quarters, Floats units) {
-  const Ints q = quarters_at(quarters), signs = q >> 31;
-  const Floats size = __builtin_convertvector(with_sign(q, signs), Floats) * units;
-  return with_sign(least(log2_16(size + 1.0f), Ints{} + 127), signs);
-}
+// The two forms of distances in ranges or quarters of them, in units of one scale.
+struct Forms {
+  Floats units;  // in a quarter
+  Ints base;
 
-// In groups of eight: up to seven more than `count` are read and written.
-inline void straight(const std::int32_t* quarters, std::size_t count, float units, std::int16_t* to) {
-  const Floats times = Floats{} + units * 16.0f;
-  for (std::size_t i = 0; i < count; i += 8) put(straight_four(quarters + i, times), straight_four(quarters + i + 4, times), to + i);
-}
+  // By logarithm: 16 log2(1 + units), up to 127, with the sign.
+  Ints companded(Ints quarters) const {
+    const Ints signs = quarters >> 31;
+    const Floats size = __builtin_convertvector(with_sign(quarters, signs), Floats) * units;
+    return with_sign(least(log2_16(size + 1.0f), Ints{} + 127), signs);
+  }
 
-inline void companded(const std::int32_t* quarters, std::size_t count, float units, std::int16_t* to) {
-  const Floats times = Floats{} + units;
-  for (std::size_t i = 0; i < count; i += 8) put(companded_four(quarters + i, times), companded_four(quarters + i + 4, times), to + i);
-}
+  // Straight: 16 to a unit, rounded, -127 to 127.
+  Ints straight(Ints quarters) const {
+    const Ints signs = quarters >> 31;
+    const Floats size = __builtin_convertvector(with_sign(quarters, signs), Floats) * (units * 16.0f);
+    return with_sign(__builtin_convertvector(least(size + 0.5f, Floats{} + 127.0f), Ints), signs);
+  }
 
-inline std::int16_t kept(std::int32_t x) { return static_cast<std::int16_t>(std::clamp(x, -127, 127)); }
+  Ints from_base(const std::int32_t* ranges) const { return (four(ranges) - base) << 2; }
+};
 
 }  // namespace inputs
 
 // Fills the inputs of a return.
 template <bool kExpects>
-inline void find_inputs(const Surroundings& s, std::int16_t* to) {
+inline void find_inputs(const Surroundings& s, std::int16_t* in) {
+  using inputs::four, inputs::Ints, inputs::put, inputs::put_flags;
   const std::int32_t base = s.last[0];
-  const float units = kUnitsInQuarter[s.scale];
-  std::int32_t q[24] = {};
-  std::int16_t* at = to;
-  const auto from_base = [&](const std::int32_t* from, std::size_t count, std::int32_t* into) {
-    for (std::size_t i = 0; i < count; ++i) into[i] = 4 * (from[i] - base);
+  const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale], Ints{} + base};
+  const auto straight = [&](const std::int32_t* ranges, std::size_t at) { put(forms.straight(forms.from_base(ranges)), in + at); };
+  const auto companded = [&](const std::int32_t* ranges, std::size_t at) { put(forms.companded(forms.from_base(ranges)), in + at); };
+  const auto steps = [&](const std::int32_t* a, const std::int32_t* b, std::size_t at) {
+    put(forms.companded((four(a) - four(b)) << 2), in + at);
   };
-  const auto steps = [](const std::int32_t* from, std::size_t count, std::int32_t* into) {
-    for (std::size_t i = 0; i < count; ++i) into[i] = 4 * (from[i + 1] - from[i]);
-  };
-  from_base(s.last + 1, 7, q);
-  from_base(s.up - 3, 10, q + 7);
-  from_base(s.upper - 1, 4, q + 17);
-  inputs::straight(q, 21, units, at);
-  at += 21;
-  std::copy_n(q, 3, q);               // the returns before the last one
-  std::copy_n(q + 9, 6, q + 3);       // the row above from the left on
-  q[9] = q[4] + (s.level >> 2);       // levelled, here and to the right
-  q[10] = q[5] + (s.level >> 2);
-  steps(s.up - 1, 3, q + 11);
-  q[14] = 4 * (s.upper[0] - base);
-  q[15] = 4 * (s.upper[1] - base);
-  q[16] = 4 * (s.upper[1] - s.up[1]);
-  q[17] = 4 * (s.upper[1] - s.upper[0]);
-  inputs::companded(q, 18, units, at);
-  at += 18;
+  straight(s.last + 1, 0);
+  straight(s.last + 4, 3);
+  straight(s.up - 3, 7);
+  straight(s.up + 1, 11);
+  straight(s.up + 3, 13);
+  straight(s.upper - 1, 17);
+  companded(s.last + 1, 21);
+  companded(s.up - 1, 24);
+  companded(s.up + 1, 26);
+  put(forms.companded(forms.from_base(s.up) + (s.level >> 2)), in + 30);
+  steps(s.up, s.up - 1, 32);
+  const std::int32_t upper = s.upper[0], next = s.upper[1];
+  put(forms.companded(Ints{upper - base, next - base, next - s.up[1], next - upper} << 2), in + 35);
   const std::int32_t scale_of = 8 * static_cast<std::int32_t>(s.scale) + 12;
-  const auto relative = [&](std::uint32_t size) { return inputs::kept(inputs::log2_16(size + 2) - scale_of); };
-  for (const std::uint32_t size : {s.size1, s.size2, s.mean, s.sizes[-1], s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]})
-    *at++ = relative(size);
-  const auto native = static_cast<std::uint32_t>(std::max(base, 1)) * s.step;
-  *at++ = inputs::kept(4 * static_cast<std::int32_t>(s.scale) - 50);
-  *at++ = inputs::kept(inputs::log2_16(native) / 2 - 90);
-  *at++ = inputs::kept(inputs::log2_16(s.step) - 48);
-  *at++ = static_cast<std::int16_t>(8 * static_cast<std::int32_t>(s.leaves >> 4 & 15) - 60);
-  *at++ = static_cast<std::int16_t>(8 * static_cast<std::int32_t>(s.leaves & 15) - 60);
-  *at++ = static_cast<std::int16_t>(2 * static_cast<std::int32_t>(s.row) - 64);
-  *at++ = inputs::kept(inputs::log2_16(s.gap));
-  *at++ = s.begun ? 32 : 0;
-  const auto flags = [&](const std::uint8_t* from, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) *at++ = static_cast<std::int16_t>(32 * from[i]);
+  const auto sizes = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
+    using Unsigned = std::uint32_t __attribute__((vector_size(16)));
+    const auto numbers = std::bit_cast<Ints>(Unsigned{a, b, c, d} + 2);  // at most 2^20 and two
+    return inputs::kept(inputs::log2_16(__builtin_convertvector(numbers, inputs::Floats)) - scale_of);
   };
-  flags(s.here - 3, 3);
-  flags(s.here + 1, 3);
-  flags(s.above - 1, 4);
-  flags(s.below - 1, 4);
-  at = std::fill_n(at, to + kInputsAlone - at, std::int16_t{0});
+  put(sizes(s.size1, s.size2, s.mean, s.sizes[-1]), in + 39);
+  put(sizes(s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]), in + 43);
+  const auto native = static_cast<std::uint32_t>(std::max(base, 1)) * s.step;
+  const auto leaves = static_cast<std::int32_t>(s.leaves);
+  put(inputs::kept(Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90,
+                        inputs::log2_16(s.step) - 48, 8 * (leaves >> 4 & 15) - 60}), in + 47);
+  put(inputs::kept(Ints{8 * (leaves & 15) - 60, 2 * static_cast<std::int32_t>(s.row) - 64, inputs::log2_16(s.gap),
+                        s.begun ? 32 : 0}), in + 51);
+  put_flags(s.here - 3, in + 55);
+  put_flags(s.here + 1, in + 58);
+  put_flags(s.above - 1, in + 61);
+  put_flags(s.below - 1, in + 65);
+  put(Ints{}, in + 69);
   if constexpr (kExpects) {
-    from_base(s.seen - 3, 10, q);
-    inputs::straight(q, 10, units, at);
-    at += 10;
-    std::copy_n(q + 2, 6, q);  // from the left on
-    q[6] = q[1] + (s.bias >> 2);
-    q[7] = q[2] + (s.bias >> 2);
-    steps(s.seen - 1, 3, q + 8);
-    for (std::ptrdiff_t k = -1; k < 3; ++k) q[12 + k] = 4 * (s.up[k] - s.seen_above[k]);
-    q[15] = 4 * (s.seen_below[0] - base);
-    q[16] = 4 * (s.seen_below[1] - base);
-    q[17] = 4 * (s.seen_below[0] - s.seen[0]);
-    inputs::companded(q, 18, units, at);
-    at += 18;
-    *at++ = relative(s.miss);
-    q[0] = s.bias >> 2;
-    *at++ = static_cast<std::int16_t>(inputs::companded_four(q, inputs::Floats{} + units)[0]);
-    flags(s.known - 1, 4);
-    std::fill_n(at, to + kInputsExpecting - at, std::int16_t{0});
+    straight(s.seen - 3, 72);
+    straight(s.seen + 1, 76);
+    straight(s.seen + 3, 78);
+    companded(s.seen - 1, 82);
+    companded(s.seen + 1, 84);
+    put(forms.companded(forms.from_base(s.seen) + (s.bias >> 2)), in + 88);
+    steps(s.seen, s.seen - 1, 90);
+    steps(s.up - 1, s.seen_above - 1, 93);
+    const Ints below = Ints{s.seen_below[0] - base, s.seen_below[1] - base, s.seen_below[0] - s.seen[0], 0} << 2;
+    put(forms.companded(below + Ints{0, 0, 0, s.bias >> 2}), in + 97);
+    in[101] = in[100];
+    in[100] = static_cast<std::int16_t>(sizes(s.miss, 0, 0, 0)[0]);
+    put_flags(s.known - 1, in + 102);
+    std::fill(in + 106, in + kInputsExpecting, std::int16_t{0});
   }
 }
 
