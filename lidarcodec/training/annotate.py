@@ -7,7 +7,7 @@
     labels      each return takes the count of the nearest point of the map; ground; Algorithm 1
 
 Each stage leaves files (`AnnotationFolder`) and is not done again when they are there. Counting and labelling are done
-in runs of 25 frames, in this process or in several; what comes out does not depend on how many.
+in pieces of 25 frames, in this process or in several; what comes out does not depend on how many.
 """
 
 from __future__ import annotations
@@ -36,8 +36,6 @@ from lidarcodec.training.ground import ground_finder
 from lidarcodec.training.labels import NAMES, SHARE, labels_of, threshold_of
 from lidarcodec.units import FRAME_COLUMNS
 
-CHUNK: Final = 25
-"""Frames a piece of work."""
 WARM_UP: Final = 5
 """Frames before a piece that a finder of ground which learns is shown first."""
 INDEX_CELL_M, ASSIGN_M, REACH_M = 0.2, 0.5, 80.0
@@ -55,6 +53,7 @@ class AnnotationSettings:
     travel_m:   a pose counts when the sensor was moved so far from the last that did: at rest all would count
     label_every: scans from one that is labelled to the next
     share:      of all returns, those that Algorithm 1 wants above its threshold;  ground: see `ground.METHODS`
+    piece:      frames a piece of work; a finder of ground that learns begins anew with each
     """
 
     source: str = ""
@@ -67,11 +66,13 @@ class AnnotationSettings:
     label_every: int = 1
     share: float = SHARE
     ground: str = "ransac"
+    piece: int = 25
 
     def __post_init__(self) -> None:
         bounds = {
             "every": (1, 1000),
             "label_every": (1, 1000),
+            "piece": (1, 1000),
             "cell_m": (0.02, 2.0),
             "d_th_m": (0.01, 1.0),
             "travel_m": (0.0, 100.0),
@@ -109,11 +110,11 @@ def annotate(
         with begun("map", len(range(0, count, settings.every))) as tick:
             folder.write_map(_map(folder, settings, tick), None)
     if not folder.has("map.npz"):
-        left = [first for first in _firsts(count) if not folder.has(f"seen-{first:06d}.npy")]
+        left = [first for first in range(0, count, settings.piece) if not folder.has(f"seen-{first:06d}.npy")]
         with begun("counts", len(left)) as tick:
             _spread(_count_chunk, folder, settings, left, workers, tick)
         folder.write_map(folder.map_points(), _sum_of_parts(folder))
-    left = [first for first in _firsts(count) if not _is_labelled(folder, settings, first)]
+    left = [first for first in range(0, count, settings.piece) if not _is_labelled(folder, settings, first)]
     with begun("labels", len(left)) as tick:
         _spread(_label_chunk, folder, settings, left, workers, tick)
     for part in folder.parts():
@@ -204,17 +205,13 @@ def _drive(path: Path) -> _Drive:
     return _Drive(folder, Scans(folder), folder.trajectory(), index)
 
 
-def _firsts(count: int) -> range:
-    return range(0, count, CHUNK)
-
-
-def _last_of(first: int, count: int) -> int:
-    return min(first + CHUNK, count) - 1
+def _piece(settings: AnnotationSettings, first: int, count: int) -> range:
+    return range(first, min(first + settings.piece, count))
 
 
 def _labelled(settings: AnnotationSettings, first: int, count: int) -> list[int]:
     """The frames of a piece that are to be labelled."""
-    return [k for k in range(first, _last_of(first, count) + 1) if k % settings.label_every == 0]
+    return [k for k in _piece(settings, first, count) if k % settings.label_every == 0]
 
 
 def _is_labelled(folder: AnnotationFolder, settings: AnnotationSettings, first: int) -> bool:
@@ -235,7 +232,7 @@ def _count_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
     drive = _drive(path)
     counted = counted_poses(drive.trajectory.matrices, settings.travel_m)
     seen = np.zeros(len(drive.index), np.uint16)
-    for k in range(first, _last_of(first, len(drive.scans)) + 1):
+    for k in _piece(settings, first, len(drive.scans)):
         if counted[k]:
             own, world = drive.in_world(k)
             within = np.einsum("ij,ij->i", own, own) < REACH_M**2

@@ -20,6 +20,7 @@ from lidarcodec.training.ground import Ransac, ground_finder
 from lidarcodec.training.labels import GROUND, HIGH, LOW, labels_of, threshold_of
 from tests.command_line import run
 
+pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine that others use too
 FRAMES = 12
 
 
@@ -122,7 +123,7 @@ def test_a_run_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
             raise StoppedError
         yield lambda: None
 
-    settings = AnnotationSettings("a street", every=2)
+    settings = AnnotationSettings("a street", every=2, piece=7)
     with pytest.raises(StoppedError):
         annotate(frames, folder, settings, source.poses, stage=until_labels)
     with pytest.raises(SourceError):
@@ -133,7 +134,7 @@ def test_a_run_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
         assert np.array_equal(mine.counts, other.counts)
         assert np.array_equal(mine.labels, other.labels)
     with pytest.raises(SettingsError, match="every"):
-        annotate([], folder, AnnotationSettings("a street", every=3))
+        annotate([], folder, AnnotationSettings("a street", every=3, piece=7))
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:

@@ -19,7 +19,17 @@ from lidarcodec.training.score_data import Example, crop, example_of  # noqa: E4
 from lidarcodec.training.score_metrics import Agreement  # noqa: E402
 from lidarcodec.training.train_scores import ScoreRun, train_scores  # noqa: E402
 
+pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine that others use too
 RUN = ScoreRun(seed=3, steps=12, batch=2, width=64, rate=5e-3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    """Threads that wait for each other take many times as long on a machine that others use too."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="module")
