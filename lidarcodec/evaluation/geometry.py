@@ -68,12 +68,6 @@ class Cloud:
         places: Indices = found.astype(np.intp)
         return places
 
-    def distances(self, points: Floats) -> Floats:
-        """(M,) metres from each of `points`, (M, 3), to the nearest of ours."""
-        _, squares = self._tree.batch_knn_search(np.ascontiguousarray(points, np.float64), 1)
-        metres: Floats = np.sqrt(squares[:, 0])
-        return metres
-
     def normals(self) -> Floats:
         """(N, 3) unit vectors towards the origin, where the sensor is; zeros where there are fewer than 5 points."""
         import small_gicp

@@ -102,6 +102,7 @@ class Evaluation:
         self.reference: Reference = self._found(drive)
         self._name = digest(drive, self.reference.poses, self.reference.velocities)
         self._worlds: dict[str, World] = {}
+        self._last: tuple[str, str, World] | None = None
 
     def _found(self, drive: str) -> Reference:
         name = self.options.reference
@@ -136,32 +137,33 @@ class Evaluation:
         found = []
         for kind, localiser, receiver in product(self.options.maps, self.options.localisers, self.options.receivers):
             place = digest(own) if kind == "own" else self._name
-            estimates = self.cache.arrays(
-                digest(
-                    name,
-                    place,
-                    localiser,
-                    receiver,
-                    list(self.options.protocols),
-                    self.options.stride,
-                    self.options.seed,
-                ),
-                partial(self._estimates, frames, kind, localiser, receiver, own),
-            )
+            estimates: dict[str, Matrix] = {
+                protocol: self.cache.arrays(
+                    digest(name, place, localiser, receiver, protocol, [self.options.stride, self.options.seed]),
+                    partial(self._estimates, protocol, frames, localiser, receiver, place, own),
+                )["poses"]
+                for protocol in self.options.protocols
+            }
             found.append(
                 self._outcome({**base, "map": kind, "receiver": receiver, "localiser": localiser}, estimates, own)
             )
         return found
 
     def _estimates(
-        self, frames: dict[int, Frame], kind: MapKind, localiser: str, receiver: Receiver, own: Matrix
-    ) -> dict[str, Matrix]:
+        self,
+        protocol: Protocol,
+        frames: dict[int, Frame],
+        localiser: str,
+        receiver: Receiver,
+        place: str,
+        own: Matrix,
+    ) -> Arrays:
         def seen(at: int) -> Matrix:
             cloud = self._cloud(at, frames[at])
             return voxel_means(cloud, RECEIVED_CELL_M) if receiver == "voxel" else cloud
 
-        world = LOCALISERS[localiser](own) if kind == "own" else self._whole(localiser)
-        return run(self.options.protocols, world, seen, self.reference.poses, self.scored, self.options.seed)
+        world = self._whole(localiser) if place == self._name else self._own(localiser, place, own)
+        return {"poses": run(protocol, world, seen, self.reference.poses, self.scored, self.options.seed)}
 
     def _outcome(self, about: dict[str, Any], estimates: dict[str, Matrix], own: Matrix) -> Outcome:
         errors = {
@@ -205,6 +207,12 @@ class Evaluation:
 
     def _cloud(self, at: int, frame: Frame | None = None) -> Matrix:
         return self.drive.cloud(at, self.reference.velocities[at], frame)
+
+    def _own(self, localiser: str, place: str, own: Matrix) -> World:
+        """The map of what a method sent, by its digest; kept until there is another."""
+        if self._last is None or self._last[:2] != (localiser, place):
+            self._last = localiser, place, LOCALISERS[localiser](own)
+        return self._last[2]
 
     def _whole(self, localiser: str) -> World:
         if localiser not in self._worlds:

@@ -9,7 +9,7 @@ near     0.5 m and 1 degree off, with fine stages only: the error that the cloud
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -87,18 +87,13 @@ def from_near(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[n
     return np.array(found).reshape(-1, 4, 4)
 
 
-def run(
-    protocols: Sequence[Protocol], world: World, clouds: Clouds, poses: Matrix, scored: Scored, seed: int
-) -> dict[str, Matrix]:
-    """Estimates by protocol."""
-    found: dict[str, Matrix] = {}
-    if "track" in protocols:
-        found["track"] = track(world, clouds, poses, scored.tracked)
-    if "starts" in protocols:
-        found["starts"] = from_starts(world, clouds, poses, scored.started, seed)
-    if "near" in protocols:
-        found["near"] = from_near(world, clouds, poses, scored.tracked, seed)
-    return found
+def run(protocol: Protocol, world: World, clouds: Clouds, poses: Matrix, scored: Scored, seed: int) -> Matrix:
+    """(N, 4, 4) estimates of a protocol."""
+    if protocol == "track":
+        return track(world, clouds, poses, scored.tracked)
+    if protocol == "starts":
+        return from_starts(world, clouds, poses, scored.started, seed)
+    return from_near(world, clouds, poses, scored.tracked, seed)
 
 
 def references(protocol: str, poses: Matrix, scored: Scored) -> Matrix:
