@@ -19,7 +19,7 @@ export PYTHON CXX
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden fuzz soak faults format native clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults format native clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -52,6 +52,9 @@ bench-compare: $(STAMPS)/dev $(NATIVE) ## measure, and compare with this machine
 
 golden: $(STAMPS)/dev $(NATIVE) ## write golden files that are missing; never touches one that exists
 	LIDARCODEC_GOLDEN=write $(BIN)/python -m pytest -q tests/golden
+
+identity: $(STAMPS)/dev ## the same bytes from gcc and clang, all optimisations, this processor and a 64-bit ARM (ARGS="--only g++")
+	$(BIN)/python -m tests.compilers $(ARGS)
 
 fuzz: $(STAMPS)/dev ## hostile bytes: the core under AddressSanitizer, then the whole decoder (CASES, SEED, SECONDS_EACH)
 	@PYTHON=$(BIN)/python tools/fuzz.sh

@@ -1,0 +1,131 @@
+"""The same bytes whatever compiled the core: builds native/check/codec_bytes.cpp in every way at hand, and compares.
+
+python -m tests.compilers [--columns 300] [--only TEXT]     also: make identity
+
+Compilers: g++, clang++, each with -O0 to -O3, for any x86-64 and for the processor at hand, and the cross compiler
+aarch64-linux-gnu-g++, whose program runs under qemu-aarch64. What is not installed is named and left out. The program
+itself tries every path that the processor can run, and decodes what it coded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+SOURCES = (
+    "predictive_*",
+    "riddle_*",
+    "processor",
+    "mask_*",
+    "warp*",
+    "range_history",
+    "fixed_angle",
+    "motion_*",
+    "intensity_*",
+)
+"""Files of native/src that the program needs, without .cpp."""
+FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")
+LEVELS = ("-O0", "-O1", "-O2", "-O3")
+
+
+class Build(NamedTuple):
+    """A way to build: compiler, its options, and what runs the program."""
+
+    compiler: str
+    options: tuple[str, ...]
+    runner: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return " ".join((self.compiler, *self.options))
+
+    @property
+    def missing(self) -> str:
+        """The program that is not installed, or nothing."""
+        return next((name for name in (self.compiler, *self.runner[:1]) if not shutil.which(name)), "")
+
+
+def builds() -> list[Build]:
+    """All ways."""
+    here = [
+        Build(compiler, (level, march))
+        for compiler in ("g++", "clang++")
+        for level in LEVELS
+        for march in ("-march=x86-64" if os.uname().machine == "x86_64" else "-mtune=generic", "-march=native")
+    ]
+    return here + [Build("aarch64-linux-gnu-g++", (level, "-static"), ("qemu-aarch64",)) for level in LEVELS]
+
+
+def build(way: Build, folder: Path, jobs: int = 2) -> Path:
+    """The program, built in a new folder.
+
+    Raises CalledProcessError if it does not compile.
+    """
+    folder.mkdir()
+    sources = [source for name in SOURCES for source in (ROOT / "native" / "src").glob(f"{name}.cpp")]
+    sources.append(ROOT / "native" / "check" / "codec_bytes.cpp")
+
+    def compile_one(source: Path) -> Path:
+        made = folder / f"{source.stem}.o"
+        subprocess.run([way.compiler, *way.options, *FLAGS, "-c", source, "-o", made], check=True)
+        return made
+
+    with ThreadPoolExecutor(jobs) as pool:
+        objects = list(pool.map(compile_one, sources))
+    program = folder / "codec_bytes"
+    subprocess.run([way.compiler, *way.options, *objects, "-o", program], check=True)
+    return program
+
+
+def hashes(program: Path, columns: int, runner: tuple[str, ...] = ()) -> dict[str, str]:
+    """What the program printed: of each kind of bytes its hash.
+
+    Raises CalledProcessError if what it decoded was not what it coded.
+    """
+    done = subprocess.run([*runner, program, str(columns)], check=True, capture_output=True, text=True)
+    return dict(line.rsplit(" ", 1) for line in done.stdout.splitlines())
+
+
+def by_kind(found: dict[str, str]) -> dict[str, set[str]]:
+    """Hashes by what was coded; more than one where the paths of one program differ."""
+    kinds: dict[str, set[str]] = {}
+    for name, value in found.items():
+        kinds.setdefault(name.rpartition(", ")[0] or name, set()).add(value)
+    return kinds
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--columns", type=int, default=300)
+    parser.add_argument("--only", default="", help="ways whose name contains this")
+    chosen = parser.parse_args()
+    first: dict[str, set[str]] = {}
+    different = 0
+    for number, way in enumerate(way for way in builds() if chosen.only in str(way)):
+        if way.missing:
+            print(f"{way!s:48} left out: no {way.missing} here", flush=True)
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            program = build(way, Path(folder) / f"build-{number}")
+            found = hashes(program, chosen.columns, way.runner)
+        kinds = by_kind(found)
+        first = first or kinds
+        same = kinds == first and all(len(values) == 1 for values in kinds.values())
+        different += not same
+        paths = ", ".join(name.rpartition(", ")[2] for name in found if name.startswith("ranges, "))
+        print(f"{way!s:48} {paths:18} {'the same' if same else f'DIFFERENT: {kinds}'}", flush=True)
+    for kind, values in first.items():
+        print(f"  {kind:20} {' '.join(sorted(values))}")
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""What a user loses if these fail: recordings that decode only with the build that wrote them.
+
+By default g++ without optimisation and the core as it was built for the package; LIDARCODEC_COMPILERS=all tries
+all ways of `make identity`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.compilers import FLAGS, ROOT, Build, build, builds, by_kind, hashes
+
+COLUMNS = 120
+GOLDEN = {
+    "ranges": "d9948ae078e9ab55",
+    "ranges with motion": "f943015ae88aa949",
+    "slabs": "3addc21bddb04354",
+    "mask": "da0f69b12ad0ee1a",
+    "intensity": "03bd171deff4646f",
+    "warp": "d77449e8cb63100e",
+    "motion search": "8dfa9ab55c2d30af",
+}
+"""They change only when a format does; CHANGELOG.md then says so."""
+ALL = os.environ.get("LIDARCODEC_COMPILERS") == "all"
+BUILT = ROOT / "build" / "native" / "liblidarcodec_core.a"
+
+
+def check(program: Path, runner: tuple[str, ...] = ()) -> None:
+    assert by_kind(hashes(program, COLUMNS, runner)) == {kind: {value} for kind, value in GOLDEN.items()}
+
+
+@pytest.mark.parametrize("way", builds() if ALL else [Build("g++", ("-O0",))], ids=str)
+def test_every_compiler_and_optimisation_gives_the_same_bytes(way: Build, tmp_path: Path) -> None:
+    if way.missing:
+        pytest.skip(f"needs {way.missing}")
+    check(build(way, tmp_path / "build"), way.runner)
+
+
+def test_the_core_as_it_was_built_for_the_package_gives_them_too(tmp_path: Path) -> None:
+    if not BUILT.exists() or not shutil.which("g++"):
+        pytest.skip(f"needs g++ and {BUILT.relative_to(ROOT)}, which `make native` builds")
+    program = tmp_path / "codec_bytes"
+    source = ROOT / "native" / "check" / "codec_bytes.cpp"
+    subprocess.run(["g++", "-O1", *FLAGS, source, BUILT, "-pthread", "-o", program], check=True)
+    check(program)
