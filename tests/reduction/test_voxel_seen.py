@@ -132,6 +132,9 @@ def test_odometry_on_board_knows_the_way_of_a_second() -> None:
 def test_a_real_drive_keeps_its_budget_with_and_without_poses(data_file) -> None:
     frames = list(api.read_frames(data_file("kitti_tracking0006_f000-010.pcap.xz")))
     reducing = reducer(keep_points=4500)
+    kinds = []
     for frame in frames:
         assert reducing.reduce(frame).valid.sum() == min(4500, frame.points)
-    assert reducing.report()["odometry"] == "found"
+        kinds.append(reducing.report()["odometry"])
+    # the recording ends within a turn, whose motion alone is not held firmly enough
+    assert kinds == ["unknown", *["found"] * (len(frames) - 2), "unknown"]
