@@ -3,7 +3,8 @@
     python -m tests.fuzz.run --cases 100000 --seed 1
 
 Prints, by target, how many cases gave which error of the project, and how many were decoded after all. Anything else
-than an error of lidarcodec.errors, or a decode that takes over a second, or 512 MiB more than before, ends the run with the case on disk.
+than an error of lidarcodec.errors, or a decode that takes over a second, or 512 MiB more than before, ends the run with
+the case on disk.
 """
 
 from __future__ import annotations
