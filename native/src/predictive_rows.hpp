@@ -5,128 +5,19 @@
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
 #include "cells.hpp"
 #include "error.hpp"
 #include "predictive_forms.hpp"
 #include "predictive_model.hpp"
-#include "riddle_beyond.hpp"
+#include "range_decisions.hpp"
 #include "riddle_inputs.hpp"
 #include "riddle_net.hpp"
 #include "riddle_samples.hpp"
+#include "row_state.hpp"
 #include "wide_coder.hpp"
 
 namespace lidarcodec {
-
-// What a row is coded with: the rows around as seen from it, all with margins.
-struct RowSurroundings {
-  const std::uint16_t* returns;              // around each cell: Known::returns
-  const std::int32_t* above;                 // ranges; nullptr for the first row
-  const std::int32_t* upper;                 // the row above that; nullptr for the first two
-  const std::uint32_t* sizes;                // differences in the row above
-  const std::uint32_t* sizes_around;         // 3, 1, 2 and 2 times that of a cell, to its left, and of two to its right
-  // Where something is expected: ranges, filled from the left where nothing is.
-  const std::int32_t *expected = nullptr, *expected_above = nullptr;
-  // For networks: what is expected in the row below, too; returns, 0 and 1, of this row and those around; and whether
-  // something is expected.
-  const std::int32_t* expected_below = nullptr;
-  const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
-  std::uint32_t row = 0;
-};
-
-// What is known from the returns of a row, or of a half of one, that were coded before, but for the last ranges.
-struct RowState {
-  bool begun = false;                            // whether there was a return
-  std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference, the weighted one before, a long mean
-  std::int32_t level = 0;                        // of this row above the one above, sixteenths
-  std::int32_t bias = 0;                         // of what comes above what is expected, sixteenths
-  std::uint32_t miss = 0;                        // mean difference from what is expected
-  std::uint32_t leaves = 0x88;                   // of the last two returns
-  std::uint32_t last_cell = 0;                   // of the last return
-
-  static RowState at_start(std::uint32_t start) {
-    RowState state;
-    state.size1 = state.size2 = state.mean = state.miss = start;
-    return state;
-  }
-};
-
-inline constexpr std::size_t kLastRanges = 8;
-
-// The same where a row of a slab ends, with its last ranges, the latest first.
-struct RowEnd : RowState {
-  std::array<std::int32_t, kLastRanges> last{};
-};
-
-// One of the two sequences of returns that are coded at the same time: its coder, and what is known where it stands.
-template <class Coder>
-struct PredictiveHalf : RowState {
-  Coder coder;
-  WideInterval interval{};
-  std::size_t next = 0;                // return of the row
-  const std::int32_t* last = nullptr;  // ranges, the latest first; kLastRanges of them mean something
-
-  explicit PredictiveHalf(Coder with = Coder()) : coder(std::move(with)) {}
-
-  // base: where the first difference is counted from; returns: how many there will be.
-  void begin(std::size_t first, std::size_t returns, std::int32_t base, const RowState& state) {
-    next = first;
-    RowState::operator=(state);
-    if (ranges_.size() < returns + kLastRanges) ranges_.resize(returns + kLastRanges);
-    at_ = ranges_.data() + ranges_.size() - kLastRanges;
-    std::fill_n(at_, kLastRanges, base);
-    last = at_;
-  }
-
-  // Goes on where the row ended.
-  void resume(std::size_t returns, std::int32_t base, const RowEnd& end) {
-    begin(0, returns, base, end);
-    if (begun) std::copy(end.last.begin(), end.last.end(), at_);
-  }
-
-  RowEnd end() const {
-    RowEnd end{*this};
-    std::copy_n(last, kLastRanges, end.last.begin());
-    return end;
-  }
-
-  void take(std::int32_t range) {
-    if (begun) {
-      *--at_ = range;
-    } else {
-      std::fill_n(at_, kLastRanges, range);
-    }
-    last = at_;
-    begun = true;
-  }
-
- private:
-  // Filled from the end. Moved on instead of over: four that were just written one by one would be slow to read at once.
-  std::vector<std::int32_t> ranges_;
-  std::int32_t* at_ = nullptr;
-};
-
-// Returns of a row to be coded, and where their ranges and what each differs by are, or are put.
-struct RowWork {
-  RowSurroundings about;
-  const std::uint32_t* cells;  // of the returns
-  std::size_t count;           // of them
-  std::int32_t* ranges;
-  std::uint32_t* sizes;
-};
-
-inline constexpr std::int32_t kOffsetRate = 655;
-inline constexpr std::uint32_t kMaxOctaves = 16;  // beyond the last leaf: more than any range
-
-// Distance from the last return at which each leaf begins.
-inline constexpr auto kLeafBegins = [] {
-  std::array<std::array<std::uint32_t, 8>, kScaleClasses> begins{};
-  for (std::size_t c = 0; c < kScaleClasses; ++c)
-    for (std::size_t l = 1; l < 8; ++l) begins[c][l] = begins[c][l - 1] + (1u << kLeafBits[c][l - 1]);
-  return begins;
-}();
 
 // What kLearned rows are coded with: a network, and where samples go; one of them may be missing.
 struct Teaching {
@@ -138,14 +29,18 @@ struct Teaching {
 // The two halves of a row take turns, a return each.
 // kLearned: a network says what is likely to begin with, and returns beyond the last leaf have a tree of their own.
 template <class Coder, class Forms, bool kExpects, bool kLearned>
-class PredictiveRows {
+class PredictiveRows : RangeDecisions<Coder> {
+  using Decisions = RangeDecisions<Coder>;
+  using Decisions::beyond, Decisions::decide, Decisions::first_offset, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
+
  public:
-  static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
+  using Decisions::kReads;
   using Halves = std::array<PredictiveHalf<Coder>, 2>;
 
   // step: native range steps in a cell; limit: largest range, in cells; teaching: where kLearned.
   PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, Halves& halves)
-      : model_(model), teaching_(teaching), step_(step), start_(480 / step + 5), first_(static_cast<std::int32_t>(2500 / step)), limit_(limit), halves_(halves) {}
+      : Decisions(model, limit), teaching_(teaching), step_(step), start_(480 / step + 5),
+        first_(static_cast<std::int32_t>(2500 / step)), halves_(halves) {}
 
   // Writes or reads the ranges of the returns of a row, its halves in turns. Raises Section or Truncated.
   void code(const RowWork& row) {
@@ -354,38 +249,6 @@ class PredictiveRows {
 
   static bool expects(const RowSurroundings& about, std::uint32_t cell) { return (about.returns[cell] >> 11 & 1u) != 0; }
 
-  static std::uint32_t leaf_of(std::uint32_t scale, std::uint32_t away) {
-    std::uint32_t leaf = 0;
-    for (std::size_t l = 1; l < 8; ++l) leaf += away >= kLeafBegins[scale][l];
-    return leaf;
-  }
-
-  // The first offset bit of a difference in a leaf.
-  static std::uint8_t first_offset(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
-    const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
-    if (l == 7 || kLeafBits[scale][l] == 0) return RiddleSamples::kNone;
-    return static_cast<std::uint8_t>((away - kLeafBegins[scale][l]) >> (kLeafBits[scale][l] - 1) & 1u);
-  }
-
-  // A decision whose log odds are the sum of two cells, which learn from it.
-  std::uint32_t decide(Coder& coder, WideInterval& interval, std::int16_t& a, std::int16_t& b, std::int32_t offset,
-                       std::uint32_t bit) {
-    const std::int32_t sum = std::clamp(a + b + offset, -32768, 32767);
-    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities`
-    const std::uint32_t square = (t * t) >> 16;
-    const auto rare = std::max(static_cast<std::int32_t>((square * t) >> 18), std::int32_t{kRarest});
-    const std::int32_t p = sum < 0 ? rare : kOne - rare;
-    if constexpr (kReads) {
-      bit = coder.decode(interval, static_cast<std::uint32_t>(p));
-    } else {
-      coder.encode(interval, bit, static_cast<std::uint32_t>(p));
-    }
-    const std::int32_t by = (((bit != 0 ? kOne : 0) - p) * kOffsetRate + 0x8000) >> 16;
-    a = static_cast<std::int16_t>(std::clamp(a + by, -32768, 32767));
-    b = static_cast<std::int16_t>(std::clamp(b + by, -32768, 32767));
-    return bit;
-  }
-
   // Writes or reads how far away within its leaf, or beyond the last one, a return lies; gives how far away.
   std::uint32_t offset(PredictiveHalf<Coder>& half, WideInterval& interval, const RowSurroundings& about,
                        const Place& place, std::uint32_t leaf, bool down, std::uint32_t away) {
@@ -393,7 +256,10 @@ class PredictiveRows {
     std::uint32_t left = leaf < 7 ? kLeafBits[place.scale][leaf] : kBeyondBits[place.scale];
     if (leaf < 7 && left == 0) return begin;
     if constexpr (kLearned) {
-      if (leaf == 7) return beyond(half, interval, about, place, down, begin, away);
+      if (leaf == 7) {
+        const auto least = static_cast<std::int32_t>(begin);
+        return beyond(half.coder, interval, {anchors(half, about, place), place.base, down, least, place.scale}, begin, away);
+      }
     }
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(half, about, place, down);
@@ -463,85 +329,6 @@ class PredictiveRows {
     return {up[1], up[2], up[3], upper[1], possible(up[1] + (half.level >> kDifferenceBits)), up[0], last[1], upper[2], last[2], upper[3]};
   }
 
-  // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
-  std::uint32_t beyond(PredictiveHalf<Coder>& half, WideInterval& interval, const RowSurroundings& about,
-                       const Place& place, bool down, std::uint32_t begin, std::uint32_t away) {
-    const BeyondPlace at(anchors(half, about, place), place.base, down, static_cast<std::int32_t>(begin), place.scale);
-    BeyondCells& cells = model_.beyond;
-    std::uint32_t leaf = 0, in = 0;
-    if constexpr (!kReads) {
-      const std::int32_t d = static_cast<std::int32_t>(away) - at.anchor;
-      in = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
-      leaf = d < 0 ? 7 - leaf_of(at.scale, in) : 8 + leaf_of(at.scale, in);
-    }
-    leaf = walk_beyond(half.coder, interval, at, leaf);
-    const bool back = leaf < 8;
-    const std::uint32_t l = back ? 7 - leaf : leaf - 8;
-    std::int16_t none = 0;
-    std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
-    for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
-      if (octave > kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
-        throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-      const std::uint32_t end = from + (1u << left);
-      if (decide(half.coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
-      from = end;
-    }
-    if (left > 0) {
-      --left;
-      const std::uint32_t middle = from + (1u << left);
-      if (decide(half.coder, interval, cells.offset[at.scale * 16 + leaf], none, 0, in >= middle) != 0) from = middle;
-    }
-    if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-    if (left > 0) {
-      if constexpr (kReads) {
-        from += half.coder.decode_plain(interval, left);
-      } else {
-        half.coder.encode_plain(interval, in - from, left);
-      }
-    }
-    if constexpr (!kReads) return away;
-    const auto d = static_cast<std::int32_t>(from);
-    const std::int32_t found = at.anchor + (back ? -1 - d : d);
-    if (found < static_cast<std::int32_t>(begin)) throw Error(ErrorCode::Section, "a range coded twice");
-    return static_cast<std::uint32_t>(found);
-  }
-
-  // Walks down the tree of a return beyond the last leaf, and learns; gives the leaf.
-  std::uint32_t walk_beyond(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t leaf) {
-    std::array<Cells, 2> p;
-    alignas(16) std::array<std::int16_t, kSlotCells> chance;
-    std::int16_t* const all = model_.beyond.slots.data()->cells.data();
-    for (std::size_t v = 0; v < 2; ++v) {
-      Cells sum = Cells::load(all + at.slots[0] * kSlotCells + 8 * v);
-      for (std::size_t i = 1; i < kBeyondContexts; ++i) sum = sum + Cells::load(all + at.slots[i] * kSlotCells + 8 * v);
-      p[v] = probabilities(sum);
-      p[v].store(chance.data() + 8 * v);
-    }
-    std::uint32_t node = 1;
-    for (int level = 3; level >= 0; --level) {
-      const auto probability = static_cast<std::uint32_t>(chance[node]);
-      std::uint32_t bit;
-      if constexpr (kReads) {
-        bit = coder.decode(interval, probability);
-      } else {
-        bit = leaf >> level & 1u;
-        coder.encode(interval, bit, probability);
-      }
-      node = 2 * node + bit;
-    }
-    const Walk& walked = kWalks[node];
-    for (const std::uint32_t slot : at.slots) {
-      std::int16_t* const of = all + slot * kSlotCells;
-      const auto seen = static_cast<std::size_t>(of[0]);
-      for (std::size_t v = 0; v < 2; ++v) {
-        const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
-        (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[kRateOfCount[seen]])).store(of + 8 * v);
-      }
-      of[0] = static_cast<std::int16_t>(seen + (seen < kRateOfCount.size() - 1));
-    }
-    return node - 16;
-  }
-
   // Takes note of a return.
   void settle(PredictiveHalf<Coder>& half, const RowSurroundings& about, const Place& place, std::int32_t range,
               std::uint32_t leaf) {
@@ -569,11 +356,10 @@ class PredictiveRows {
     half.take(range);
   }
 
-  PredictiveModel& model_;
   Teaching teaching_;
   std::uint32_t step_;
   std::uint32_t start_;
-  std::int32_t first_, limit_;
+  std::int32_t first_;
   Halves& halves_;
 };
 

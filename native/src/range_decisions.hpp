@@ -1,0 +1,154 @@
+// Decisions that a range takes beside the tree of its leaf, written or read, and how models learn from them.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+
+#include "cells.hpp"
+#include "error.hpp"
+#include "predictive_forms.hpp"
+#include "predictive_model.hpp"
+#include "riddle_beyond.hpp"
+#include "riddle_samples.hpp"
+#include "wide_coder.hpp"
+
+namespace lidarcodec {
+
+inline constexpr std::int32_t kOffsetRate = 655;
+inline constexpr std::uint32_t kMaxOctaves = 16;  // beyond the last leaf: more than any range
+
+// Distance from the last return at which each leaf begins.
+inline constexpr auto kLeafBegins = [] {
+  std::array<std::array<std::uint32_t, 8>, kScaleClasses> begins{};
+  for (std::size_t c = 0; c < kScaleClasses; ++c)
+    for (std::size_t l = 1; l < 8; ++l) begins[c][l] = begins[c][l - 1] + (1u << kLeafBits[c][l - 1]);
+  return begins;
+}();
+
+// `Coder` is WideEncoder or WideDecoder.
+template <class Coder>
+class RangeDecisions {
+ public:
+  static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
+
+ protected:
+  // limit: largest range, in cells.
+  RangeDecisions(PredictiveModel& model, std::int32_t limit) : model_(model), limit_(limit) {}
+
+  static std::uint32_t leaf_of(std::uint32_t scale, std::uint32_t away) {
+    std::uint32_t leaf = 0;
+    for (std::size_t l = 1; l < 8; ++l) leaf += away >= kLeafBegins[scale][l];
+    return leaf;
+  }
+
+  // The first offset bit of a difference in a leaf.
+  static std::uint8_t first_offset(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
+    const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
+    if (l == 7 || kLeafBits[scale][l] == 0) return RiddleSamples::kNone;
+    return static_cast<std::uint8_t>((away - kLeafBegins[scale][l]) >> (kLeafBits[scale][l] - 1) & 1u);
+  }
+
+  // A decision whose log odds are the sum of two cells, which learn from it.
+  std::uint32_t decide(Coder& coder, WideInterval& interval, std::int16_t& a, std::int16_t& b, std::int32_t offset,
+                       std::uint32_t bit) {
+    const std::int32_t sum = std::clamp(a + b + offset, -32768, 32767);
+    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities`
+    const std::uint32_t square = (t * t) >> 16;
+    const auto rare = std::max(static_cast<std::int32_t>((square * t) >> 18), std::int32_t{kRarest});
+    const std::int32_t p = sum < 0 ? rare : kOne - rare;
+    if constexpr (kReads) {
+      bit = coder.decode(interval, static_cast<std::uint32_t>(p));
+    } else {
+      coder.encode(interval, bit, static_cast<std::uint32_t>(p));
+    }
+    const std::int32_t by = (((bit != 0 ? kOne : 0) - p) * kOffsetRate + 0x8000) >> 16;
+    a = static_cast<std::int16_t>(std::clamp(a + by, -32768, 32767));
+    b = static_cast<std::int16_t>(std::clamp(b + by, -32768, 32767));
+    return bit;
+  }
+
+  // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
+  std::uint32_t beyond(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
+                       std::uint32_t away) {
+    BeyondCells& cells = model_.beyond;
+    std::uint32_t leaf = 0, in = 0;
+    if constexpr (!kReads) {
+      const std::int32_t d = static_cast<std::int32_t>(away) - at.anchor;
+      in = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
+      leaf = d < 0 ? 7 - leaf_of(at.scale, in) : 8 + leaf_of(at.scale, in);
+    }
+    leaf = walk_beyond(coder, interval, at, leaf);
+    const bool back = leaf < 8;
+    const std::uint32_t l = back ? 7 - leaf : leaf - 8;
+    std::int16_t none = 0;
+    std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
+    for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
+      if (octave > kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
+        throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+      const std::uint32_t end = from + (1u << left);
+      if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
+      from = end;
+    }
+    if (left > 0) {
+      --left;
+      const std::uint32_t middle = from + (1u << left);
+      if (decide(coder, interval, cells.offset[at.scale * 16 + leaf], none, 0, in >= middle) != 0) from = middle;
+    }
+    if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+    if (left > 0) {
+      if constexpr (kReads) {
+        from += coder.decode_plain(interval, left);
+      } else {
+        coder.encode_plain(interval, in - from, left);
+      }
+    }
+    if constexpr (!kReads) return away;
+    const auto d = static_cast<std::int32_t>(from);
+    const std::int32_t found = at.anchor + (back ? -1 - d : d);
+    if (found < static_cast<std::int32_t>(begin)) throw Error(ErrorCode::Section, "a range coded twice");
+    return static_cast<std::uint32_t>(found);
+  }
+
+  // Walks down the tree of a return beyond the last leaf, and learns; gives the leaf.
+  std::uint32_t walk_beyond(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t leaf) {
+    std::array<Cells, 2> p;
+    alignas(16) std::array<std::int16_t, kSlotCells> chance;
+    std::int16_t* const all = model_.beyond.slots.data()->cells.data();
+    for (std::size_t v = 0; v < 2; ++v) {
+      Cells sum = Cells::load(all + at.slots[0] * kSlotCells + 8 * v);
+      for (std::size_t i = 1; i < kBeyondContexts; ++i) sum = sum + Cells::load(all + at.slots[i] * kSlotCells + 8 * v);
+      p[v] = probabilities(sum);
+      p[v].store(chance.data() + 8 * v);
+    }
+    std::uint32_t node = 1;
+    for (int level = 3; level >= 0; --level) {
+      const auto probability = static_cast<std::uint32_t>(chance[node]);
+      std::uint32_t bit;
+      if constexpr (kReads) {
+        bit = coder.decode(interval, probability);
+      } else {
+        bit = leaf >> level & 1u;
+        coder.encode(interval, bit, probability);
+      }
+      node = 2 * node + bit;
+    }
+    const Walk& walked = kWalks[node];
+    for (const std::uint32_t slot : at.slots) {
+      std::int16_t* const of = all + slot * kSlotCells;
+      const auto seen = static_cast<std::size_t>(of[0]);
+      for (std::size_t v = 0; v < 2; ++v) {
+        const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
+        (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[kRateOfCount[seen]])).store(of + 8 * v);
+      }
+      of[0] = static_cast<std::int16_t>(seen + (seen < kRateOfCount.size() - 1));
+    }
+    return node - 16;
+  }
+
+  PredictiveModel& model_;
+  std::int32_t limit_;
+};
+
+}  // namespace lidarcodec
