@@ -31,7 +31,7 @@ struct Teaching {
 template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
-  using Decisions::beyond, Decisions::decide, Decisions::first_offset, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
+  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offset, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
 
  public:
   using Decisions::kReads;
@@ -258,7 +258,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kLearned) {
       if (leaf == 7) {
         const auto least = static_cast<std::int32_t>(begin);
-        return beyond(half.coder, interval, {anchors(half, about, place), place.base, down, least, place.scale}, begin, away);
+        return beyond_leaf(half.coder, interval, {anchors(half, about, place), place.base, down, least, place.scale}, begin, away);
       }
     }
     OffsetCells& cells = model_.offsets;

@@ -90,7 +90,7 @@ inline constexpr auto kFlags = [] {
   return flags;
 }();
 inline void put_flags(const std::uint8_t* from, std::int16_t* to) {
-  const std::size_t bits = from[0] | from[1] << 1u | from[2] << 2u | from[3] << 3u;
+  const auto bits = static_cast<std::size_t>(from[0] | from[1] << 1 | from[2] << 2 | from[3] << 3);
   std::memcpy(to, kFlags[bits].data(), sizeof kFlags[bits]);
 }
 
