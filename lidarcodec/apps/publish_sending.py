@@ -66,10 +66,10 @@ class Sending:
         """Take new settings between two frames: the first frame that has them, and whether it is a key frame."""
         with self._encoding:
             now = self._encoder.settings
+            key = self._encoder.apply(wanted)  # if it refuses, nothing has changed
             if wanted.codec != now.codec:
                 self._flight.new_codec()
                 self._refers = False
-            key = self._encoder.apply(wanted)
             first = self._feed.reframe(wanted.framing) if wanted.framing != now.framing else self.next_index
             self._flight.follow(wanted.follow)
         return first, key

@@ -26,7 +26,7 @@ from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
 from lidarcodec.codecs.planes import Planes
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.riddle_shelf import EFFORTS, Shelf, nets_of, shipped, weights_of
+from lidarcodec.codecs.riddle_shelf import EFFORTS, Shelf, native_nets, networks_of, shipped, weights_of
 from lidarcodec.codecs.riddle_weights import Weights, unpack_weights
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
@@ -67,11 +67,15 @@ class LearnedCoder:
         self._used: tuple[str, int] | None = None
 
     def use(self, weights: Weights | None, effort: int) -> bool:
-        """Code with these from now on; None: without a network. Whether they are others than before."""
+        """Code with these from now on; None: without a network. Whether they are others than before.
+
+        Raises UnknownNameError if the weights have no network for a kind of frame.
+        """
         wanted = ("", effort) if weights is None else (weights.name, effort)
         if self._used == wanted:
             return False
-        self._coder = entropy.PredictiveCoder(nets=None if weights is None else nets_of(weights, effort))
+        nets = None if weights is None else native_nets(networks_of(weights, effort))
+        self._coder = entropy.PredictiveCoder(nets=nets)
         self._used = wanted
         return True
 
@@ -91,22 +95,26 @@ class RiddleEncoder(ExpectingEncoder):
     def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
         self._memory = LearnedCoder()
         super().__init__(codec_id, settings, stream_id, self._memory)
-        self._own, self._weights = _checked(settings)
+        self._own = own_settings(RiddleSettings, settings)
+        self._weights = _weights_for(self._own)
         self._memory.use(self._weights, self._own.effort)
 
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings; other weights, or another effort, begin with a key message."""
-        own, weights = _checked(settings)
-        if self._memory.use(weights, own.effort):
-            self._since_key = None
-        self._own, self._weights = own, weights
+        own = own_settings(RiddleSettings, settings)
+        if (own.weights, own.effort) != (self._own.weights, self._own.effort):
+            weights = _weights_for(own)
+            if self._memory.use(weights, own.effort):
+                self._since_key = None
+            self._weights = weights
+        self._own = own
         return super().apply(settings)
 
     def _remembers(self) -> bool:
-        return own_settings(RiddleSettings, self.settings).memory
+        return self._own.memory
 
     def _expects(self) -> bool:
-        return own_settings(RiddleSettings, self.settings).expects
+        return self._own.expects
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         sections, needs = super()._sections(frame, key)
@@ -123,16 +131,16 @@ class RiddleEncoder(ExpectingEncoder):
         return with_step(step, bytes([self._own.effort]) + name + coded)
 
 
-def _checked(settings: StreamSettings) -> tuple[RiddleSettings, Weights | None]:
-    own = own_settings(RiddleSettings, settings)
+def _weights_for(own: RiddleSettings) -> Weights | None:
+    """Weights with networks for all frames, None where settings ask for none. Raises SettingsError."""
     if own.effort == EFFORTS[0]:
-        return own, None
+        return None
     try:
         weights = weights_of(own.weights)
-        nets_of(weights, own.effort)
+        networks_of(weights, own.effort)
     except LidarCodecError as error:
         raise SettingsError(str(error), "codec_settings.weights") from None
-    return own, weights
+    return weights
 
 
 class RiddleDecoder(ExpectingDecoder):

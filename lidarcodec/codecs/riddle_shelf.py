@@ -30,21 +30,26 @@ def shipped() -> dict[str, Weights]:
 
 
 @cache
+def _default() -> Weights:
+    return read_weights(_FOLDER / f"{DEFAULT}.lcrw")
+
+
 def weights_of(path: str) -> Weights:
-    """Those of a file, by default the package's own. Raises SourceError, or as `unpack_weights`."""
-    return read_weights(Path(path) if path else _FOLDER / f"{DEFAULT}.lcrw")
+    """Those of a file, read anew each time; by default the package's own. Raises as `read_weights`."""
+    return read_weights(Path(path)) if path else _default()
 
 
-def nets_of(weights: Weights, effort: int) -> entropy.NativeNets:
-    """Networks of an effort that has some. Raises UnknownNameError if a kind is missing."""
+def networks_of(weights: Weights, effort: int) -> list[Net]:
+    """Those of an effort that has some: alone, expecting. Raises UnknownNameError if a kind is missing."""
+    return [weights.net(expects=expects, large=effort == EFFORTS[2]) for expects in (False, True)]
+
+
+def native_nets(networks: list[Net]) -> entropy.NativeNets:
+    """Networks as the coder of ranges takes them."""
     nets = entropy.NativeNets()
-    for expects in (False, True):
-        nets.add(_layers(weights.net(expects=expects, large=effort == EFFORTS[2])))
+    for net in networks:
+        nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
     return nets
-
-
-def _layers(net: Net) -> list[entropy.GivenLayer]:
-    return [(layer.weights, layer.bias, layer.shift) for layer in net.layers]
 
 
 class Shelf:

@@ -300,8 +300,12 @@ def _net(reader: _Reader) -> Net:
 def read_weights(path: Path) -> Weights:
     """The weights in a file. Raises SourceError if it cannot be read, else as `unpack_weights`."""
     try:
+        if path.exists() and not path.is_file():  # a pipe or a device may never give what is waited for
+            raise SourceError(f"cannot read the weights {path}: it is no file")
         with path.open("rb") as file:
             data = file.read(MAX_FILE + 1)
     except OSError as error:
         raise SourceError(f"cannot read the weights {path}: {error.strerror or error}") from None
+    except ValueError as error:  # a name that no file can have
+        raise SourceError(f"cannot read the weights {str(path)!r}: {error}") from None
     return unpack_weights(data)

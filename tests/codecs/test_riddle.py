@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from lidarcodec import entropy, wire
 from lidarcodec.codecs import riddle_weights, table
-from lidarcodec.codecs.riddle_shelf import nets_of, shipped, weights_of
+from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, shipped, weights_of
 from lidarcodec.entropy import fast
 from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError
 from lidarcodec.message import Message, Section, SectionType
@@ -178,9 +179,17 @@ def test_weights_for_one_kind_of_frames_do_for_no_stream(tmp_path: Path) -> None
 
 def test_settings_say_what_is_wrong_with_weights(tmp_path: Path) -> None:
     (tmp_path / "none.lcrw").write_bytes(b"no weights")
-    for path in (tmp_path / "none.lcrw", tmp_path / "missing.lcrw"):
+    os.mkfifo(tmp_path / "pipe.lcrw")  # nobody will ever write to it
+    encoder = table.make_encoder(settings(), STREAM)
+    for path in (tmp_path / "none.lcrw", tmp_path / "missing.lcrw", tmp_path / "pipe.lcrw", tmp_path, Path("a\0b")):
         with pytest.raises(SettingsError, match="weight"):
             table.make_encoder(settings(weights=str(path)), STREAM)
+        with pytest.raises(SettingsError, match="weight"):
+            encoder.apply(settings(weights=str(path)))
+    reader = decoder()
+    for frame in drive(3):  # a refused change has changed nothing
+        (message,) = encoder.encode(frame)
+        assert reader.decode(wire.unpack(wire.pack(message)))
     with pytest.raises(SettingsError, match="effort"):
         table.make_encoder(settings(effort=9), STREAM)
 
@@ -192,4 +201,4 @@ def test_what_ships_may_be_shipped() -> None:
     assert "trained on" in weights.provenance
     assert sum(len(each.data) for each in shipped().values()) < 300_000
     for effort in (2, 3):
-        nets_of(weights, effort)
+        native_nets(networks_of(weights, effort))
