@@ -51,6 +51,10 @@ BEGIN = "<!-- ranges: python -m benchmarks.range_table --write docs/evaluation.m
 END = "<!-- end of ranges -->"
 
 
+OF_KITTI = str(Path(__file__).parent / "weights" / "riddle-kitti.lcrw")
+"""For measuring only, see `weights/`."""
+
+
 class Ours(NamedTuple):
     """A row: a codec of ours, its own settings, and whether it sees the frame before."""
 
@@ -64,6 +68,12 @@ OURS = (
     Ours("`predictive`, a frame alone", "predictive", {"memory": False}),
     Ours("`predictive`, after the frame before", "predictive", {}, after=True),
     Ours("`predictive motion=true`, after the frame before", "predictive", {"motion": True}, after=True),
+    Ours("`riddle effort=2`, a frame alone", "riddle", {"memory": False}),
+    Ours("`riddle effort=3`, a frame alone", "riddle", {"memory": False, "effort": 3}),
+    Ours("`riddle effort=1`, after the frame before", "riddle", {"effort": 1}, after=True),
+    Ours("`riddle effort=2`, after the frame before", "riddle", {}, after=True),
+    Ours("`riddle effort=3`, after the frame before", "riddle", {"effort": 3}, after=True),
+    Ours("the same, networks trained on 0001, 0013, `sfnd`", "riddle", {"effort": 3, "weights": OF_KITTI}, after=True),
     Ours("`pcodec`", "pcodec", {}),
     Ours("`zstd`", "zstd", {}),
     Ours("`jxl`", "jxl", {}),

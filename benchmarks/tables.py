@@ -45,6 +45,11 @@ SETTINGS = (
         for own in ({}, {"motion": True})
         for bound in (None, 0.01, 0.05)
     ),
+    *(
+        StreamSettings(codec="riddle", codec_settings=own, max_error_m=bound)
+        for own in ({}, {"effort": 3})
+        for bound in (None, 0.01, 0.05)
+    ),
     StreamSettings(codec="zstd"),
     StreamSettings(codec="zstd", max_error_m=0.01),
     StreamSettings(codec="raw"),

@@ -12,10 +12,7 @@ Files are written whole or not at all, so a run that was stopped goes on from th
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple, overload
 
@@ -26,6 +23,7 @@ from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, 
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
+from lidarcodec.training.whole_files import written_whole
 
 FORMAT: Final = 1
 
@@ -167,12 +165,12 @@ class AnnotationFolder:
 
     def write_trajectory(self, found: Trajectory) -> None:
         """Where each frame was seen from."""
-        with _whole(self.path / "trajectory.npz") as path:
+        with written_whole(self.path / "trajectory.npz") as path:
             found.save(path)
 
     def write_part(self, first: int, counts: npt.NDArray[np.uint16]) -> None:
         """How often each point of the map was seen in a run of frames."""
-        with _whole(self.path / f"seen-{first:06d}.npy") as path:
+        with written_whole(self.path / f"seen-{first:06d}.npy") as path:
             np.save(path, counts)
 
     def parts(self) -> Iterator[Path]:
@@ -180,7 +178,7 @@ class AnnotationFolder:
         yield from sorted(self.path.glob("seen-*.npy"))
 
     def _save(self, name: str, **arrays: Any) -> None:
-        with _whole(self.path / name) as path:
+        with written_whole(self.path / name) as path:
             np.savez(path, **arrays)
 
     def _load(self, name: str) -> dict[str, Any]:
@@ -191,7 +189,7 @@ class AnnotationFolder:
             raise SourceError(f"cannot read {self.path / name}: {error}") from None
 
     def _write_about(self, about: Mapping[str, Any]) -> None:
-        with _whole(self.path / "annotation.json") as path:
+        with written_whole(self.path / "annotation.json") as path:
             path.write_text(json.dumps(about, indent=1) + "\n")
 
 
@@ -221,19 +219,3 @@ def _made(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SourceError(f"cannot make the folder {folder}: {error.strerror or error}") from None
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to, with its ending; renamed to it at the end. Raises SourceError."""
-    try:
-        handle, name = tempfile.mkstemp(prefix=".", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        try:
-            yield Path(name)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise SourceError(f"cannot write {path}: {error.strerror or error}") from None

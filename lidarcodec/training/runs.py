@@ -13,8 +13,6 @@ True
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +23,7 @@ import numpy as np
 import torch
 
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.training.whole_files import written_whole
 
 Value = str | int | float | bool | None | list[Any]
 """What a setting of a run may be: it is written into its checkpoints."""
@@ -122,18 +121,10 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     values = {"kind": _KIND, "version": _VERSION, **vars(checkpoint)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                torch.save(values, file)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
     except OSError as error:
-        raise SourceError(f"cannot write the checkpoint {path}: {error.strerror or error}") from None
+        raise SourceError(f"cannot write {path}: {error.strerror or error}") from None
+    with written_whole(path) as beside:
+        torch.save(values, beside)
 
 
 def load_checkpoint(path: Path, device: torch.device | None = None) -> Checkpoint | None:

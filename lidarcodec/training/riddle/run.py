@@ -5,20 +5,19 @@ The run lives in a folder beside the file: samples and checkpoints. The same com
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.codecs.riddle_weights import Net, Weights, pack_weights, unpack_weights
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.drives import simulated_drives
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit
 from lidarcodec.training.riddle.nets import HIDDEN, exported, mean_bits
 from lidarcodec.training.riddle.samples import Gathering, SampleStore
+from lidarcodec.training.whole_files import written_whole
 
 KINDS: Final = ("alone", "expecting")
 HELD_ROWS: Final = 400_000
@@ -149,16 +148,6 @@ def _name(spec: str) -> str:
 
 def _write(out: Path, nets: list[Net], provenance: dict[str, Any]) -> Weights:
     data = pack_weights(nets, provenance)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            Path(name).chmod(0o644)
-            Path(name).replace(out)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise SourceError(f"cannot write the weights {out}: {error.strerror or error}") from None
+    with written_whole(out) as path:
+        path.write_bytes(data)
     return unpack_weights(data)
