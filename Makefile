@@ -13,13 +13,14 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-inp
 # The package is used from this folder: the native module is built into it, so that an edit is seen at once.
 EDITABLE := --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
 NATIVE := build/native/.built
+WEB := $(STAMPS)/web
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
 JOBS ?= 2
 export PYTHON CXX
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults format native clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults format native web clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -32,7 +33,7 @@ help: ## list the targets
 demo: $(STAMPS)/base $(NATIVE) ## drive through a simulated town, live: publisher and subscriber as two processes (20 s)
 	@$(BIN)/lidarcodec demo $(ARGS)
 
-test: lint ## everything that must hold: lint, types, imports and all tests
+test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
 	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
 
 lint: $(STAMPS)/dev $(NATIVE) ## ruff, format, mypy --strict and the import contracts
@@ -71,8 +72,11 @@ format: $(STAMPS)/dev ## put every file into the house's form
 
 native: $(NATIVE) ## build the native core into lidarcodec/
 
+web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
+	cd clients/web && npm ci --silent && npm run --silent build
+
 clean: ## remove the environment and every build
-	rm -rf $(VENV) build lidarcodec/_native*.so
+	rm -rf $(VENV) build lidarcodec/_native*.so clients/web/node_modules
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
 
@@ -93,6 +97,12 @@ $(STAMPS)/dev: $(STAMPS)/base
 	@echo "Installing what its tests need ..."
 	@$(PIP) $(EDITABLE) -e '.[dev]'
 	@$(PIP) 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (README says where it is): tests of training are skipped"
+	@touch $@
+
+# What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.
+$(WEB): $(STAMPS)/build clients/web/package-lock.json
+	@if command -v npm >/dev/null; then echo "Installing what the page's tests need ..."; \
+	  (cd clients/web && npm ci --silent) || echo "npm could not: tests of the page's sources are skipped"; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)

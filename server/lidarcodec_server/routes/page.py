@@ -6,19 +6,25 @@ import base64
 import re
 from functools import cache
 from hashlib import sha256
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter
 from starlette.requests import Request
-from starlette.responses import HTMLResponse
+from starlette.responses import HTMLResponse, Response
 
 from lidarcodec_server.auth import Viewer
+from lidarcodec_server.problems import ProblemError
+from lidarcodec_server.web_files import WebFile, web_files
 
 router = APIRouter(include_in_schema=False)
 
 DOCS = Path(__file__).parent.parent / "docs.html"
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self'; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""What the page may load: files of this server, nothing that stands in the page itself, and nothing from elsewhere."""
 
 
 @router.get("/openapi.json")
@@ -31,24 +37,45 @@ def openapi(request: Request, client: Viewer) -> dict[str, Any]:
 @router.get("/docs")
 def docs() -> HTMLResponse:
     """The interface, for people; nothing is loaded from elsewhere."""
-    return _page(DOCS.read_text(encoding="utf-8"))
+    html = DOCS.read_text(encoding="utf-8")
+    return HTMLResponse(html, headers={"Content-Security-Policy": _policy(html), "Cache-Control": "no-cache"})
 
 
 @router.get("/")
-def front(request: Request) -> HTMLResponse:
-    """Which routes there are."""
-    rows = "".join(
-        f"<tr><td>{method.upper()}<td><code>{escape(path)}</code><td>{escape(about.get('description', ''))}"
-        for path, methods in request.app.openapi()["paths"].items()
-        for method, about in methods.items()
-    )
-    return _page(
-        "<!doctype html><html lang=en><meta charset=utf-8><title>lidarcodec server</title>"
-        "<style>body{font:16px/1.5 system-ui,sans-serif;margin:2rem}td{vertical-align:top}</style>"
-        "<h1>lidarcodec server</h1><p>It runs, and this is what it answers. <a href=/docs>/docs</a> says more; "
-        "<code>lidarcodec subscribe</code> and the programs in <code>clients/</code> show streams."
-        f"<table>{rows}</table>"
-    )
+def front(request: Request) -> Response:
+    """The page."""
+    return _file(request, "index.html")
+
+
+@router.get("/icon.svg")
+def icon(request: Request) -> Response:
+    """The page's icon."""
+    return _file(request, "icon.svg")
+
+
+@router.get("/assets/{name}")
+def asset(request: Request, name: str) -> Response:
+    """A file that the page loads."""
+    return _file(request, f"assets/{name}")
+
+
+def _file(request: Request, name: str) -> Response:
+    file = web_files().get(name)
+    if file is None:
+        raise ProblemError(404, f"there is no '{name}': reload the page, it may be of another version")
+    headers = {"Cache-Control": file.cache_control, "ETag": file.etag, "Vary": "Accept-Encoding"}
+    if file.name.endswith((".html", ".svg")):
+        headers["Content-Security-Policy"] = POLICY
+    if file.etag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return _answer(file, headers, request.headers.get("accept-encoding", ""))
+
+
+def _answer(file: WebFile, headers: dict[str, str], accepted: str) -> Response:
+    body = file.compressed if "gzip" in accepted.lower() else None
+    if body is not None:
+        headers["Content-Encoding"] = "gzip"
+    return Response(body or file.content, headers=headers, media_type=file.media_type)
 
 
 @cache
@@ -64,7 +91,3 @@ def _policy(html: str) -> str:
         f"default-src 'none'; script-src {hashes('script')}; style-src {hashes('style')}; connect-src 'self'; "
         "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
     )
-
-
-def _page(html: str) -> HTMLResponse:
-    return HTMLResponse(html, headers={"Content-Security-Policy": _policy(html), "Cache-Control": "no-cache"})

@@ -1,0 +1,109 @@
+"""A server and vehicles as real processes, for tests that look at them with a browser."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from lidarcodec.apps.demo import free_port
+from tests.command_line import COMMAND, environment
+from tests.transport.test_contract import eventually
+
+LIMIT_S = 60.0
+"""Longest wait for anything; a busy machine takes its time."""
+
+
+class System:
+    """`lidarcodec serve` on ports of its own, and the vehicles that are started for it."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder = folder
+        self._variables = environment(LIDARCODEC_LOOPBACK_PORT=str(free_port()), XDG_STATE_HOME=str(folder))
+        self._database = f"sqlite:///{folder / 'server.db'}"
+        self._port = free_port()
+        self._options = options
+        self._vehicles: dict[str, subprocess.Popen[bytes]] = {}
+        self._server: subprocess.Popen[bytes] | None = None
+        self.url = f"http://127.0.0.1:{self._port}"
+
+    def serve(self) -> None:
+        """Start the server, and wait until it answers."""
+        stores = ["--database-url", self._database, "--recordings", str(self.folder / "recordings")]
+        self._server = self._start("serve", "--port", str(self._port), *stores, *self._options)
+        assert eventually(self._answers, LIMIT_S), "the server does not answer"
+
+    def stop_server(self) -> None:
+        """End the server as a signal would."""
+        assert self._server is not None
+        _end(self._server)
+
+    def start_vehicle(self, name: str = "car-7", source: str = "sim:city?frames=400", *options: str) -> None:
+        """Start a vehicle that goes round in its source; the server sees it soon."""
+        self._vehicles[name] = self._start("publish", source, "--vehicle", name, "--rate", "10", *options)
+
+    def kill_vehicle(self, name: str = "car-7") -> None:
+        """End a vehicle as a power cut would."""
+        process = self._vehicles.pop(name)
+        process.kill()
+        process.wait(LIMIT_S)
+
+    def token(self, name: str, role: str) -> str:
+        """A new token of the server's database."""
+        words = ["token", "create", name, "--role", role, "--database-url", self._database]
+        said = subprocess.run(
+            [*COMMAND, *words], env=self._variables, capture_output=True, text=True, check=True, timeout=LIMIT_S
+        )
+        return next(word for word in said.stdout.split() if word.startswith("lct_"))
+
+    def revoke(self, name: str) -> None:
+        """Make the token of that name worthless."""
+        words = ["token", "revoke", name, "--database-url", self._database]
+        subprocess.run([*COMMAND, *words], env=self._variables, capture_output=True, check=True, timeout=LIMIT_S)
+
+    def get(self, path: str, token: str | None = None) -> Any:
+        """What the API answers to a GET below /api/v1/."""
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        return httpx.get(f"{self.url}/api/v1/{path}", headers=headers, timeout=30).raise_for_status().json()
+
+    def close(self) -> None:
+        """End everything."""
+        for process in (*self._vehicles.values(), self._server):
+            if process is not None:
+                _end(process)
+
+    def _start(self, *words: str) -> subprocess.Popen[bytes]:
+        with (self.folder / "processes.log").open("ab") as log:
+            return subprocess.Popen(
+                [*COMMAND, *words], env=self._variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
+
+    def _answers(self) -> bool:
+        try:
+            return httpx.get(f"{self.url}/healthz", timeout=5).status_code == 200
+        except httpx.HTTPError:
+            return False
+
+
+@contextmanager
+def system(folder: Path, *options: str) -> Iterator[System]:
+    """A server that runs; it and its vehicles end with the block. options: of `serve`."""
+    made = System(folder, *options)
+    try:
+        made.serve()
+        yield made
+    finally:
+        made.close()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    try:
+        process.wait(20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
