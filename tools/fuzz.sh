@@ -2,7 +2,7 @@
 # `make fuzz`: hostile bytes under AddressSanitizer and UndefinedBehaviorSanitizer.
 #   1. each harness of native/fuzz against the C++ core: by libFuzzer where there is a clang, else by random bytes
 #   2. tests/fuzz against the whole decoder, with the native module built with the sanitizers
-# CASES and SEED set how much of 2 is run, SECONDS_EACH how long each harness of 1 runs.
+# CASES and SEED set how much of 2 is run, SECONDS_EACH how long each harness of 1 runs; ONLY names some of them.
 set -eu
 cd "$(dirname "$0")/.."
 PYTHON=${PYTHON:-.venv/bin/python}
@@ -23,18 +23,19 @@ fuzzing_clang() {
 }
 
 clang=$(fuzzing_clang)
+[ -z "$clang" ] || CLANGXX=$clang native/fuzz/build.sh build/fuzz
 for harness in native/fuzz/fuzz_*.cpp; do
   [ -e "$harness" ] || continue
   name=$(basename "$harness" .cpp)
+  case " ${ONLY:-$name} " in *" $name "*) ;; *) continue ;; esac
   echo "== $name"
-  # shellcheck disable=SC2086
   if [ -n "$clang" ]; then
-    "$clang" $FLAGS -fsanitize=fuzzer,address,undefined "$harness" native/src/*.cpp -o "build/fuzz/$name"
     mkdir -p "build/fuzz/corpus-$name"
-    "build/fuzz/$name" -max_total_time="$SECONDS_EACH" -max_len=65536 -rss_limit_mb=2048 -timeout=10 -print_final_stats=1 \
+    "build/fuzz/$name" -max_total_time="$SECONDS_EACH" -max_len=4096 -rss_limit_mb=2048 -timeout=10 -print_final_stats=1 \
       -artifact_prefix="crash-$name-" "build/fuzz/corpus-$name" 2>"build/fuzz/$name.log" || { tail -60 "build/fuzz/$name.log"; exit 1; }
     grep -E "number_of_executed_units|peak_rss" "build/fuzz/$name.log"
   else
+    # shellcheck disable=SC2086
     "${CXX:-c++}" $FLAGS -fsanitize=address,undefined "$harness" native/fuzz/driver.cpp native/src/*.cpp -o "build/fuzz/$name"
     "build/fuzz/$name" "$SECONDS_EACH" "$SEED"
   fi

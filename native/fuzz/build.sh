@@ -11,9 +11,9 @@ mkdir -p "$out/core"
 for source in "$here"/../src/*.cpp; do
   object="$out/core/$(basename "$source" .cpp).o"
   if [ ! "$object" -nt "$source" ] || [ -n "$(find "$here/../src" -name '*.hpp' -newer "$object")" ]; then
-    "$clangxx" $flags -fsanitize=fuzzer-no-link,address,undefined -c "$source" -o "$object"
+    echo "$source" "$object"
   fi
-done
+done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-link,address,undefined -c "$1" -o "$2"' "$clangxx"
 for harness in "$here"/fuzz_*.cpp; do
   "$clangxx" $flags -fsanitize=fuzzer,address,undefined "$harness" "$out"/core/*.o -o "$out/$(basename "$harness" .cpp)"
 done
