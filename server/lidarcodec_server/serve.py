@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import socket
+import ssl
 import sys
 
 import uvicorn
@@ -35,8 +36,7 @@ def run(config: ServerConfig) -> None:
     address, the network or the database cannot be used.
     """
     check_open(config)
-    if (config.tls_certificate is None) != (config.tls_key is None):
-        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
+    check_tls(config)
     listener = listen(config.host, config.port)
     app = create_app(config)
     server = uvicorn.Server(
@@ -96,6 +96,29 @@ def check_open(config: ServerConfig) -> None:
         logger.warning("--insecure: whoever reaches %s can look at everything and change it", config.host)
     elif config.tls_certificate is None:
         logger.warning("tokens can be read on the way to %s: use --tls-certificate, or a proxy that does", config.host)
+
+
+def check_tls(config: ServerConfig) -> None:
+    """Try the certificate and the key before anything is opened.
+
+    Raises SettingsError for one without the other, or files that are not what they should be.
+    """
+    if (config.tls_certificate is None) != (config.tls_key is None):
+        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
+    if config.tls_certificate is None or config.tls_key is None:
+        return
+    for path, name in ((config.tls_certificate, "tls_certificate"), (config.tls_key, "tls_key")):
+        try:
+            path.read_bytes()
+        except OSError as error:
+            raise SettingsError(f"cannot read {path}: {error.strerror or error}", name) from None
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key, password="")
+    except (ssl.SSLError, ValueError):
+        raise SettingsError(
+            f"{config.tls_certificate} and {config.tls_key} are no PEM certificate and its key without a password",
+            "tls_certificate",
+        ) from None
 
 
 def listen(host: str, port: int) -> socket.socket:
