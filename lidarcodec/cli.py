@@ -23,6 +23,7 @@ from lidarcodec.commands.arguments import (
     PosesFile,
     SkipCount,
     Source,
+    WithClouds,
     ZenohConfig,
 )
 from lidarcodec.commands.options import option as _option
@@ -92,12 +93,13 @@ def encode(
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
+    with_clouds: WithClouds = False,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, out, codec, pairs, frames, skip, calibration, poses)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds)
 
 
 @app.command()
@@ -275,6 +277,7 @@ def subscribe(
         str | None, _option("--udp", metavar="HOST:PORT", help="Send the decoded packets on, as the sensor would.")
     ] = None,
     record: Annotated[Path | None, _option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
+    with_clouds: WithClouds = False,
     frames: FrameCount = None,
     until_end: Annotated[bool, _option("--until-end", help="Stop when the publisher has gone.")] = False,
     receiver: Annotated[
@@ -290,7 +293,8 @@ def subscribe(
     from lidarcodec.commands import subscribe as command
 
     keep_standard_output()
-    command.run(key, udp, record, frames, until_end, receiver, (connect or [], listen or [], zenoh_config), as_json)
+    given = (connect or [], listen or [], zenoh_config)
+    command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
 
 
 app.command()(fleet.swarm)

@@ -10,7 +10,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from lidarcodec.apps.once import Once
 from lidarcodec.errors import LidarCodecError
@@ -31,8 +31,14 @@ CLOSE_LIMIT_S = 10.0
 LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
 
+class Cloud(NamedTuple):
+    """A decoded frame whose points are to be recorded."""
+
+    frame: Frame
+
+
 class BackgroundRecorder:
-    """Records messages as they are, packets as they are, or frames as a lossless stream. Thread-safe.
+    """Records messages as they are, packets as they are, frames as a lossless stream, or their points. Thread-safe.
 
     counts: `dropped` (the disk, or the processor, was too slow), `errors`, and those of the RotatingRecorder
     """
@@ -44,7 +50,7 @@ class BackgroundRecorder:
         """
         self._files = RotatingRecorder(folder, keys.vehicle, keys.sensor, settings, **limits)
         self._encoder: StreamEncoder | None = None
-        self._queue: deque[bytes | list[Packet] | Frame] = deque()
+        self._queue: deque[bytes | list[Packet] | Frame | Cloud] = deque()
         self._condition = threading.Condition()
         self._closed = False
         self._once = Once(logger)
@@ -67,6 +73,14 @@ class BackgroundRecorder:
         """Record a frame as a message of a lossless stream."""
         self._put(frame)
 
+    def keep_clouds(self) -> None:
+        """To be called before `start` by whoever will call `cloud`."""
+        self._files.clouds = True
+
+    def cloud(self, frame: Frame) -> None:
+        """Record the points of a decoded frame, for viewers."""
+        self._put(Cloud(frame))
+
     def state(self) -> dict[str, Any]:
         """For the status: counts, the current file, and why nothing is written any more."""
         path = self._files.path
@@ -83,7 +97,7 @@ class BackgroundRecorder:
         if self._thread.is_alive():
             logger.error("recording: the disk did not take what was left within %g s", CLOSE_LIMIT_S)
 
-    def _put(self, item: bytes | list[Packet] | Frame) -> None:
+    def _put(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
         with self._condition:
             if self._closed:
                 return
@@ -111,11 +125,13 @@ class BackgroundRecorder:
         finally:
             self._files.close()
 
-    def _write(self, item: bytes | list[Packet] | Frame) -> None:
+    def _write(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
         if isinstance(item, bytes):
             self._files.write(item)
         elif isinstance(item, list):
             self._files.write_packets(item)
+        elif isinstance(item, Cloud):
+            self._files.write_cloud(item.frame)
         else:
             if self._encoder is None:
                 self._encoder = StreamEncoder(LOSSLESS)

@@ -76,7 +76,8 @@ class LiveStream:
     max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
                 two seconds for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
     until_end:  iteration ends when the publisher has gone
-    udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages
+    udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages;
+                clouds: and the points of each frame, for viewers
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                 crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
     stats:      counts and times of this receiver;  status: the publisher's last status
@@ -95,6 +96,7 @@ class LiveStream:
         until_end: bool = False,
         udp: str | None = None,
         record: str | Path | None = None,
+        clouds: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
@@ -107,6 +109,9 @@ class LiveStream:
         self._fresh = Freshness.of(max_age_s, newest=newest)
         self._udp = None if udp is None else UdpOut(udp)
         self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)
+        self._clouds = clouds
+        if clouds and self._recorder is not None:
+            self._recorder.keep_clouds()
         self._interrupted = self._begun = False
         self._listeners: list[Callable[[], object]] = []
         self._frames: Mailbox[Frame] = Mailbox(self._notify)
@@ -255,6 +260,8 @@ class LiveStream:
     def _deliver(self, frame: Frame) -> None:
         """Hand a frame on, in the decode thread."""
         latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
+        if self._clouds and self._recorder is not None:
+            self._recorder.cloud(frame)
         if not self._fresh.shows(latency_ms, self._clock.monotonic_s()):
             self.stats.count("stale")
             return

@@ -5,19 +5,15 @@ from __future__ import annotations
 from itertools import chain, islice
 from pathlib import Path
 
+from lidarcodec.commands.coded_recording import CodedRecording
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
-from lidarcodec.recording import RecordingWriter
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
-from lidarcodec.units import PACKET_BYTES
-from lidarcodec.wire import pack
-
-VEHICLE, SENSOR = "vehicle", "lidar"
 
 
 def run(
@@ -29,6 +25,7 @@ def run(
     skip: int,
     calibration: Path | None,
     poses: Path | None,
+    clouds: bool = False,
 ) -> None:
     """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
     if out.suffix.lower() != ".mcap":
@@ -36,7 +33,6 @@ def run(
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
-    count = packets = coded = 0
     with (
         open_source(spec, calibration=calibration, poses=poses) as source,
         stoppable(source.close if source.live else None) as stopped,
@@ -51,22 +47,16 @@ def run(
             return
         if first is None:  # before the file is opened: what stood there stays
             raise SourceError(f"{spec} has no frame behind the first {skip}: nothing was encoded")
-        with (
-            out.open("wb") as handle,
-            RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about) as writer,
-            progress("encoding", frames) as tick,
-        ):
-            for frame in chain((first,), chosen):
-                for message in encoder.encode(frame):
-                    writer.write(data := pack(message))
-                    coded += len(data)
-                count += 1
-                packets += frame.side.packets if frame.side else 0
-                tick()
-                if stopped():
-                    break
-            for message in encoder.flush():
-                writer.write(data := pack(message))
-                coded += len(data)
-    size = packets * PACKET_BYTES
-    print(f"{out}: {count} frames, {size:,} bytes of packets in {coded:,} bytes, ratio {size / coded:.2f}")
+        with out.open("wb") as handle, progress("encoding", frames) as tick:
+            coded = CodedRecording(handle, encoder, about, clouds=clouds)
+            try:
+                for frame in chain((first,), chosen):
+                    coded.write(frame)
+                    tick()
+                    if stopped():
+                        break
+            except BaseException:
+                coded.leave()
+                raise
+            coded.close()
+    print(f"{out}: {coded.summary()}" + clouds * f"; with clouds the file has {out.stat().st_size:,}")

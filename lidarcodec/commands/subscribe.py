@@ -11,6 +11,7 @@ from typing import Any
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.errors import SettingsError
 
 EVERY_S = 1.0
 
@@ -24,10 +25,15 @@ def run(
     receiver: str | None,
     given: Given,
     as_json: bool,
+    with_clouds: bool = False,
 ) -> None:
     """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone."""
+    if with_clouds and record is None:
+        raise SettingsError("--with-clouds goes into recordings: say where they are kept with --record DIR", "record")
     endpoints = endpoints_of(given)
-    live = LiveStream(key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, until_end=until_end)
+    live = LiveStream(
+        key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end
+    )
     show = sys.stderr.isatty()
     with live, stoppable(live.interrupt):
         shown_s = time.monotonic()

@@ -4,6 +4,10 @@
 |----------------------|--------------------------------------------|--------------------------------------------|
 | `lidarcodec`         | `lidarcodec/v1/{vehicle}/{sensor}/frame`   | one message as `wire.pack` gives it        |
 | `lidarcodec.packets` | `lidarcodec/v1/{vehicle}/{sensor}/packets` | count u32, stamps in ns i64, payloads 1206 |
+| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: what a message decodes to |
+| `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: where the sensor was |
+
+The last two are for people with a viewer, and only there if asked for; nothing of ours reads them.
 
 The MCAP log time is the stamp of the (first) frame or packet, the sequence its frame index modulo 2^32.
 """
@@ -33,6 +37,11 @@ _COUNT: Final = struct.Struct("<I")
 def topic(vehicle: str, sensor: str, encoding: str) -> str:
     """Topic of a sensor's channel of that encoding; for messages it is their Zenoh key."""
     return f"lidarcodec/v1/{vehicle}/{sensor}/{'packets' if encoding == PACKET_ENCODING else 'frame'}"
+
+
+def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
+    """Topics of the clouds and of the poses of a sensor, for viewers."""
+    return f"lidarcodec/v1/{vehicle}/{sensor}/points", f"lidarcodec/v1/{vehicle}/{sensor}/pose"
 
 
 def pack_batch(packets: Sequence[Packet]) -> bytes:

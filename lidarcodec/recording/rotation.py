@@ -17,6 +17,8 @@ from typing import IO, Final
 
 from lidarcodec import wire
 from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
 from lidarcodec.recording.writer import RecordingWriter
 from lidarcodec.settings import StreamSettings, valid_name
@@ -28,14 +30,16 @@ _OVERHEAD: Final = 320
 """Bytes, at most, that a message adds to a file beside its own: chunk head, indexes, and its line in the summary."""
 _FRAME_BYTES: Final = 4096
 """Bytes, at most, of a file without messages."""
+_POSE_BYTES: Final = 1024
+"""Bytes, at most, of a cloud's head and of the pose beside it."""
 
 
 class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
-    counts: `files`, `messages`, `frames` (in messages), `bytes`, `deleted files`, `waiting for a key message` (not
-            written), `not recorded`
-    stopped: why nothing is written any more, None while it is
+    counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
+            `waiting for a key message` (not written), `not recorded`
+    stopped: why nothing is written any more, None while it is;  clouds: to be set where `write_cloud` will be called
     """
 
     def __init__(
@@ -50,7 +54,10 @@ class RotatingRecorder:
         sync_bytes: int = 16 * 2**20,
     ) -> None:
         """max_total_bytes: of all files of this sensor in the folder, older runs included; sync_bytes: what a loss of
-        power may cost, at most. Raises SettingsError for sizes that leave no room for two files."""
+        power may cost, at most.
+
+        Raises SettingsError for sizes that leave no room for two files.
+        """
         if max_file_bytes < MIN_FILE_BYTES or max_total_bytes < 2 * max_file_bytes:
             raise SettingsError(
                 f"recording files of {max_file_bytes} bytes in a folder of {max_total_bytes}: a file needs at least"
@@ -60,6 +67,7 @@ class RotatingRecorder:
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
         self.settings = settings
         self.max_file_bytes, self.max_total_bytes, self.sync_bytes = max_file_bytes, max_total_bytes, sync_bytes
+        self.clouds = False
         self.counts: Counter[str] = Counter()
         self.stopped: str | None = None
         self._file: IO[bytes] | None = None
@@ -90,6 +98,14 @@ class RotatingRecorder:
             self._begin(packets[0].stamp_ns, size)
         return self._add(size, lambda writer: writer.write_packets(packets))
 
+    def write_cloud(self, frame: Frame) -> bool:
+        """Records the points of a decoded frame in the file that is being written; whether it did."""
+        size = frame.points * POINT_DTYPE.itemsize + _POSE_BYTES
+        if self._writer is None and self.stopped is None:
+            self.counts["waiting for a key message"] += 1
+            return False
+        return self._add(size, lambda writer: writer.write_cloud(frame), what="clouds")
+
     def close(self) -> None:
         """Ends the current file; harmless when called twice."""
         self._guarded(self._end)
@@ -110,10 +126,10 @@ class RotatingRecorder:
         written = 0 if self._writer is None else self._writer.bytes_written
         return written + more + _FRAME_BYTES + (self._in_file + 1) * _OVERHEAD
 
-    def _add(self, size: int, write: Callable[[RecordingWriter], None]) -> bool:
+    def _add(self, size: int, write: Callable[[RecordingWriter], None], what: str = "messages") -> bool:
         writer = self._writer
         if self.stopped is None and writer is not None and self._guarded(lambda: self._write(writer, size, write)):
-            self.counts["messages"] += 1
+            self.counts[what] += 1
             self.counts["bytes"] += size
             return True
         self.counts["not recorded"] += 1
@@ -145,7 +161,7 @@ class RotatingRecorder:
                 break
             except FileExistsError:
                 number += 1
-        self._writer = RecordingWriter(self._file, self.vehicle, self.sensor, self.settings)
+        self._writer = RecordingWriter(self._file, self.vehicle, self.sensor, self.settings, clouds=self.clouds)
         self._synced = self._in_file = 0
         self.counts["files"] += 1
         _sync_folder(self.folder)

@@ -1,0 +1,129 @@
+"""Foxglove's messages `foxglove.PointCloud` and `foxglove.FrameTransform`, in protobuf, and the schemas of both.
+
+A point has 18 bytes: x y z float32 in metres (x forward, y left, z up), intensity and ring uint8, and `t_ns`, uint32,
+its time after the message's in nanoseconds (held at 4.29 s, and at 0 where a packet is stamped before the first one).
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.frame import Frame
+from lidarcodec.interop.poses import quaternion_of
+from lidarcodec.interop.protobuf import (
+    BYTES,
+    DOUBLE,
+    ENUM,
+    FIXED32,
+    INT32,
+    INT64,
+    MESSAGE,
+    STRING,
+    Field,
+    Fields,
+    File,
+    MessageType,
+    descriptor_set,
+)
+
+POINT_DTYPE: Final = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("ring", "u1"), ("t_ns", "<u4")]
+)
+ENCODING: Final = "protobuf"
+WORLD: Final = "world"
+"""The frame in which poses are given."""
+
+_NUMERIC_TYPES: Final = {"|u1": 1, "|i1": 2, "<u2": 3, "<i2": 4, "<u4": 5, "<i4": 6, "<f4": 7, "<f8": 8}
+_TIME, _VECTOR, _QUATERNION, _POSE, _ELEMENT, _CLOUD, _TRANSFORM = (
+    File("google/protobuf/timestamp.proto", "google.protobuf", (), MessageType(
+        "Timestamp", (Field("seconds", 1, INT64), Field("nanos", 2, INT32)))),
+    File("foxglove/Vector3.proto", "foxglove", (), MessageType(
+        "Vector3", tuple(Field(axis, at, DOUBLE) for at, axis in enumerate("xyz", 1)))),
+    File("foxglove/Quaternion.proto", "foxglove", (), MessageType(
+        "Quaternion", tuple(Field(axis, at, DOUBLE) for at, axis in enumerate("xyzw", 1)))),
+    File("foxglove/Pose.proto", "foxglove", ("foxglove/Quaternion.proto", "foxglove/Vector3.proto"), MessageType(
+        "Pose", (Field("position", 1, MESSAGE, "foxglove.Vector3"),
+                 Field("orientation", 2, MESSAGE, "foxglove.Quaternion")))),
+    File("foxglove/PackedElementField.proto", "foxglove", (), MessageType(
+        "PackedElementField",
+        (Field("name", 1, STRING), Field("offset", 2, FIXED32),
+         Field("type", 3, ENUM, "foxglove.PackedElementField.NumericType")),
+        (("NumericType", ("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")),))),
+    File(
+        "foxglove/PointCloud.proto", "foxglove",
+        ("foxglove/PackedElementField.proto", "foxglove/Pose.proto", "google/protobuf/timestamp.proto"),
+        MessageType("PointCloud", (
+            Field("timestamp", 1, MESSAGE, "google.protobuf.Timestamp"), Field("frame_id", 2, STRING),
+            Field("pose", 3, MESSAGE, "foxglove.Pose"), Field("point_stride", 4, FIXED32),
+            Field("fields", 5, MESSAGE, "foxglove.PackedElementField", repeated=True), Field("data", 6, BYTES)))),
+    File(
+        "foxglove/FrameTransform.proto", "foxglove",
+        ("foxglove/Quaternion.proto", "foxglove/Vector3.proto", "google/protobuf/timestamp.proto"),
+        MessageType("FrameTransform", (
+            Field("timestamp", 1, MESSAGE, "google.protobuf.Timestamp"), Field("parent_frame_id", 2, STRING),
+            Field("child_frame_id", 3, STRING), Field("translation", 4, MESSAGE, "foxglove.Vector3"),
+            Field("rotation", 5, MESSAGE, "foxglove.Quaternion")))),
+)  # fmt: skip
+
+
+class Schema(NamedTuple):
+    """A type's name, and the FileDescriptorSet that describes it."""
+
+    name: str
+    data: bytes
+
+
+POINT_CLOUD: Final = Schema(
+    "foxglove.PointCloud", descriptor_set((_TIME, _VECTOR, _QUATERNION, _POSE, _ELEMENT, _CLOUD))
+)
+FRAME_TRANSFORM: Final = Schema("foxglove.FrameTransform", descriptor_set((_TIME, _VECTOR, _QUATERNION, _TRANSFORM)))
+
+
+def points_of(frame: Frame) -> npt.NDArray[np.void]:
+    """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order."""
+    cloud = frame.cloud()
+    points = np.empty(len(cloud), POINT_DTYPE)
+    for name in ("x", "y", "z", "intensity", "ring"):
+        points[name] = cloud[name]
+    points["t_ns"] = np.clip(cloud["t_ns"] - frame.stamp_ns, 0, 2**32 - 1)
+    return points
+
+
+def point_cloud(frame: Frame, frame_id: str) -> bytes:
+    """A frame as `foxglove.PointCloud`. Cost: 7 ms for 120,000 points, most of it for the cloud itself."""
+    fields = Fields().data(1, _time(frame.stamp_ns)).text(2, frame_id).data(3, _IDENTITY)
+    fields.fixed32(4, POINT_DTYPE.itemsize)
+    for element in _ELEMENTS:
+        fields.data(5, element)
+    return fields.data(6, points_of(frame).tobytes()).done()
+
+
+def frame_transform(stamp_ns: int, parent: str, child: str, T_parent_child: npt.NDArray[np.float64]) -> bytes:
+    """A pose, (4, 4) float64, as `foxglove.FrameTransform`."""
+    fields = Fields().data(1, _time(stamp_ns)).text(2, parent).text(3, child)
+    fields.data(4, _doubles(T_parent_child[:3, 3].tolist()))
+    return fields.data(5, _doubles(quaternion_of(T_parent_child))).done()
+
+
+def _time(stamp_ns: int) -> bytes:
+    seconds, nanos = divmod(stamp_ns, 10**9)
+    return Fields().varint(1, seconds).varint(2, nanos).done()
+
+
+def _doubles(values: list[float]) -> bytes:
+    fields = Fields()
+    for number, value in enumerate(values, 1):
+        fields.double(number, value)
+    return fields.done()
+
+
+def _element(name: str) -> bytes:
+    about = dict(POINT_DTYPE.fields or {})[name]
+    return Fields().text(1, name).fixed32(2, about[1]).varint(3, _NUMERIC_TYPES[about[0].str]).done()
+
+
+_IDENTITY: Final = Fields().data(1, _doubles([0.0, 0.0, 0.0])).data(2, _doubles([0.0, 0.0, 0.0, 1.0])).done()
+_ELEMENTS: Final = tuple(_element(name) for name in POINT_DTYPE.names or ())
