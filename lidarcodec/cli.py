@@ -241,6 +241,9 @@ def publish(
     config: Annotated[
         Path | None, _option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
     ] = None,
+    health_file: Annotated[
+        Path | None, _option("--health-file", metavar="FILE", help="Say there once a second how it goes, for `health`.")
+    ] = None,
 ) -> None:
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
@@ -257,7 +260,7 @@ def publish(
                 "--calibration": calibration, "--poses": poses,
             }
         )  # fmt: skip
-        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config))
+        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file)
         return
     if source is None:
         raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
@@ -265,6 +268,7 @@ def publish(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
+        health_file,
     )  # fmt: skip
 
 
@@ -300,6 +304,7 @@ def subscribe(
 app.command()(fleet.swarm)
 app.command()(fleet.certs)
 app.command()(fleet.serve)
+app.command()(fleet.health)
 
 
 @app.command()

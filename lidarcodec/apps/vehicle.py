@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.publish import Publisher, Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.errors import LidarCodecError, TransportError
@@ -105,6 +106,10 @@ class Vehicle:
         """Why sensors publish nothing now, by name."""
         return {sensor.plan.name: sensor.failure for sensor in self._sensors if sensor.failure is not None}
 
+    def states(self) -> list[SensorState]:
+        """How every sensor is doing now, but for those whose source came to its end."""
+        return [one.state() for one in self._sensors if one.failure is not None or one.thread.is_alive()]
+
     def _open(self, stop: threading.Event) -> Transport:
         """The session that all share; the first sensor opens it."""
         with self._opening:
@@ -132,7 +137,16 @@ class _Sensor:
         self.status: dict[str, Any] | None = None
         self.failure: LidarCodecError | OSError | None = None
         self._network, self._stop = network, stop
+        self._publisher: Publisher | None = None
         self.thread = threading.Thread(target=self._run, name=f"lidarcodec {plan.name}", daemon=True)
+
+    def state(self) -> SensorState:
+        """How it is doing now."""
+        publisher, failure = self._publisher, self.failure
+        if failure is not None or publisher is None:
+            why = None if failure is None else str(failure)
+            return SensorState(f"{self.keys.vehicle}/{self.keys.sensor}", failure=why)
+        return SensorState.of(publisher.status())
 
     def _run(self) -> None:
         wait_s = FIRST_WAIT_S
@@ -171,9 +185,9 @@ class _Sensor:
                 poses=source.poses if plan.with_poses else None,
             )
             with publisher:
-                self.failure = None
+                self.failure, self._publisher = None, publisher
                 while not publisher.wait(TICK_S) and not self._stop.is_set():
                     pass
-            self.status = publisher.status()
+            self.status, self._publisher = publisher.status(), None
             if publisher.failure is not None and not self._stop.is_set():
                 raise publisher.failure

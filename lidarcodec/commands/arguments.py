@@ -42,3 +42,6 @@ Listen = Annotated[
 ZenohConfig = Annotated[
     Path | None, option("--zenoh-config", metavar="FILE", help="A whole Zenoh configuration (JSON5), used as it is.")
 ]
+DatabasePassword = Annotated[
+    Path | None, option("--database-password-file", metavar="FILE", help="The password of --database-url, kept apart.")
+]

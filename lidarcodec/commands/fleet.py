@@ -1,4 +1,4 @@
-"""The commands of whoever runs more than one vehicle: a load, certificates and the server."""
+"""The commands of whoever runs more than one vehicle: a load, certificates, the server, and whether all is well."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lidarcodec.commands.arguments import CodecName, Connect, Listen, Pairs, ZenohConfig
+from lidarcodec.commands.arguments import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.running import keep_standard_output
 
@@ -83,6 +83,7 @@ def serve(
     database_url: Annotated[
         str | None, _option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
     ] = None,
+    database_password_file: DatabasePassword = None,
     tls_certificate: Annotated[Path | None, _option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
     tls_key: Annotated[Path | None, _option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
     insecure: Annotated[
@@ -110,11 +111,26 @@ def serve(
     keep_standard_output()
     command.run(
         (connect or [], listen or [], zenoh_config),
-        host=host, port=port, database_url=database_url, tls_certificate=tls_certificate, tls_key=tls_key,
+        host=host, port=port, database_url=database_url, database_password_file=database_password_file,
+        tls_certificate=tls_certificate, tls_key=tls_key,
         insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
         recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
     )  # fmt: skip
 
 
-__all__ = ["certs", "serve", "swarm"]
+def health(
+    health_file: Annotated[
+        Path | None, _option("--health-file", metavar="FILE", help="That of `publish --health-file`.")
+    ] = None,
+    url: Annotated[
+        str | None, _option("--url", metavar="URL", help="Of a server, such as http://127.0.0.1:8080.")
+    ] = None,
+) -> None:
+    """Say whether a publisher or a server of this machine is well: exit code 0, or 1 and what is not."""
+    from lidarcodec.commands import health as command
+
+    command.run(health_file, url)
+
+
+__all__ = ["certs", "health", "serve", "swarm"]

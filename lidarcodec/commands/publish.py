@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any, cast
 
+from lidarcodec.apps.health import SensorState, told_in
 from lidarcodec.apps.publish import Publisher, Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
@@ -74,6 +75,7 @@ def run(
     record_gb: float,
     calibration: Path | None,
     poses: Path | None,
+    health_file: Path | None,
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
@@ -93,7 +95,8 @@ def run(
             record_limits=record_limits(record_gb),
             poses=source.poses if poses else None,
         )
-        with stoppable(publisher.interrupt):
+        health = told_in(health_file, lambda: [SensorState.of(publisher.status())])
+        with stoppable(publisher.interrupt), health:
             publisher.run()
     print(summary_line(publisher.status()), file=sys.stdout)
 

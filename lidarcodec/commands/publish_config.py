@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from lidarcodec.apps.health import told_in
 from lidarcodec.apps.publish import Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
@@ -152,7 +153,7 @@ def read(path: Path) -> VehicleConfig:
     return parse(text, str(path))
 
 
-def run(path: Path, vehicle: str | None, given: Given) -> None:
+def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None) -> None:
     """Publish until every source has ended or a signal comes. What stands on the command line wins."""
     config = read(path)
     connect, listen, zenoh_config = given
@@ -161,7 +162,7 @@ def run(path: Path, vehicle: str | None, given: Given) -> None:
     endpoints = endpoints_of((connect, listen, zenoh_config))
     name = vehicle_of(vehicle or config.vehicle, endpoints)
     running = Vehicle(name, [sensor.plan() for sensor in config.sensors], endpoints)
-    with running, stoppable(running.interrupt) as stopped:
+    with running, stoppable(running.interrupt) as stopped, told_in(health_file, running.states):
         running.wait()
         failures = {} if stopped() else running.failures()
     for status in running.statuses():

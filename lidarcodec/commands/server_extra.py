@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -23,11 +24,14 @@ def server_module(name: str) -> Any:
         raise MissingExtraError("the server", "server") from None
 
 
-def server_config(**values: Any) -> Any:
+def server_config(*, database_url: str | None = None, database_password_file: Path | None = None, **values: Any) -> Any:
     """A server's configuration; what is None takes its default.
 
-    Raises SettingsError when a value is not allowed.
+    Raises SettingsError when a value is not allowed, or there is no password in the file.
     """
+    if database_password_file is not None:
+        database_url = server_module("passwords").with_password(database_url, database_password_file)
+    values["database_url"] = database_url
     try:
         return server_module("config").ServerConfig(**{name: one for name, one in values.items() if one is not None})
     except ValidationError as error:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from lidarcodec.commands.arguments import DatabasePassword
 from lidarcodec.commands.options import option
 from lidarcodec.commands.server_extra import server_config, server_module
 from lidarcodec.errors import SettingsError
@@ -28,9 +30,10 @@ def create(
         str, option("--role", metavar="viewer|operator", help="A viewer looks, an operator changes.")
     ] = "viewer",
     database_url: Database = None,
+    database_password_file: DatabasePassword = None,
 ) -> None:
     """Make a token and print it, this once. As soon as there is one, every request needs one."""
-    store = _store(database_url)
+    store = _store(database_url, database_password_file)
     try:
         token = server_module("tokens").create_token(store, name, role)
     finally:
@@ -41,9 +44,13 @@ def create(
 
 
 @app.command("list")
-def show(database_url: Database = None, as_json: Annotated[bool, option("--json", help="Print JSON.")] = False) -> None:
+def show(
+    database_url: Database = None,
+    database_password_file: DatabasePassword = None,
+    as_json: Annotated[bool, option("--json", help="Print JSON.")] = False,
+) -> None:
     """List the tokens; never what they are."""
-    store = _store(database_url)
+    store = _store(database_url, database_password_file)
     try:
         known = [_about(token) for token in store.tokens()]
     finally:
@@ -57,9 +64,9 @@ def show(database_url: Database = None, as_json: Annotated[bool, option("--json"
 
 
 @app.command()
-def revoke(name: Name, database_url: Database = None) -> None:
+def revoke(name: Name, database_url: Database = None, database_password_file: DatabasePassword = None) -> None:
     """Make a token worthless, within a second. Its name stays in the audit log and cannot be used again."""
-    store = _store(database_url)
+    store = _store(database_url, database_password_file)
     try:
         if not store.revoke_token(name):
             raise SettingsError(f"there is no token '{name}' that works", "name")
@@ -67,8 +74,8 @@ def revoke(name: Name, database_url: Database = None) -> None:
         store.close()
 
 
-def _store(url: str | None) -> Any:
-    config = server_config(database_url=url)
+def _store(url: str | None, password: Path | None) -> Any:
+    config = server_config(database_url=url, database_password_file=password)
     store = server_module("store").Store(config.database_url)
     store.open()
     return store

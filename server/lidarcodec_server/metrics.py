@@ -6,7 +6,7 @@ Durations are in seconds, as Prometheus wants them. Counters go on through resta
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, ProcessCollector, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
@@ -51,8 +51,10 @@ GAUGES = {"fps": "Frames sent a second.", "kbps": "Kilobits sent a second."}
 class Metrics:
     """Collects and tells. Thread-safe. `registry` takes further metrics."""
 
-    def __init__(self, fleet: Fleet) -> None:
+    def __init__(self, fleet: Fleet, ready: Callable[[], dict[str, bool]] = dict) -> None:
+        """ready: which parts of the server answer"""
         self.registry = CollectorRegistry()
+        self._ready = ready
         self.registry.register(_Streams(self))
         ProcessCollector(registry=self.registry)
         self._fleet = fleet
@@ -117,6 +119,10 @@ class Metrics:
                     gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(value))
             yield gauge
         yield from _counted(streams, totals)
+        ready = GaugeMetricFamily("lidarcodec_ready", "Whether a part of the server answers.", labels=["part"])
+        for part, answers in self._ready().items():
+            ready.add_metric([part], float(answers))
+        yield ready
         yield CounterMetricFamily("lidarcodec_streams_left_out", "Times that there was no room.", value=left_out)
 
 

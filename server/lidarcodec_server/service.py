@@ -45,7 +45,7 @@ class Service:
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
         self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
         self.tokens = TokenBook(self.store)
-        self.metrics = Metrics(self.fleet)
+        self.metrics = Metrics(self.fleet, self.ready)
         self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
         self.closing = ExitStack()
@@ -59,6 +59,10 @@ class Service:
     def open(self) -> bool:
         """Whether the network session is there."""
         return self._transport is not None and not self._stop.is_set()
+
+    def ready(self) -> dict[str, bool]:
+        """Which parts are there: the Zenoh session, and the store, which is asked."""
+        return {"zenoh": self.open, "store": self.store.ready()}
 
     @property
     def transport(self) -> Transport:

@@ -18,7 +18,7 @@ async def healthz() -> dict[str, bool]:
 @router.get("/readyz", responses={503: {"description": "Not ready: which part is not."}})
 def readyz(service: TheService, response: Response) -> dict[str, bool]:
     """The Zenoh session is open, and the store answers."""
-    parts = {"zenoh": service.open, "store": service.store.ready()}
+    parts = service.ready()
     if not all(parts.values()):
         response.status_code = 503
     return parts

@@ -1,0 +1,161 @@
+"""Health: how publishing goes, in a file, for whoever watches a process that cannot be asked over the network.
+
+A vehicle whose router is away, or refuses it, is well; one that hangs, or whose sensor sends nothing, is not. Ages are
+by the clock that no one sets (CLOCK_MONOTONIC), which is the same for all processes of a machine.
+
+>>> complaints({"monotonic_s": 100.0, "sensors": [{"stream": "car-7/roof", "quiet_s": 12.0}]}, now_s=100.5)
+['car-7/roof: no frame from the sensor for 12 s']
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from lidarcodec.errors import SettingsError, SourceError
+
+logger = logging.getLogger(__name__)
+
+TELL_S = 1.0
+STALE_S = 10.0
+"""A file that was not written for so long is that of a process that hangs, or is gone."""
+QUIET_S = 10.0
+"""Frames that do not come, or are not sent although somebody receives, for so long are missed."""
+MAX_FILE_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class SensorState:
+    """How a sensor is doing now.
+
+    assembled, sent: frames since it was opened;  failure: why nothing comes from it
+    """
+
+    stream: str
+    assembled: int = 0
+    sent: int = 0
+    matching: bool = False
+    failure: str | None = None
+
+    @classmethod
+    def of(cls, status: dict[str, Any]) -> Self:
+        """From a publisher's status."""
+        stream = f"{status['vehicle']}/{status['sensor']}"
+        return cls(stream, status["assembled"], status["frames"], bool(status["matching"]))
+
+
+class HealthFile:
+    """Writes how it goes, once a second. A context manager: the file is gone when it is left in good order."""
+
+    def __init__(self, path: Path, states: Callable[[], Sequence[SensorState]]) -> None:
+        """states: called in a thread of its own"""
+        self._path, self._states = path, states
+        self._stop = threading.Event()
+        self._since: dict[str, dict[str, tuple[int, float]]] = {}
+        self._thread = threading.Thread(target=self._run, name="lidarcodec health", daemon=True)
+        self._complained = False
+
+    def __enter__(self) -> Self:
+        """Raises SettingsError when the file cannot be written."""
+        try:
+            self._write()
+        except OSError as error:
+            raise SettingsError(f"cannot write {self._path}: {error.strerror}", "health_file") from None
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._path.unlink(missing_ok=True)
+
+    def _run(self) -> None:
+        while not self._stop.wait(TELL_S):
+            try:
+                self._write()
+            except OSError as error:  # it grows old, and that is seen
+                if not self._complained:
+                    logger.warning("cannot write %s: %s", self._path, error.strerror)
+                self._complained = True
+
+    def _write(self) -> None:
+        now_s = time.monotonic()
+        told = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": [self._told(one, now_s) for one in self._states()]}
+        beside = self._path.with_name(self._path.name + ".part")
+        beside.write_text(json.dumps(told) + "\n")
+        beside.replace(self._path)
+
+    def _told(self, state: SensorState, now_s: float) -> dict[str, Any]:
+        since = self._since.setdefault(state.stream, {})
+        unsent_s = self._unchanged_s(since, "sent", state.sent, now_s)
+        if not state.matching:  # nobody waits for it
+            since["sent"] = (state.sent, now_s)
+            unsent_s = 0.0
+        return {
+            "stream": state.stream,
+            "assembled": state.assembled,
+            "sent": state.sent,
+            "matching": state.matching,
+            "quiet_s": round(self._unchanged_s(since, "assembled", state.assembled, now_s), 1),
+            "unsent_s": round(unsent_s, 1),
+            "failure": state.failure,
+        }
+
+    @staticmethod
+    def _unchanged_s(since: dict[str, tuple[int, float]], name: str, value: int, now_s: float) -> float:
+        if name not in since or since[name][0] != value:
+            since[name] = (value, now_s)
+        return now_s - since[name][1]
+
+
+def told_in(
+    path: Path | None, states: Callable[[], Sequence[SensorState]]
+) -> AbstractContextManager[HealthFile | None]:
+    """A HealthFile, where one is wanted."""
+    return nullcontext() if path is None else HealthFile(path, states)
+
+
+def complaints(told: dict[str, Any], now_s: float) -> list[str]:
+    """What is wrong by a health file, in lines; empty when all is well.
+
+    Raises SourceError when it is none.
+    """
+    try:
+        age_s = now_s - float(told["monotonic_s"])
+        wrong = [f"the publisher has said nothing for {age_s:.0f} s"] if not 0 <= age_s <= STALE_S else []
+        for sensor in told["sensors"]:
+            quiet_s, unsent_s = float(sensor["quiet_s"]), float(sensor.get("unsent_s", 0.0))
+            if sensor.get("failure"):
+                wrong.append(f"{sensor['stream']}: {sensor['failure']}")
+            elif quiet_s > QUIET_S:
+                wrong.append(f"{sensor['stream']}: no frame from the sensor for {quiet_s:.0f} s")
+            elif unsent_s > QUIET_S:
+                wrong.append(f"{sensor['stream']}: nothing was sent for {unsent_s:.0f} s, although somebody receives")
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise SourceError("that is no health file") from None
+    return wrong
+
+
+def read(path: Path) -> dict[str, Any]:
+    """What a health file says.
+
+    Raises SourceError when there is none.
+    """
+    try:
+        with path.open("rb") as file:
+            told = json.loads(file.read(MAX_FILE_BYTES))
+    except OSError as error:
+        raise SourceError(f"{path}: {error.strerror}; is `lidarcodec publish --health-file {path}` running?") from None
+    except (ValueError, RecursionError):
+        raise SourceError(f"{path} is no health file") from None
+    if not isinstance(told, dict):
+        raise SourceError(f"{path} is no health file")
+    return told

@@ -1,0 +1,73 @@
+"""`lidarcodec health`: whether a publisher or a server of this machine is well, as an exit code."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import ssl
+import sys
+import time
+import urllib.error
+import urllib.request
+from ipaddress import ip_address
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from lidarcodec.apps import health
+from lidarcodec.errors import SettingsError, SourceError
+
+ANSWER_S = 5.0
+MAX_ANSWER_BYTES = 4096
+
+
+def run(file: Path | None, url: str | None) -> None:
+    """Print `well`.
+
+    Raises SourceError that says what is not, SettingsError when it is not said who is asked about.
+    """
+    if (file is None) == (url is None):
+        raise SettingsError("whose health? give --health-file FILE of a publisher, or --url URL of a server", "url")
+    wrong = health.complaints(health.read(file), time.monotonic()) if file is not None else _of_server(str(url))
+    if wrong:
+        raise SourceError("; ".join(wrong))
+    print("well", file=sys.stdout)
+
+
+def _of_server(url: str) -> list[str]:
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise SettingsError(f"{url} is no address of a server, such as http://127.0.0.1:8080", "url")
+    handlers: list[urllib.request.BaseHandler] = [urllib.request.ProxyHandler({})]
+    if parts.scheme == "https":
+        handlers.append(urllib.request.HTTPSHandler(context=_trust(parts.hostname)))
+    try:
+        with urllib.request.build_opener(*handlers).open(f"{url.rstrip('/')}/readyz", timeout=ANSWER_S) as answer:
+            answer.read(MAX_ANSWER_BYTES)
+    except urllib.error.HTTPError as error:
+        with error:
+            return [f"{url} is not ready: {_away(error.read(MAX_ANSWER_BYTES)) or error.code}"]
+    except (OSError, http.client.HTTPException) as error:
+        return [f"{url} does not answer: {getattr(error, 'reason', None) or error}"]
+    return []
+
+
+def _away(body: bytes) -> str:
+    """The parts that are not ready, as `/readyz` lists them; empty when it is another answer."""
+    try:
+        parts = json.loads(body)
+        return ", ".join(str(name) for name, ready in parts.items() if ready is False)
+    except (ValueError, AttributeError):
+        return ""
+
+
+def _trust(host: str) -> ssl.SSLContext:
+    """Certificates as usual; on loopback any, because nobody else listens there and its name is another one."""
+    context = ssl.create_default_context()
+    try:
+        loopback = ip_address(host).is_loopback
+    except ValueError:
+        loopback = host == "localhost"
+    if loopback:
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_NONE
+    return context

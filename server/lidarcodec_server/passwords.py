@@ -1,0 +1,42 @@
+"""with_password: a database URL and its password, which lies in a file of its own.
+
+That is how Docker and systemd hand secrets over. In the environment, whoever may look at the process would read it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import sqlalchemy as sa
+from sqlalchemy.exc import ArgumentError
+
+from lidarcodec.errors import SettingsError
+
+MAX_BYTES = 4096
+
+
+def with_password(url: str | None, file: Path) -> str:
+    """The URL with the first line of the file as its password.
+
+    Raises SettingsError when there is no such file or no URL, or when the URL has a password already.
+    """
+    try:
+        with file.open("rb") as found:
+            password = found.read(MAX_BYTES).decode().partition("\n")[0].rstrip("\r")
+    except OSError as error:
+        raise SettingsError(f"{file}: {error.strerror}", "database_password_file") from None
+    except UnicodeDecodeError:
+        password = ""
+    if not password:
+        raise SettingsError(f"{file} holds no password in its first line", "database_password_file")
+    try:
+        parsed = sa.make_url(url or "")
+    except ArgumentError:
+        parsed = None
+    if parsed is None or not parsed.username or parsed.password is not None:
+        raise SettingsError(
+            "--database-password-file is for a database URL with a user and without a password, such as "
+            "postgresql://lidarcodec@database/lidarcodec",
+            "database_url",
+        )
+    return parsed.set(password=password).render_as_string(hide_password=False)
