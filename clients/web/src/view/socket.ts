@@ -1,64 +1,179 @@
-/** The cloud socket of a stream, opened again when it breaks; a frame is acknowledged when it was taken. */
-import type { StreamName, ViewStats } from "./types";
+/** The cloud socket of a stream as a source of frames (docs/live-sockets.md), opened again when it breaks.
+ *
+ * A frame is acknowledged when it was drawn, and two may be under way: so a slow page gets fewer frames and none of them
+ * late. While nobody sees the page the socket is closed, because nothing would be drawn. */
+import { Backoff } from "./backoff";
+import { parseFrame } from "./frame";
+import { type SensorEvent, type SensorTable, sensorTable } from "./sensor";
+import type { FrameSource, Sink, SourceOptions } from "./source";
 
-const AGAIN_MS = [500, 1000, 2000, 5000];
+const WINDOW = 2;
+const HIDDEN_MS = 3000;
+const TOKEN_REVOKED = 4401;
 
-export class CloudSocket {
-  state: ViewStats["connection"] = "opening";
+interface Told extends Partial<SensorEvent> {
+  event: string;
+  server_ns?: number;
+}
+
+export class CloudSocket implements FrameSource {
+  connection: FrameSource["connection"] = "opening";
   problem: string | null = null;
   alive: boolean | null = null;
+  clockAheadMs = 0;
   #socket: WebSocket | null = null;
+  #sensor: SensorTable | null = null;
   #timer = 0;
-  #failures = 0;
-  #ended = false;
+  #opened = false;
+  readonly #backoff = new Backoff();
+  readonly #ended = new AbortController();
+  readonly #acknowledgement = new DataView(new ArrayBuffer(8));
 
   constructor(
-    private readonly stream: StreamName,
-    private readonly token: string | undefined,
-    private readonly taken: (frame: ArrayBuffer) => void,
+    private readonly options: SourceOptions,
+    private readonly sink: Sink,
   ) {
+    const { signal } = this.#ended;
+    window.addEventListener("online", () => this.#hurry(), { signal });
+    document.addEventListener("visibilitychange", () => this.#looked(), { signal });
     this.#open();
   }
 
   close(): void {
-    this.#ended = true;
-    this.state = "closed";
+    this.#ended.abort();
+    this.#leave();
+    this.connection = "closed";
+  }
+
+  #leave(): void {
     window.clearTimeout(this.#timer);
-    this.#socket?.close();
+    const socket = this.#socket;
+    this.#socket = null;
+    if (!socket) return;
+    socket.onopen = socket.onmessage = socket.onclose = null;
+    socket.close();
+  }
+
+  #path(name: string): URL {
+    const { vehicle, sensor } = this.options.stream;
+    const parts = [vehicle, sensor].map(encodeURIComponent).join("/");
+    return new URL(`api/v1/streams/${parts}${name}`, document.baseURI);
   }
 
   #open(): void {
-    const { vehicle, sensor } = this.stream;
-    const url = new URL(`api/v1/streams/${vehicle}/${sensor}/cloud`, document.baseURI);
+    const url = this.#path("/cloud");
     url.protocol = url.protocol.replace("http", "ws");
-    const socket = new WebSocket(url, this.token ? ["lidarcodec", `lidarcodec.token.${this.token}`] : ["lidarcodec"]);
+    url.searchParams.set("form", "range");
+    url.searchParams.set("window", `${WINDOW}`);
+    if (this.options.original) url.searchParams.set("attributes", "intensity,original");
+    const { token } = this.options;
+    const socket = new WebSocket(url, token ? ["lidarcodec", `lidarcodec.token.${token}`] : ["lidarcodec"]);
     socket.binaryType = "arraybuffer";
     this.#socket = socket;
-    this.state = "opening";
+    this.#opened = false;
+    this.#state("opening");
     socket.onopen = () => {
-      this.state = "open";
-      this.#failures = 0;
+      this.#opened = true;
+      this.#state("open");
     };
     socket.onmessage = ({ data }: MessageEvent<ArrayBuffer | string>) => {
-      if (typeof data === "string") {
-        const { event } = JSON.parse(data) as { event: string };
-        if (event === "alive" || event === "gone") this.alive = event === "alive";
-        return;
+      try {
+        if (typeof data === "string") this.#event(data);
+        else this.#frame(socket, data);
+      } catch (error) {
+        this.problem = error instanceof Error ? error.message : String(error);
+        socket.close(); // whatever speaks there, it is not our protocol: ask again, later and later
       }
-      this.taken(data);
-      socket.send("ack");
     };
-    socket.onclose = ({ code }) => {
-      if (this.#ended) return;
-      this.state = "waiting";
-      if (code === 4401) {
-        this.state = "refused";
-        this.problem = "the token was revoked";
-        return;
+    socket.onclose = ({ code, reason }) => void this.#closed(code, reason);
+  }
+
+  #frame(socket: WebSocket, data: ArrayBuffer): void {
+    if (!this.#sensor) return;
+    const frame = parseFrame(data);
+    this.#backoff.reset();
+    this.problem = null;
+    this.sink.frame(frame, this.#sensor, () => this.#acknowledge(socket, frame.index));
+  }
+
+  #acknowledge(socket: WebSocket, index: number): void {
+    if (socket.readyState !== WebSocket.OPEN) return;
+    this.#acknowledgement.setUint32(0, index % 0x100000000, true);
+    this.#acknowledgement.setUint32(4, Math.floor(index / 0x100000000), true);
+    socket.send(this.#acknowledgement.buffer as ArrayBuffer);
+  }
+
+  #event(text: string): void {
+    const told = JSON.parse(text) as Told;
+    if (told.event === "sensor") this.#sensor = sensorTable(told);
+    if (told.event === "hello" && told.server_ns) this.clockAheadMs = told.server_ns / 1e6 - Date.now();
+    else if (told.event === "restarted") this.sink.restarted();
+    else if (told.event === "alive" || told.event === "gone") {
+      this.alive = told.event === "alive";
+      this.sink.changed();
+    }
+  }
+
+  /** The browser does not say why a handshake was refused: the stream's own address does. */
+  async #closed(code: number, reason: string): Promise<void> {
+    this.#socket = null;
+    if (code === TOKEN_REVOKED) {
+      this.problem = "the token does not work any more";
+      this.#state("refused");
+      return;
+    }
+    if (reason) this.problem = reason;
+    this.#state("waiting");
+    if (!this.#opened && (await this.#refused())) return;
+    if (this.#ended.signal.aborted || document.hidden) return;
+    this.#timer = window.setTimeout(() => this.#open(), this.#backoff.next(Math.random()));
+  }
+
+  async #refused(): Promise<boolean> {
+    const headers: Record<string, string> = { Accept: "application/json" };
+    if (this.options.token) headers.Authorization = `Bearer ${this.options.token}`;
+    const { signal } = this.#ended;
+    try {
+      const answer = await fetch(this.#path(""), { headers, cache: "no-store", signal });
+      if (answer.ok) {
+        this.problem = "the server refuses another viewer just now";
+      } else {
+        const problem = (await answer.json().catch(() => ({}))) as { detail?: string };
+        this.problem = problem.detail ?? `the server answered ${answer.status}`;
       }
-      const wait = AGAIN_MS[Math.min(this.#failures, AGAIN_MS.length - 1)];
-      this.#failures += 1;
-      this.#timer = window.setTimeout(() => this.#open(), wait);
-    };
+      if (answer.status !== 401 && answer.status !== 403) return false;
+    } catch {
+      this.problem = "the server does not answer";
+      return false;
+    }
+    this.#state("refused");
+    return true;
+  }
+
+  #hurry(): void {
+    if (this.connection !== "waiting" || document.hidden) return;
+    window.clearTimeout(this.#timer);
+    this.#backoff.reset();
+    this.#open();
+  }
+
+  #looked(): void {
+    if (this.connection === "refused") return;
+    window.clearTimeout(this.#timer);
+    if (!document.hidden) {
+      if (!this.#socket) this.#open();
+      return;
+    }
+    this.#timer = window.setTimeout(() => {
+      this.#leave();
+      this.problem = null;
+      this.#state("waiting");
+    }, HIDDEN_MS);
+  }
+
+  #state(connection: FrameSource["connection"]): void {
+    this.connection = connection;
+    if (connection === "open") this.problem = null;
+    if (!this.#ended.signal.aborted) this.sink.changed();
   }
 }

@@ -1,4 +1,5 @@
 /** What the page and the view of a stream agree on. The page makes one view, opens streams in it and sets its options. */
+import type { Comparison } from "./compare";
 
 export type Colour = "height" | "intensity" | "distance" | "ring";
 export type Camera = "orbit" | "follow";
@@ -50,6 +51,12 @@ export interface ViewStats {
   problem: string | null;
   /** From the socket's events: whether the vehicle's publisher is there; null while it is not known. */
   alive: boolean | null;
+  /** Pictures drawn in the last second: as many as frames while nothing moves, up to the screen's rate while it does. */
+  drawn: number;
+  /** Original against decoded; null while they are not compared, or no original comes. */
+  comparison: Comparison | null;
+  /** Memory of the graphics card that textures take. */
+  gpuBytes: number;
 }
 
 export interface View {

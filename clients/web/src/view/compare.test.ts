@@ -1,0 +1,49 @@
+import { describe, expect, test } from "vitest";
+import { compared, ErrorScale, millimetres } from "./compare";
+
+const pair = (range: number[], original: number[]) => ({
+  range: Uint16Array.from(range),
+  original: Uint16Array.from(original),
+  rangeStepM: 0.002,
+});
+
+describe("original against decoded", () => {
+  test("a lossless frame has no error", () => {
+    const same = [100, 0, 65535, 3];
+    expect(compared(pair(same, same))).toEqual({
+      returns: 3,
+      rmse_mm: 0,
+      max_mm: 0,
+      changed: 0,
+      dropped: 0,
+      invented: 0,
+    });
+  });
+
+  test("errors count along the ray and in both directions, over returns that are in both", () => {
+    const found = compared(pair([103, 96, 50, 0, 9], [100, 100, 50, 20, 0]));
+    expect(found).toMatchObject({ returns: 3, max_mm: 8, dropped: 1, invented: 1 });
+    expect(found?.changed).toBeCloseTo(2 / 3);
+    expect(found?.rmse_mm).toBeCloseTo(2 * Math.sqrt(25 / 3));
+  });
+
+  test("without an original there is nothing to say", () => {
+    expect(compared({ ...pair([1], [1]), original: null })).toBeNull();
+  });
+});
+
+test("the scale of errors grows at once and shrinks only after a while, so that colours do not flicker", () => {
+  const scale = new ErrorScale();
+  expect(scale.update(2)).toBe(false);
+  expect(scale.update(9)).toBe(true);
+  expect(scale.mm).toBe(10);
+  for (let frame = 0; frame < 19; frame++) expect(scale.update(1)).toBe(false);
+  expect(scale.update(9)).toBe(false);
+  for (let frame = 0; frame < 19; frame++) expect(scale.update(1)).toBe(false);
+  expect(scale.update(1)).toBe(true);
+  expect(scale.mm).toBe(2);
+});
+
+test("lengths are written as people say them", () => {
+  expect([0, 0.5, 2, 9.996, 20, 1250].map(millimetres)).toEqual(["0 mm", "0.5 mm", "2 mm", "10 mm", "20 mm", "1.3 m"]);
+});

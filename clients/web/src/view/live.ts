@@ -1,0 +1,327 @@
+/** The view of a stream: frames of a source become pictures. A picture is made when there is something new to see: a
+ * frame, a movement, a choice; and at the screen's rate while something moves. */
+import { Camera } from "./camera";
+import { type Comparison, compared, ErrorScale } from "./compare";
+import { Controls } from "./controls";
+import type { RangeFrame } from "./frame";
+import { Ground } from "./ground";
+import { headingOf } from "./matrix";
+import { Motion } from "./motion";
+import { Overlay } from "./overlay";
+import { Pending } from "./pending";
+import { Quality } from "./quality";
+import { Renderer, type Scene } from "./renderer";
+import type { SensorTable } from "./sensor";
+import { CloudSocket } from "./socket";
+import type { FrameSource, Sink } from "./source";
+import { Tally } from "./tally";
+import { ThemeWatch } from "./theme";
+import type { StreamName, View, ViewOptions, ViewStats } from "./types";
+
+const STATS_MS = 250;
+const WAIT_FOR_ORIGINALS_MS = 3000;
+const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
+const LOST = "The graphics card was taken away; the picture comes back with it.";
+const NO_ORIGINALS =
+  "The originals of this stream do not come here. They do where the vehicle runs on the server's machine and publishes them: lidarcodec demo, or lidarcodec publish --original.";
+
+interface Waiting {
+  frame: RangeFrame;
+  sensor: SensorTable;
+  shown: () => void;
+}
+
+export class LiveView implements View, Sink {
+  readonly #canvas = document.createElement("canvas");
+  readonly #gl: WebGL2RenderingContext | null;
+  readonly #camera = new Camera();
+  readonly #controls: Controls;
+  readonly #overlay: Overlay;
+  readonly #theme: ThemeWatch;
+  readonly #ground = new Ground();
+  readonly #motion = new Motion();
+  readonly #quality = new Quality();
+  readonly #tally = new Tally();
+  readonly #scale = new ErrorScale();
+  readonly #resized: ResizeObserver;
+  readonly #timer: number;
+  readonly #scene: Scene;
+  readonly #waiting: Waiting[] = [];
+  #renderer: Renderer | null = null;
+  #pending: Pending | null = null;
+  #options: ViewOptions;
+  #source: FrameSource | null = null;
+  #stream: { stream: StreamName; token: string | undefined } | null = null;
+  #opened = 0;
+  #last: Waiting | null = null;
+  #comparison: Comparison | null = null;
+  #heading: number | null = null;
+  #request = 0;
+  #before = 0;
+  #dirty = true;
+  #tell: (stats: ViewStats) => void = () => {};
+
+  constructor(
+    private readonly host: HTMLElement,
+    options: ViewOptions,
+  ) {
+    this.#options = { ...options };
+    host.classList.add("lidar-view");
+    const canvas = this.#canvas;
+    canvas.className = "lidar-canvas";
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute(
+      "aria-label",
+      "Point cloud. Arrow keys turn, with shift they move; plus and minus zoom; 0 resets.",
+    );
+    host.append(canvas);
+    this.#overlay = new Overlay(host);
+    this.#theme = new ThemeWatch(host, () => this.#wake());
+    this.#controls = new Controls(canvas, this.#camera, () => this.#wake());
+    this.#camera.reset(options.camera, true);
+    this.#scene = {
+      colour: options.colour,
+      pointSize: 1,
+      ratio: 1,
+      compare: false,
+      error_mm: this.#scale.mm,
+      rangeImage: options.rangeImage,
+      ground: this.#ground.z,
+      pose: null,
+      theme: this.#theme.theme,
+      shaded: true,
+    };
+    canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.#pending?.end();
+      this.#renderer = this.#pending = null;
+      this.#overlay.message(LOST);
+    });
+    canvas.addEventListener("webglcontextrestored", () => this.#begin());
+    this.#gl = canvas.getContext("webgl2", {
+      antialias: false,
+      alpha: false,
+      depth: true,
+      powerPreference: "high-performance",
+    });
+    this.#begin();
+    this.#resized = new ResizeObserver(() => this.#wake());
+    this.#resized.observe(host);
+    this.#timer = window.setInterval(() => this.#report(), STATS_MS);
+  }
+
+  // --- for the page -------------------------------------------------------------------------------------------------
+
+  open(stream: StreamName, token?: string): void {
+    this.close();
+    this.#stream = { stream, token };
+    this.#connect();
+  }
+
+  close(): void {
+    this.#disconnect();
+    this.#stream = null;
+    this.#clear();
+    this.#report();
+  }
+
+  set(changed: Partial<ViewOptions>): void {
+    const before = this.#options;
+    this.#options = { ...before, ...changed };
+    const { camera, compare, decodeInBrowser, trail } = this.#options;
+    if (camera !== before.camera) this.#camera.reset(camera);
+    if (trail < before.trail) this.#renderer?.layers.shorten(trail);
+    if ((compare !== before.compare || decodeInBrowser !== before.decodeInBrowser) && this.#stream) {
+      this.#disconnect();
+      this.#connect();
+    }
+    this.#wake();
+  }
+
+  onstats(callback: (stats: ViewStats) => void): void {
+    this.#tell = callback;
+  }
+
+  dispose(): void {
+    this.close();
+    window.clearInterval(this.#timer);
+    window.cancelAnimationFrame(this.#request);
+    this.#resized.disconnect();
+    this.#theme.dispose();
+    this.#controls.dispose();
+    this.#renderer?.delete();
+    this.#gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    this.#canvas.remove();
+    this.#overlay.root.remove();
+    this.host.classList.remove("lidar-view");
+  }
+
+  // --- for the source -----------------------------------------------------------------------------------------------
+
+  frame(frame: RangeFrame, sensor: SensorTable, shown: () => void): void {
+    this.#waiting.push({ frame, sensor, shown });
+    this.#again();
+  }
+
+  restarted(): void {
+    this.#clear();
+  }
+
+  changed(): void {
+    this.#report();
+  }
+
+  // --- within -------------------------------------------------------------------------------------------------------
+
+  #connect(): void {
+    if (!this.#stream || !this.#gl) return;
+    this.#opened = performance.now();
+    this.#source = new CloudSocket({ ...this.#stream, original: this.#options.compare }, this);
+  }
+
+  #disconnect(): void {
+    this.#source?.close();
+    this.#source = null;
+    this.#waiting.length = 0;
+    this.#pending?.end();
+  }
+
+  #clear(): void {
+    this.#renderer?.layers.clear();
+    this.#last = this.#comparison = this.#heading = null;
+    this.#ground.reset();
+    this.#motion.reset();
+    this.#tally.reset();
+    this.#wake();
+  }
+
+  #begin(): void {
+    if (!this.#gl || this.#gl.isContextLost()) {
+      this.#overlay.message(this.#gl ? LOST : NO_WEBGL);
+      return;
+    }
+    this.#renderer = new Renderer(this.#gl);
+    this.#pending = new Pending(this.#gl);
+    this.#overlay.message("");
+    if (this.#last) this.#renderer.push(this.#last.frame, this.#last.sensor, 0);
+    this.#wake();
+  }
+
+  /** Draw again soon. */
+  #wake(): void {
+    this.#dirty = true;
+    this.#again();
+  }
+
+  #again(): void {
+    if (this.#request === 0) this.#request = window.requestAnimationFrame((now) => this.#picture(now));
+  }
+
+  #picture(now: number): void {
+    this.#request = 0;
+    const took = this.#pending?.done(now) ?? null;
+    if (took !== null && this.#quality.took(took)) this.#dirty = true;
+    if (!this.#pending?.drawing) this.#next(now);
+    if (this.#dirty || this.#pending?.drawing || this.#waiting.length > 0) this.#again();
+  }
+
+  /** Draw what is new. */
+  #next(now: number): void {
+    const seconds = (now - this.#before) / 1000;
+    this.#before = now;
+    const steered = this.#controls.step(seconds);
+    const turned = this.#camera.move(seconds);
+    const taken = this.#take(now);
+    const driven = this.#motion.predict(now) && this.#quality.level === 2;
+    const draws = this.#dirty || taken || steered || turned || driven;
+    this.#dirty = steered || turned || driven;
+    const acknowledged = this.#waiting.splice(0);
+    if (draws && this.#renderer && this.#size()) {
+      this.#draw(this.#renderer);
+      this.#tally.drawn(now);
+      this.#pending?.begin(
+        now,
+        acknowledged.map(({ shown }) => shown),
+      );
+    } else for (const { shown } of acknowledged) shown();
+  }
+
+  /** True if there were frames. */
+  #take(now: number): boolean {
+    for (const one of this.#waiting) {
+      const { frame, sensor } = one;
+      if (this.#last && this.#last.frame.streamId !== frame.streamId) this.#clear();
+      this.#renderer?.push(frame, sensor, this.#options.compare ? 0 : this.#options.trail);
+      this.#ground.update(frame, sensor);
+      this.#motion.take(frame, now);
+      this.#last = one;
+      const aheadMs = this.#source?.clockAheadMs ?? 0;
+      this.#tally.shown(frame, this.#renderer?.layers.points ?? frame.returns, now, Date.now() + aheadMs);
+    }
+    if (this.#waiting.length === 0 || !this.#last) return false;
+    if (this.#motion.known) {
+      const heading = headingOf(this.#motion.pose);
+      this.#heading ??= heading;
+      this.#camera.heading = heading - this.#heading;
+    } else this.#camera.heading = 0;
+    this.#comparison = this.#options.compare ? compared(this.#last.frame) : null;
+    if (this.#comparison) this.#scale.update(this.#comparison.max_mm);
+    return true;
+  }
+
+  /** Have the canvas as large as it is shown. False while it is not shown at all. */
+  #size(): boolean {
+    const ratio = this.#quality.ratio(window.devicePixelRatio || 1);
+    const wide = Math.round(this.host.clientWidth * ratio);
+    const high = Math.round(this.host.clientHeight * ratio);
+    if (wide < 2 || high < 2) return false;
+    if (this.#canvas.width !== wide || this.#canvas.height !== high) {
+      this.#canvas.width = wide;
+      this.#canvas.height = high;
+    }
+    this.#scene.ratio = ratio;
+    return true;
+  }
+
+  #draw(renderer: Renderer): void {
+    const scene = this.#scene;
+    const { colour, pointSize, rangeImage } = this.#options;
+    scene.colour = colour;
+    scene.pointSize = pointSize * scene.ratio;
+    scene.compare = this.#comparison !== null;
+    scene.error_mm = this.#scale.mm;
+    scene.rangeImage = rangeImage;
+    scene.ground = this.#ground.z;
+    scene.pose = this.#motion.known ? this.#motion.pose : null;
+    scene.theme = this.#theme.theme;
+    scene.shaded = this.#quality.level === 2;
+    renderer.draw(this.#camera, scene);
+    const pane = renderer.panes(scene)[0];
+    const strip = (pane?.image?.high ?? 0) / scene.ratio;
+    const upright = scene.compare && this.#canvas.height > this.#canvas.width;
+    this.#overlay.empty(this.#last === null);
+    this.#overlay.strip(strip);
+    this.#overlay.scale(colour, scene.theme);
+    this.#overlay.compare(this.#comparison, this.#scale.mm, scene.theme, upright);
+  }
+
+  #report(): void {
+    const now = performance.now();
+    if (this.#renderer) this.#overlay.message(this.#lacksOriginals(now) ? NO_ORIGINALS : "");
+    const source = this.#source;
+    this.#tell({
+      ...this.#tally.stats(now),
+      connection: this.#gl ? (source?.connection ?? "closed") : "refused",
+      problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
+      alive: source?.alive ?? null,
+      comparison: this.#comparison,
+      gpuBytes: this.#renderer?.bytes ?? 0,
+    });
+  }
+
+  #lacksOriginals(now: number): boolean {
+    if (!this.#options.compare || !this.#last || this.#comparison) return false;
+    return now - this.#opened > WAIT_FOR_ORIGINALS_MS;
+  }
+}

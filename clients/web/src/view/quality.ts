@@ -1,0 +1,26 @@
+/** How much is drawn for each pixel, so that the picture moves even where a processor has to draw it. */
+
+/** A picture after which the browser asks for the next one later than this was too much. */
+const SLOW_MS = 45;
+const ENOUGH = 10;
+
+/** 2: everything;  1: without shaded edges;  0: and one pixel for four of a fine screen. */
+export class Quality {
+  level: 0 | 1 | 2 = 2;
+  #slow = 0;
+
+  /** A picture took so long. True if less is drawn from now on. */
+  took(ms: number): boolean {
+    if (ms > 1000) return false; // the page was away, or the machine
+    this.#slow = ms > SLOW_MS ? this.#slow + 1 : Math.max(this.#slow - 2, 0);
+    if (this.#slow < ENOUGH || this.level === 0) return false;
+    this.#slow = 0;
+    this.level = this.level === 2 ? 1 : 0;
+    return true;
+  }
+
+  /** Device pixels of a CSS pixel that are drawn. */
+  ratio(screen: number): number {
+    return Math.min(screen, this.level === 0 ? Math.max(screen / 2, 1) : 2);
+  }
+}
