@@ -26,6 +26,7 @@ from lidarcodec.commands.arguments import (
     WithClouds,
     ZenohConfig,
 )
+from lidarcodec.commands.convert_command import convert
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.commands.running import FAILED, WRONG_USAGE, keep_standard_output
@@ -38,7 +39,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder), udp://HOST:PORT, or "
+    epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder, a rosbag), udp://HOST:PORT, or "
     "sim:city|road|street[?seed=1&frames=100]. Every option can also be set by an environment variable.",
 )
 
@@ -113,6 +114,9 @@ def decode(
     from lidarcodec.commands import decode as command
 
     command.run(recording, out, frames, skip)
+
+
+app.command()(convert)
 
 
 @app.command()

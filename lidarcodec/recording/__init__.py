@@ -13,6 +13,7 @@ True
 
 from lidarcodec.recording.layout import MESSAGE_ENCODING, PACKET_ENCODING
 from lidarcodec.recording.reader import RecordingReader, read_recording
+from lidarcodec.recording.rosbag import RosbagWriter
 from lidarcodec.recording.rotation import RotatingRecorder
 from lidarcodec.recording.writer import RecordingWriter
 
@@ -21,6 +22,7 @@ __all__ = [
     "PACKET_ENCODING",
     "RecordingReader",
     "RecordingWriter",
+    "RosbagWriter",
     "RotatingRecorder",
     "read_recording",
 ]

@@ -30,7 +30,8 @@ class RecordingReader:
     """Reads a recording from a binary file that can seek; neither opens nor closes it.
 
     metadata: what the writer noted (vehicle, sensor, settings, ...), as texts; empty for files of other programs
-    channels: those at the beginning, by id
+    profile: what the file says it follows, such as `ros2`; empty for ours
+    channels: those at the beginning, by id;  schemas: names of types, by id
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches
     """
 
@@ -44,6 +45,8 @@ class RecordingReader:
         self.counts: Counter[str] = Counter()
         self.metadata: dict[str, str] = {}
         self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, str] = {}
+        self.profile = ""
         self._warned = not warn
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
@@ -69,9 +72,21 @@ class RecordingReader:
             except DecodeError as error:
                 self._damaged(error)
 
+    def others(self, encoding: str, topic: str) -> Iterator[tuple[int, bytes]]:
+        """(log time in ns, bytes) of each message of another program's channel, in the order of the file."""
+        for stored in self._read(encoding, topic, None, lambda _: True):
+            yield stored.log_time, stored.data()
+
+    def topics(self) -> dict[str, str]:
+        """Topic to type of every channel with a schema, wherever in the file it is told of."""
+        if not self._indexed():
+            self._scanned()
+        return {one.topic: self.schemas[one.schema] for one in self.channels.values() if one.schema in self.schemas}
+
     def _read_beginning(self) -> None:
         """Metadata and channels up to the first message."""
         try:
+            self.profile = records.profile_of(self._stream, self._data_start, self._size)
             for record in records.records(self._stream, self._data_start, self._size):
                 if record.opcode == records.METADATA and record.whole:
                     name, texts = records.metadata_of(self._stream, record)
@@ -82,9 +97,14 @@ class RecordingReader:
         except DamagedError:
             return  # it will be met and counted again when messages are read
 
-    def _learn(self, channel: Channel) -> None:
-        if len(self.channels) < _MAX_CHANNELS:
+    def _learn_of(self, source: IO[bytes], record: Record) -> None:
+        """Take note of a channel or a schema, if this record is one."""
+        if record.opcode == records.CHANNEL and record.whole and len(self.channels) < _MAX_CHANNELS:
+            channel = records.channel_of(source, record)
             self.channels[channel.number] = channel
+        elif record.opcode == records.SCHEMA and record.whole and len(self.schemas) < _MAX_CHANNELS:
+            number, name = records.schema_of(source, record)
+            self.schemas[number] = name
 
     def _inside(self, record: Record, check: bool = True) -> Iterator[Stored]:
         """Messages of a record of the data section; learns the channels in it."""
@@ -96,8 +116,8 @@ class RecordingReader:
         for one in inner:
             if one.opcode == records.MESSAGE and one.whole:
                 yield records.stored_of(source, one)
-            elif one.opcode == records.CHANNEL and one.whole:
-                self._learn(records.channel_of(source, one))
+            else:
+                self._learn_of(source, one)
 
     def _walk(self, start: int, check: bool = True) -> Iterator[tuple[int, list[Stored]]]:
         """(offset, messages) of each record of the data section. Counts what is damaged and, at the end, cut."""
@@ -169,9 +189,8 @@ class RecordingReader:
         found: list[tuple[int, int]] = []
         try:
             for record in records.records(self._stream, start, self._size):
-                if record.opcode == records.CHANNEL and record.whole:
-                    self._learn(records.channel_of(self._stream, record))
-                elif record.opcode == records.CHUNK_INDEX:
+                self._learn_of(self._stream, record)
+                if record.opcode == records.CHUNK_INDEX:
                     found.append(records.chunk_span(self._stream, record))
         except DamagedError:
             return []

@@ -78,11 +78,12 @@ class Chunk(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """A channel: id, topic, encoding of its messages."""
+    """A channel: id, topic, encoding of its messages, and the id of their schema (0: none)."""
 
     number: int
     topic: str
     encoding: str
+    schema: int = 0
 
 
 def read(stream: IO[bytes], start: int, length: int) -> bytes:
@@ -137,7 +138,23 @@ def channel_of(stream: IO[bytes], record: Record) -> Channel:
     data = read(stream, record.start, record.length)
     name, at = _text(data, 4)
     encoding, _ = _text(data, at)
-    return Channel(int.from_bytes(data[:2], "little"), name, encoding)
+    return Channel(int.from_bytes(data[:2], "little"), name, encoding, int.from_bytes(data[2:4], "little"))
+
+
+def schema_of(stream: IO[bytes], record: Record) -> tuple[int, str]:
+    """Id and name of the schema that a record holds."""
+    data = read(stream, record.start, record.length)
+    name, _ = _text(data, 2)
+    return int.from_bytes(data[:2], "little"), name
+
+
+def profile_of(stream: IO[bytes], start: int, end: int) -> str:
+    """What the file's head says it follows, such as `ros2`; empty if nothing."""
+    for record in records(stream, start, end):
+        if record.opcode == HEADER and record.whole:
+            return _text(read(stream, record.start, record.length), 0)[0]
+        break
+    return ""
 
 
 def metadata_of(stream: IO[bytes], record: Record) -> tuple[str, dict[str, str]]:

@@ -25,11 +25,13 @@ TABLE: dict[str, str] = {
     "sim": "lidarcodec.sources.simulator:SimulatorSource",
     "folder": "lidarcodec.sources.kitti:KittiSource",
     "recording": "lidarcodec.sources.recording:RecordingSource",
+    "rosbag": "lidarcodec.sources.rosbag:RosbagSource",
     "capture": "lidarcodec.sources.capture:CaptureSource",
 }
 """Kind -> module and class, which has a constructor `from_spec(spec, calibration)`."""
 SCHEMES = ("udp", "sim")
 MCAP_MAGIC = b"\x89MCAP"
+SQLITE_MAGIC = b"SQLite format 3\0"
 SCAN_SUFFIXES = (".bin", ".bin.xz")
 
 
@@ -84,15 +86,23 @@ def kind_of(spec: Spec) -> str:
     path = spec.path
     try:
         if path.is_dir():
-            return "folder"
+            return "rosbag" if (path / "metadata.yaml").is_file() else "folder"
         if path.name.endswith(SCAN_SUFFIXES):
             return "folder"
         with path.open("rb") as file:
-            return "recording" if file.read(len(MCAP_MAGIC)) == MCAP_MAGIC else "capture"
+            begins = file.read(len(SQLITE_MAGIC))
+        found = begins == SQLITE_MAGIC
+        if begins[: len(MCAP_MAGIC)] == MCAP_MAGIC:
+            from lidarcodec.sources.rosbag import is_rosbag
+
+            found = is_rosbag(path)
     except FileNotFoundError:
         raise SourceError(f"{path} does not exist") from None
     except OSError as error:
         raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+    if found:
+        return "rosbag"
+    return "recording" if begins[: len(MCAP_MAGIC)] == MCAP_MAGIC else "capture"
 
 
 def _poses(path: Path, source: PacketSource) -> Poses:

@@ -23,7 +23,7 @@ from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, 
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
-from lidarcodec.training.whole_files import written_whole
+from lidarcodec.whole_files import written_whole
 
 FORMAT: Final = 1
 

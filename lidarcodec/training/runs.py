@@ -23,7 +23,7 @@ import numpy as np
 import torch
 
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.training.whole_files import written_whole
+from lidarcodec.whole_files import written_whole
 
 Value = str | int | float | bool | None | list[Any]
 """What a setting of a run may be: it is written into its checkpoints."""

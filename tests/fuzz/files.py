@@ -1,4 +1,4 @@
-"""Damaged files: captures, plain and compressed, and recordings."""
+"""Damaged files: captures, plain and compressed, recordings, and bags of ROS 2."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from pathlib import Path
 
 import zstandard
 
+from lidarcodec.interop.velodyne_scan import packets_of_scan, scan_of
 from lidarcodec.pipeline import StreamEncoder, frames_of
-from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording import RecordingReader, RecordingWriter, RosbagWriter
 from lidarcodec.sources import open_source
 from lidarcodec.sources.pcap_writer import PcapWriter
 from lidarcodec.wire import pack
@@ -69,6 +70,31 @@ def recording_target() -> Callable[[random.Random], Case]:
             list(reader.messages())
             list(reader.messages(start_ns=turning(12)[7].stamp_ns))
             list(reader.packets())
+
+        return data, read
+
+    return case
+
+
+def rosbag_target() -> Callable[[random.Random], Case]:
+    """Damaged and cut bags, and damaged messages of them."""
+    buffer = io.BytesIO()
+    with RosbagWriter(buffer) as writer:
+        writer.write_scan(turning(3))
+        writer.write_scan(turning(2))
+    clean, scan = buffer.getvalue(), scan_of(turning(4), "velodyne")
+    folder = tempfile.TemporaryDirectory(prefix="lidarcodec-fuzz-")
+
+    def case(rng: random.Random) -> Case:
+        if rng.random() < 0.5:
+            return (scan[: rng.randrange(len(scan))] if rng.random() < 0.3 else mutated(scan, rng)), packets_of_scan
+        data = clean[: rng.randrange(len(clean))] if rng.random() < 0.3 else mutated(clean, rng)
+
+        def read(damaged: bytes) -> None:
+            path = Path(folder.name) / "damaged.mcap"
+            path.write_bytes(damaged)
+            with open_source(path) as source:
+                list(source.packets())
 
         return data, read
 

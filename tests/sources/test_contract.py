@@ -20,6 +20,7 @@ from tests.contracts import source as contract
 from tests.sources import captures as c
 from tests.sources.test_kitti import drive, turn
 from tests.sources.test_recording import record
+from tests.sources.test_rosbag import bag
 
 
 @contextlib.contextmanager
@@ -63,11 +64,16 @@ def recording(folder: Path) -> Iterator[str]:
 
 
 @contextlib.contextmanager
+def rosbag(folder: Path) -> Iterator[str]:
+    yield str(bag(folder / "bag.mcap"))
+
+
+@contextlib.contextmanager
 def town(folder: Path) -> Iterator[str]:
     yield "sim:city?seed=2&frames=2"
 
 
-EXAMPLES = {"capture": capture, "udp": sensor, "folder": kitti, "recording": recording, "sim": town}
+EXAMPLES = {"rosbag": rosbag, "capture": capture, "udp": sensor, "folder": kitti, "recording": recording, "sim": town}
 
 
 def test_every_line_of_the_table_has_an_example_here():

@@ -14,7 +14,14 @@ from lidarcodec.sources.table import TABLE
 from tests.sources.test_contract import EXAMPLES
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sources.md"
-ROWS = {"capture": "capture", "udp": "live sensor", "folder": "KITTI", "recording": "recording", "sim": "simulator"}
+ROWS = {
+    "capture": "capture",
+    "udp": "live sensor",
+    "folder": "KITTI",
+    "recording": "recording",
+    "rosbag": "rosbag2",
+    "sim": "simulator",
+}
 
 
 def test_the_examples_of_the_page_run():

@@ -17,7 +17,7 @@ from lidarcodec.training.riddle.drives import simulated_drives
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit
 from lidarcodec.training.riddle.nets import HIDDEN, exported, mean_bits
 from lidarcodec.training.riddle.samples import Gathering, SampleStore
-from lidarcodec.training.whole_files import written_whole
+from lidarcodec.whole_files import written_whole
 
 KINDS: Final = ("alone", "expecting")
 HELD_ROWS: Final = 400_000

@@ -1,0 +1,182 @@
+"""What `convert` writes: captures, recordings, recordings of bare packets, and bags of ROS 2. All take packets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final, Literal, Protocol
+
+from lidarcodec.assembly import Assembler
+from lidarcodec.commands.coded_recording import SENSOR, VEHICLE, CodedRecording
+from lidarcodec.errors import SettingsError
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.recording import RecordingWriter, RosbagWriter
+from lidarcodec.recording.rosbag import FRAME_ID, PACKETS_TOPIC
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.posed import posed
+from lidarcodec.sources.poses import Poses
+from lidarcodec.units import FRAME_PACKETS
+
+Form = Literal["pcap", "recording", "packets", "rosbag"]
+FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be written: its form, and what only some of them have.
+
+    settings: of a recording;  clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
+    """
+
+    form: Form
+    settings: StreamSettings
+    clouds: bool = False
+    topic: str = PACKETS_TOPIC
+    frame_id: str = FRAME_ID
+
+
+class Output(Protocol):
+    """Takes packets; `close` makes it whole."""
+
+    def write(self, packet: Packet) -> None:
+        """Append one packet."""
+
+    def close(self) -> str:
+        """End it, not the file; what it has to say of itself."""
+
+
+def form_of(out: Path, given: str | None) -> Form:
+    """The form that is given, else the one that the name asks for: a name without an ending is a folder, a bag.
+
+    Raises SettingsError where neither says it, or the name says another.
+    """
+    ending = out.suffix.lower()
+    by_name: dict[str, tuple[Form, ...]] = {
+        ".pcap": ("pcap",),
+        ".mcap": ("recording", "packets", "rosbag"),
+        "": ("rosbag",),
+    }
+    possible = by_name.get(ending)
+    if possible is None:
+        raise SettingsError(f"cannot write {out}: OUT ends in .pcap or .mcap, or has no ending and becomes a rosbag2")
+    if given is None:
+        return possible[0]
+    form = next((one for one in FORMS if one == given), None)
+    if form is None:
+        raise SettingsError(f"--to {given}: choose one of {', '.join(FORMS)}", "to")
+    if form not in possible:
+        raise SettingsError(f"--to {given} does not write {out}: {' or '.join(possible)} has that ending", "to")
+    return form
+
+
+def open_output(
+    wanted: Wanted, handle: BinaryIO, sensor: SensorModel, about: Mapping[str, str], poses: Poses | None
+) -> Output:
+    """The output for a binary file that was opened for it."""
+    if wanted.form == "pcap":
+        return _Capture(handle)
+    if wanted.form == "recording":
+        return _Recording(wanted, handle, sensor, about, poses)
+    if wanted.form == "packets":
+        return _Packets(handle, about)
+    return Bag(wanted, handle, sensor, poses)
+
+
+class _Capture:
+    def __init__(self, handle: BinaryIO) -> None:
+        self._writer = PcapWriter(handle)
+
+    def write(self, packet: Packet) -> None:
+        self._writer.write(packet)
+
+    def close(self) -> str:
+        return ""
+
+
+class _Recording:
+    """Frames of the wanted framing, through an encoder."""
+
+    def __init__(
+        self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, about: Mapping[str, str], poses: Poses | None
+    ) -> None:
+        self._assembler = Assembler(sensor, wanted.settings.framing)
+        self._poses = poses
+        self._coded = CodedRecording(handle, StreamEncoder(wanted.settings), about, clouds=wanted.clouds)
+
+    def write(self, packet: Packet) -> None:
+        frame = self._assembler.push(packet)
+        if frame is not None:
+            self._coded.write(posed(frame, self._poses))
+
+    def close(self) -> str:
+        last = self._assembler.flush()
+        if last is not None:
+            self._coded.write(posed(last, self._poses))
+        self._coded.close()
+        return self._coded.summary()
+
+
+class _Batches:
+    """Packets in batches of a turn."""
+
+    def __init__(self) -> None:
+        self._batch: list[Packet] = []
+
+    def write(self, packet: Packet) -> None:
+        self._batch.append(packet)
+        if len(self._batch) == FRAME_PACKETS:
+            self._flush()
+
+    def _flush(self) -> None:
+        batch, self._batch = self._batch, []
+        self._put(batch)
+
+    def _put(self, packets: list[Packet]) -> None:
+        raise NotImplementedError
+
+
+class _Packets(_Batches):
+    """Bare packets in a recording."""
+
+    def __init__(self, handle: BinaryIO, about: Mapping[str, str]) -> None:
+        super().__init__()
+        self._writer = RecordingWriter(handle, VEHICLE, SENSOR, None, about)
+
+    def _put(self, packets: list[Packet]) -> None:
+        self._writer.write_packets(packets)
+
+    def close(self) -> str:
+        self._flush()
+        self._writer.close()
+        return ""
+
+
+class Bag(_Batches):
+    """Scans, and points if wanted, in a bag. writer: what was written, for its description."""
+
+    def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
+        super().__init__()
+        self.writer = RosbagWriter(handle, packets_topic=wanted.topic, frame_id=wanted.frame_id)
+        self._assembler = Assembler(sensor) if wanted.clouds else None
+        self._poses = poses
+
+    def write(self, packet: Packet) -> None:
+        super().write(packet)
+        frame = None if self._assembler is None else self._assembler.push(packet)
+        if frame is not None:
+            self.writer.write_cloud(posed(frame, self._poses))
+
+    def _put(self, packets: list[Packet]) -> None:
+        self.writer.write_scan(packets)
+
+    def close(self) -> str:
+        self._flush()
+        last = None if self._assembler is None else self._assembler.flush()
+        if last is not None:
+            self.writer.write_cloud(posed(last, self._poses))
+        self.writer.close()
+        return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)

@@ -1,0 +1,153 @@
+"""RosbagWriter: packets as `velodyne_msgs/VelodyneScan` in the MCAP form of rosbag2, with points if wanted.
+
+What it writes, `ros2 bag play` plays and the Velodyne driver turns into points, as it would live.
+
+>>> import io
+>>> from lidarcodec.packet import Packet
+>>> file = io.BytesIO()
+>>> with RosbagWriter(file) as writer:
+...     writer.write_scan([Packet(bytes(1206), 1_700_000_000_000_000_123)])
+>>> [(topic.name, topic.count) for topic in writer.topics]
+[('/velodyne_packets', 1)]
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+import lidarcodec
+from lidarcodec.frame import Frame
+from lidarcodec.interop import ros
+from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
+from lidarcodec.interop.velodyne_scan import scan_of
+from lidarcodec.packet import Packet
+
+PROFILE: Final = "ros2"
+ENCODING: Final = "cdr"
+PACKETS_TOPIC: Final = "/velodyne_packets"
+POINTS_TOPIC: Final = "/velodyne_points"
+TF_TOPIC: Final = "/tf"
+FRAME_ID: Final = "velodyne"
+WORLD: Final = "map"
+"""The frame in which poses are given, as ROS calls it (REP 105)."""
+_CHUNK: Final = 2**20
+_INFORMATION_VERSION: Final = 5
+"""Of metadata.yaml: read by every ROS 2 since Humble; later versions add nothing that is needed here."""
+
+
+@dataclass
+class Topic:
+    """A topic that was written: its name and type, and how many messages it has."""
+
+    name: str
+    type: ros.RosType
+    channel: int
+    count: int = 0
+
+
+class RosbagWriter:
+    """Writes to a binary file that it neither opens nor closes. topics: what was written so far."""
+
+    def __init__(
+        self,
+        stream: IO[bytes],
+        *,
+        packets_topic: str = PACKETS_TOPIC,
+        points_topic: str = POINTS_TOPIC,
+        frame_id: str = FRAME_ID,
+    ) -> None:
+        """frame_id: of packets and points."""
+        self._stream, self._finished = stream, False
+        self._packets_topic, self._points_topic, self.frame_id = packets_topic, points_topic, frame_id
+        self._topics: dict[str, Topic] = {}
+        self._first_ns = self._last_ns = 0
+        self._mcap = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+        self._mcap.start(profile=PROFILE, library=f"lidarcodec {lidarcodec.__version__}")
+
+    @property
+    def topics(self) -> list[Topic]:
+        """What was written."""
+        return list(self._topics.values())
+
+    def write_scan(self, packets: Sequence[Packet]) -> None:
+        """Adds a run of packets, say those of one turn; an empty one is left out.
+
+        Raises SectionError for times that ROS cannot hold, PacketError, OSError.
+        """
+        if packets:
+            data = scan_of(packets, self.frame_id)
+            self._add(self._packets_topic, ros.VELODYNE_SCAN, packets[-1].stamp_ns, data)
+
+    def write_cloud(self, frame: Frame) -> None:
+        """Adds the points of a frame, and where the sensor was, if the frame says it. Raises OSError."""
+        if frame.pose is not None:
+            data = tf_message(frame.stamp_ns, WORLD, self.frame_id, frame.pose)
+            self._add(TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data)
+        self._add(self._points_topic, ros.POINT_CLOUD2, frame.stamp_ns, point_cloud2(frame, self.frame_id))
+
+    def close(self) -> None:
+        """Writes index and footer; harmless when called twice. The file itself stays open."""
+        if not self._finished:
+            self._finished = True
+            self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._stream.flush()
+
+    def metadata(self, name: str) -> str:
+        """The `metadata.yaml` of a folder with this file in it, under a name."""
+        total = sum(topic.count for topic in self.topics)
+        times: dict[str, Any] = {
+            "duration": {"nanoseconds": self._last_ns - self._first_ns},
+            "starting_time": {"nanoseconds_since_epoch": self._first_ns},
+            "message_count": total,
+        }
+        about = {
+            "version": _INFORMATION_VERSION,
+            "storage_identifier": "mcap",
+            **times,
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": topic.name,
+                        "type": topic.type.name,
+                        "serialization_format": ENCODING,
+                        "offered_qos_profiles": "",
+                    },
+                    "message_count": topic.count,
+                }
+                for topic in self.topics
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [name],
+            "files": [{"path": name, **copy.deepcopy(times)}],  # the very same ones would become YAML anchors
+        }
+        return yaml.safe_dump({"rosbag2_bagfile_information": about}, sort_keys=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _add(self, name: str, kind: ros.RosType, stamp_ns: int, data: bytes) -> None:
+        topic = self._topics.get(name)
+        if topic is None:
+            schema = self._mcap.register_schema(kind.name, "ros2msg", kind.definition.encode())
+            metadata = {"offered_qos_profiles": "", "topic_type_hash": kind.type_hash}
+            channel = self._mcap.register_channel(name, ENCODING, schema, metadata)
+            topic = self._topics[name] = Topic(name, kind, channel)
+        at = max(0, stamp_ns)  # MCAP knows no time before 1970
+        began = any(one.count for one in self.topics)
+        self._first_ns = min(self._first_ns, at) if began else at
+        self._last_ns = max(self._last_ns, at)
+        self._mcap.add_message(topic.channel, at, data, at, topic.count & 0xFFFFFFFF)
+        topic.count += 1

@@ -1,0 +1,179 @@
+"""RosbagSource: the packets of a rosbag2: its `velodyne_msgs/VelodyneScan`, out of MCAP or SQLite files.
+
+Read without ROS: a bag is a folder with a metadata.yaml and one file or several, or one such file alone.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+import zstandard
+
+from lidarcodec.errors import DecodeError, SectionError, SourceError
+from lidarcodec.interop import ros
+from lidarcodec.interop.velodyne_scan import packets_of_scan
+from lidarcodec.packet import Packet
+from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
+from lidarcodec.recording.records import MAX_RECORD
+from lidarcodec.recording.rosbag import ENCODING, PROFILE
+from lidarcodec.sensors import find_calibration, identify_stream
+from lidarcodec.sources import rosbag_sqlite
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.spec import Spec
+from lidarcodec.sources.table_search import SEARCHED_PACKETS
+
+METADATA: Final = "metadata.yaml"
+POINTS: Final = (ros.POINT_CLOUD2.name, "sensor_msgs/msg/PointCloud")
+_MAX_METADATA: Final = 2**20
+_MAX_FILES: Final = 4096
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+
+
+class RosbagSource(PacketSource):
+    """Packets of one topic of a bag.
+
+    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan)
+    """
+
+    def __init__(self, path: Path, calibration: Path | None = None, topic: str | None = None) -> None:
+        """Reads the beginning.
+
+        topic: of the VelodyneScan, where there are several
+        Raises SourceError if this is no bag or has no such topic, PacketError for packets of another sensor,
+        CalibrationError.
+        """
+        self.path = path
+        self.files = _files_of(path)
+        self.topic = _topic_of(path, self.files, topic)
+        first = list(islice(self._read(Counter(), warn=False), SEARCHED_PACKETS))
+        if not first:
+            raise SourceError(f"{path} has no packet on topic {self.topic} that can be read")
+        payloads = [packet.payload for packet in first]
+        identify_stream(payloads)
+        super().__init__(find_calibration(path, calibration, payloads))
+        self.start_ns = first[0].stamp_ns
+        self.label = f"rosbag {path.name}, {self.topic}"
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> RosbagSource:
+        """The source that a path with an option `?topic=` names."""
+        spec.only("topic")
+        return cls(spec.path, calibration, spec.options.get("topic"))
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets in the order of the files, from the first at each call."""
+        for packet in self._read(self.counts, warn=True):
+            if self.closed:
+                return
+            yield packet
+
+    def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
+        for file in self.files:
+            for data in _messages(file, self.topic, counts, warn):
+                try:
+                    packets = packets_of_scan(_plain(data))
+                except DecodeError:
+                    counts["bad scans"] += 1
+                    continue
+                yield from packets
+
+
+def is_rosbag(path: Path) -> bool:
+    """Whether an MCAP file is a bag of ROS 2, and no recording of ours.
+
+    Raises OSError, SourceError.
+    """
+    with path.open("rb") as stream:
+        reader = RecordingReader(stream, warn=False)
+        found = {channel.encoding for channel in reader.channels.values()}
+        return reader.profile == PROFILE or (ENCODING in found and not found & {MESSAGE_ENCODING, PACKET_ENCODING})
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Files of a bag, in the order of its metadata."""
+    if not path.is_dir():
+        return [path]
+    about = _information(path / METADATA)
+    names = about.get("relative_file_paths")
+    if not isinstance(names, list) or not 0 < len(names) <= _MAX_FILES:
+        raise SourceError(f"{path / METADATA} names no files")
+    if about.get("compression_mode") == "file":
+        raise SourceError(f"the files of {path} are compressed as a whole: decompress them first (zstd -d)")
+    files = [path / Path(str(name)).name for name in names]  # some versions write the folder before the name
+    for file in files:
+        if not file.is_file():
+            raise SourceError(f"{path} lacks {file.name}, which its {METADATA} names")
+    return files
+
+
+def _information(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(_MAX_METADATA + 1)
+        found = yaml.safe_load(data) if len(data) <= _MAX_METADATA else None
+    except OSError as error:
+        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError):
+        found = None
+    about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
+    if not isinstance(about, dict):
+        raise SourceError(f"{path} is no description of a bag")
+    return about
+
+
+def _topics(file: Path) -> dict[str, str]:
+    if rosbag_sqlite.is_database(file):
+        return rosbag_sqlite.topics(file)
+    with file.open("rb") as stream:
+        return RecordingReader(stream, warn=False).topics()
+
+
+def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
+    """The topic to read: the one that is wanted, else the only one with scans."""
+    topics: dict[str, str] = {}
+    try:
+        for file in files:
+            topics |= _topics(file)
+    except OSError as error:
+        raise SourceError(f"cannot read {path}: {error.strerror or error}") from None
+    # ROS 1 called it velodyne_msgs/VelodyneScan, and some bags that were converted still do.
+    names = (ros.VELODYNE_SCAN.name, ros.VELODYNE_SCAN.name.replace("/msg/", "/"))
+    scans = sorted(name for name, kind in topics.items() if kind in names)
+    if wanted is not None and wanted not in scans:
+        raise SourceError(f"{path} has no {names[0]} on topic {wanted}; there are: {', '.join(scans) or 'none'}")
+    if len(scans) > 1 and wanted is None:
+        raise SourceError(f"{path} has packets on several topics: choose one with ?topic=, of {', '.join(scans)}")
+    if not scans:
+        points = [name for name, kind in topics.items() if kind in POINTS]
+        why = f"; points on {', '.join(sorted(points)[:3])} do not go back to packets" if points else ""
+        raise SourceError(f"{path} has no {names[0]} among its {len(topics)} topics{why}")
+    return wanted or scans[0]
+
+
+def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Iterator[bytes]:
+    if rosbag_sqlite.is_database(file):
+        yield from rosbag_sqlite.messages(file, topic, counts)
+        return
+    with file.open("rb") as stream:
+        reader = RecordingReader(stream, warn)
+        for _, data in reader.others(ENCODING, topic):
+            yield data
+        if reader.counts["cut"]:
+            counts["truncated"] = 1
+        if reader.counts["damaged"]:
+            counts["damaged"] += reader.counts["damaged"]
+
+
+def _plain(data: bytes) -> bytes:
+    """A message that the bag compressed by itself, as it was."""
+    if data[:4] != _ZSTD:
+        return data
+    try:
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_RECORD)
+    except zstandard.ZstdError as error:
+        raise SectionError(f"a compressed message that cannot be had: {error}") from None

@@ -1,0 +1,237 @@
+"""What a user loses if these fail: packets on the way from one program's files to another's, or a file he had."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcodec.cli import run
+from lidarcodec.interop import ros
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sensors import write_db_xml
+from lidarcodec.sources import open_source
+from lidarcodec.sources.pcap_writer import PcapWriter
+from tests import packets as made
+
+PACKETS = made.turning(700)
+
+
+@pytest.fixture
+def capture(tmp_path) -> Path:
+    """A capture of two frames and four packets, with a calibration beside it."""
+    with (tmp_path / "drive.pcap").open("wb") as file:
+        PcapWriter(file).write_all(PACKETS)
+    write_db_xml(made.sensor(), tmp_path / "drive_db.xml")
+    return tmp_path / "drive.pcap"
+
+
+def convert(*words: object) -> int:
+    return run(["convert", *map(str, words)])
+
+
+def packets_in(path: Path | str) -> list[Packet]:
+    with open_source(path) as source:
+        return list(source.packets())
+
+
+@pytest.mark.parametrize("codec", ["zstd", "pcodec"])
+def test_packets_survive_a_round_through_every_form(tmp_path, capture, codec):
+    last = capture
+    for number, words in enumerate(
+        [["bag"], ["bag.mcap", "--to", "rosbag"], ["coded.mcap", "--codec", codec], ["bare.mcap", "--to", "packets"],
+         ["back.pcap"]]
+    ):  # fmt: skip
+        out = tmp_path / f"{number}_{words[0]}"
+        assert convert(last, out, *words[1:]) == 0
+        assert packets_in(out) == PACKETS, words
+        last = out
+    assert last.read_bytes() == capture.read_bytes()
+    with open_source(capture) as first, open_source(last) as again:
+        assert np.array_equal(first.sensor.calibration.table, again.sensor.calibration.table), "it travels along"
+
+
+def test_a_bag_is_read_by_a_public_package_packets_and_points(tmp_path, capture):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="read back by rosbags (extra `bridges`)")
+    from tests.interop.test_ros import STORE, points_in
+
+    words = ["--with-clouds", "--topic", "/roof/velodyne_packets", "--frame-id", "roof"]
+    assert convert(capture, tmp_path / "bag", *words) == 0
+    packets: list[Packet] = []
+    clouds = []
+    with rosbag2.Reader(tmp_path / "bag") as reader:
+        assert {one.topic: one.msgtype for one in reader.connections} == {
+            "/roof/velodyne_packets": ros.VELODYNE_SCAN.name,
+            "/velodyne_points": ros.POINT_CLOUD2.name,
+        }
+        assert reader.message_count == 6
+        for connection, _, data in reader.messages():
+            message = STORE.deserialize_cdr(data, connection.msgtype)
+            assert message.header.frame_id == "roof"
+            if connection.msgtype == ros.POINT_CLOUD2.name:
+                clouds.append(points_in(message))
+                continue
+            packets += [Packet(p.data.tobytes(), p.stamp.sec * 10**9 + p.stamp.nanosec) for p in message.packets]
+    assert packets == PACKETS
+    with open_source(capture) as source:
+        frames = list(frames_of(source.packets(), source.sensor))
+    for points, frame in zip(clouds, frames, strict=True):
+        assert all(np.array_equal(points[name], frame.cloud()[name]) for name in ("x", "y", "z", "intensity"))
+
+
+def test_poses_go_along_as_transforms(tmp_path):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="read back by rosbags (extra `bridges`)")
+    from tests.interop.test_ros import STORE
+
+    assert convert("sim:city?frames=2", tmp_path / "bag", "--with-clouds") == 0
+    with open_source("sim:city?frames=2") as source:
+        poses = [source.poses.at(frame.stamp_ns) for frame in frames_of(source.packets(), source.sensor)]
+    with rosbag2.Reader(tmp_path / "bag") as reader:
+        found = [
+            STORE.deserialize_cdr(data, connection.msgtype).transforms[0]
+            for connection, _, data in reader.messages()
+            if connection.topic == "/tf"
+        ]
+    assert [one.child_frame_id for one in found] == ["velodyne"] * 2
+    for one, pose in zip(found, poses, strict=True):
+        moved = one.transform.translation
+        assert [moved.x, moved.y, moved.z] == pose[:3, 3].tolist()
+
+
+def test_settings_of_a_recording_are_those_asked_for(tmp_path, capture):
+    out = tmp_path / "coarse.mcap"
+    words = ["--codec", "pcodec", "--set", "max_error_m=0.1", "--set", "framing=packets:50"]
+    assert convert(capture, out, *words) == 0
+    with open_source(capture) as source, open_source(out) as coarse:
+        before = list(frames_of(source.packets(), source.sensor, "packets:50"))
+        after = list(coarse.frames())  # type: ignore[attr-defined]
+    assert len(before) == len(after) == 14
+    errors = [np.abs(a.range.astype(int) - b.range.astype(int)).max() for a, b in zip(before, after, strict=True)]
+    assert 0 < max(errors) <= 50
+
+
+@pytest.mark.parametrize("kind", ["kitti_0005_f000.bin.xz", "kitti_odometry_00_000000.bin.xz"])
+def test_kitti_scans_become_bags_and_come_back(tmp_path, data_file, kind, monkeypatch):
+    scan = data_file(kind)
+    monkeypatch.setenv("LIDARCODEC_DATA", str(scan.parent))
+    assert convert(scan, tmp_path / "bag") == 0
+    assert convert(tmp_path / "bag", tmp_path / "back.pcap") == 0
+    with open_source(scan) as source:
+        wanted = list(source.packets())
+    assert packets_in(tmp_path / "back.pcap") == wanted
+    with open_source(tmp_path / "bag") as again:
+        assert again.sensor.origin == "beside"
+
+
+def test_the_real_s3_capture_goes_round(tmp_path, data_file):
+    capture = data_file("hdl64e_s3_atwall.pcap")
+    assert convert(capture, tmp_path / "bag", "--frames", 1) == 0
+    assert convert(tmp_path / "bag", tmp_path / "coded.mcap") == 0
+    assert convert(tmp_path / "coded.mcap", tmp_path / "back.pcap") == 0
+    assert packets_in(tmp_path / "back.pcap") == packets_in(capture)[:348]
+
+
+def test_what_has_that_name_stays_unless_forced(tmp_path, capture, capsys):
+    for out in (tmp_path / "out.pcap", tmp_path / "out.mcap"):
+        out.write_bytes(b"mine")
+        assert convert(capture, out) == 2
+        assert "--force" in capsys.readouterr().err
+        assert out.read_bytes() == b"mine"
+        assert convert(capture, out, "--force") == 0
+        assert packets_in(out) == PACKETS
+    assert convert(capture, tmp_path / "bag", "--frames", 1) == 0
+    assert convert(capture, tmp_path / "bag") == 2
+    assert convert(capture, tmp_path / "bag", "--force") == 0
+    assert packets_in(tmp_path / "bag") == PACKETS
+    (tmp_path / "photos").mkdir()
+    assert convert(capture, tmp_path / "photos", "--force") == 2
+    assert (tmp_path / "photos").is_dir()
+    assert convert(capture, capture, "--force") == 2, "what is read is never written over"
+    assert packets_in(capture) == PACKETS
+
+
+def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture, capsys):
+    (tmp_path / "out_db.xml").write_text("mine")
+    assert convert(capture, tmp_path / "out.pcap") == 2
+    assert "another calibration" in capsys.readouterr().err
+    assert not (tmp_path / "out.pcap").exists()
+    assert convert(capture, tmp_path / "out.pcap", "--force") == 0
+    with open_source(tmp_path / "out.pcap") as source:
+        assert source.sensor.origin == "beside"
+
+
+def test_nothing_is_left_of_what_failed(tmp_path, capture):
+    before = set(tmp_path.iterdir())
+    broken = tmp_path.parent / f"{tmp_path.name}-broken.mcap"
+    assert convert(capture, broken, "--to", "rosbag") == 0
+    scan = bytearray(broken.read_bytes())
+    broken.write_bytes(bytes(scan[:200]))
+    for out in ("out.pcap", "out.mcap", "bag"):
+        assert convert(broken, tmp_path / out) == 1
+    late = [Packet(bytes(PACKETS[0].payload), 2**33 * 10**9)] * 400  # a time that neither form can hold
+    with (tmp_path.parent / f"{tmp_path.name}-late.mcap").open("wb") as file:
+        from lidarcodec.recording import RecordingWriter
+
+        with RecordingWriter(file, "a", "b") as writer:
+            writer.write_packets(PACKETS[:400])
+            writer.write_packets(late)
+    for out in ("out.pcap", "bag"):
+        assert convert(file.name, tmp_path / out) == 1
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog):
+    cut = tmp_path / "cut.pcap"
+    cut.write_bytes(capture.read_bytes()[:-50_000])
+    assert convert(cut, tmp_path / "bag") == 0
+    found = packets_in(tmp_path / "bag")
+    assert found == PACKETS[: len(found)]
+    assert 600 < len(found) < 700
+    assert "truncated" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["out.txt"], "ends in .pcap or .mcap"),
+        (["out.pcap", "--to", "rosbag"], "--to rosbag does not write"),
+        (["out.mcap", "--to", "bag"], "choose one of pcap, recording, packets, rosbag"),
+        (["out.pcap", "--codec", "zstd"], "packets as they are"),
+        (["out.pcap", "--with-clouds"], "holds packets only"),
+        (["out.mcap", "--topic", "/a"], "are for rosbags"),
+        (["bag", "--topic", "a b"], "ROS names are"),
+        (["out.mcap", "--set", "max_error_m=-1"], "max_error_m"),
+    ],
+)
+def test_what_cannot_be_is_said_before_anything_is_read(tmp_path, capture, capsys, words, said):
+    before = set(tmp_path.iterdir())
+    assert convert(capture, tmp_path / words[0], *words[1:]) == 2
+    assert said in capsys.readouterr().err
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_source_without_an_end_needs_a_number(tmp_path, capsys):
+    assert convert("sim:city", tmp_path / "out.pcap") == 2
+    assert "--frames N" in capsys.readouterr().err
+    assert convert(tmp_path / "nothing.pcap", tmp_path / "out.pcap") == 1
+
+
+def test_a_signal_leaves_nothing_behind(tmp_path):
+    command = [sys.executable, "-m", "lidarcodec", "convert", "sim:city", str(tmp_path / "bag"), "--frames", "5000"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ)
+    limit = time.monotonic() + 60
+    while not any(path.stat().st_size or path.is_dir() for path in tmp_path.iterdir()) and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    said, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert said.decode().startswith("stopped: ")
+    assert not list(tmp_path.iterdir())

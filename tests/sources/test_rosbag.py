@@ -1,0 +1,181 @@
+"""What a user loses if these fail: the drives that lie in his bags, and the trust that a bad one does no harm."""
+
+from __future__ import annotations
+
+import io
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.writer import Writer
+
+from lidarcodec.errors import LidarCodecError, PacketError, SourceError
+from lidarcodec.interop import ros
+from lidarcodec.interop.velodyne_scan import scan_of
+from lidarcodec.recording import RosbagWriter
+from lidarcodec.sources import open_source
+from lidarcodec.sources.spec import parse
+from lidarcodec.sources.table import kind_of
+from tests import packets as made
+
+PACKETS = made.turning(90)
+
+
+def bag(path: Path, frames: int = 3) -> Path:
+    """An MCAP file of ours with PACKETS in scans of 30."""
+    with path.open("wb") as file, RosbagWriter(file) as writer:
+        for at in range(0, 30 * frames, 30):
+            writer.write_scan(PACKETS[at : at + 30])
+    return path
+
+
+def database(path: Path, scans: list[bytes], topic: str = "/velodyne_packets") -> Path:
+    """A SQLite bag, as rosbag2 lays it out."""
+    with sqlite3.connect(path) as made_here:
+        made_here.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+        )
+        made_here.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INT, timestamp INT, data BLOB)")
+        made_here.execute("INSERT INTO topics VALUES (1, ?, ?, 'cdr')", (topic, ros.VELODYNE_SCAN.name))
+        rows = [(1, number, data) for number, data in enumerate(scans)]
+        made_here.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", rows)
+    made_here.close()
+    return path
+
+
+def scans() -> list[bytes]:
+    return [scan_of(PACKETS[at : at + 30], "velodyne") for at in range(0, 90, 30)]
+
+
+@pytest.mark.parametrize(("storage", "compressed"), [("MCAP", False), ("SQLITE3", False), ("SQLITE3", True)])
+def test_a_bag_of_a_public_package_gives_the_very_packets(tmp_path, storage, compressed):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="written by rosbags (extra `bridges`)")
+    from tests.interop.test_ros import STORE
+
+    with rosbag2.Writer(tmp_path / "bag", version=8, storage_plugin=rosbag2.StoragePlugin[storage]) as writer:
+        other = writer.add_connection("/imu", "std_msgs/msg/Header", typestore=STORE)
+        scan = writer.add_connection("/lidar/packets", ros.VELODYNE_SCAN.name, typestore=STORE)
+        for number, data in enumerate(scans()):
+            writer.write(other, number, b"\0\1\0\0" + bytes(12))
+            plain = zstandard.ZstdCompressor().compress(data) if compressed else data
+            writer.write(scan, number, plain)
+    with open_source(tmp_path / "bag") as source:
+        assert list(source.packets()) == PACKETS
+        assert list(source.packets()) == PACKETS
+        assert source.start_ns == PACKETS[0].stamp_ns
+        assert not source.counts
+        assert source.label == "rosbag bag, /lidar/packets"
+
+
+def test_what_is_a_bag_its_content_says(tmp_path):
+    assert kind_of(parse(bag(tmp_path / "a.bin2"))) == "rosbag"
+    assert kind_of(parse(database(tmp_path / "b.dat", scans()))) == "rosbag"
+    file = io.BytesIO()
+    writer = Writer(file)
+    writer.start()  # without the profile of ROS, as other tools copy it
+    schema = writer.register_schema(ros.VELODYNE_SCAN.name, "ros2msg", ros.VELODYNE_SCAN.definition.encode())
+    channel = writer.register_channel("/p", "cdr", schema)
+    for number, data in enumerate(scans()):
+        writer.add_message(channel, number, data, number)
+    writer.finish()
+    (tmp_path / "c.mcap").write_bytes(file.getvalue())
+    for name in ("a.bin2", "b.dat", "c.mcap"):
+        assert list(open_source(tmp_path / name).packets()) == PACKETS
+
+
+def test_one_of_several_topics_is_chosen_by_name(tmp_path):
+    path = tmp_path / "two.mcap"
+    with path.open("wb") as file:
+        writer = RosbagWriter(file, packets_topic="/left")
+        writer.write_scan(PACKETS[:30])
+        writer._packets_topic = "/right"
+        writer.write_scan(PACKETS[30:])
+        writer.close()
+    with pytest.raises(SourceError, match=r"several topics: choose one with \?topic=, of /left, /right"):
+        open_source(path)
+    assert list(open_source(f"{path}?topic=/right").packets()) == PACKETS[30:]
+    with pytest.raises(SourceError, match="on topic /top; there are: /left, /right"):
+        open_source(f"{path}?topic=/top")
+
+
+def test_a_bag_without_packets_says_what_it_has(tmp_path):
+    path = tmp_path / "points.mcap"
+    from tests.contracts.frames import scene
+
+    with path.open("wb") as file, RosbagWriter(file) as writer:
+        writer.write_cloud(scene(1))
+    with pytest.raises(SourceError, match=r"points on /velodyne_points do not go back to packets"):
+        open_source(path)
+
+
+def test_the_packets_of_another_sensor_are_named(tmp_path, data_file):
+    path = tmp_path / "small.mcap"
+    with path.open("wb") as file, RosbagWriter(file) as writer:
+        writer.write_scan(made.read_plain_pcap(data_file("vlp16_sampleshort.pcap"))[:20])
+    with pytest.raises(PacketError, match="VLP-16"):
+        open_source(path)
+
+
+def test_a_folder_that_is_no_bag_or_lacks_a_file(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [../../etc/passwd]}")
+    with pytest.raises(SourceError, match="lacks passwd"):
+        open_source(tmp_path)
+    for text in ("", "[", "a: b", "rosbag2_bagfile_information: []", "rosbag2_bagfile_information: {}", "x" * 2**21):
+        (tmp_path / "metadata.yaml").write_text(text)
+        with pytest.raises(SourceError):
+            open_source(tmp_path)
+    text = "rosbag2_bagfile_information: {relative_file_paths: [a.db3.zstd], compression_mode: file}"
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(SourceError, match="decompress them first"):
+        open_source(tmp_path)
+
+
+def test_the_calibration_beside_a_bag_is_found(tmp_path):
+    from lidarcodec.sensors import write_db_xml
+
+    sensor = made.sensor()
+    write_db_xml(sensor, tmp_path / "drive_db.xml")
+    assert open_source(bag(tmp_path / "drive.mcap")).sensor.origin == "beside"
+
+
+def test_a_bad_scan_costs_itself_only(tmp_path):
+    good = scans()
+    path = database(tmp_path / "bag.db3", [good[0], good[1][:-5], b"", good[2]])
+    with open_source(path) as source:
+        assert list(source.packets()) == PACKETS[:30] + PACKETS[60:]
+        assert source.counts == {"bad scans": 2}
+
+
+def test_every_prefix_gives_what_is_whole(tmp_path):
+    data = bag(tmp_path / "bag.mcap").read_bytes()
+    seen = set()
+    for cut in range(0, len(data), len(data) // 50):
+        (tmp_path / "cut.mcap").write_bytes(data[:cut])
+        try:
+            with open_source(tmp_path / "cut.mcap") as source:
+                packets = list(source.packets())
+        except SourceError:
+            continue
+        assert packets == PACKETS[: len(packets)]
+        assert len(packets) == 90 or source.counts["truncated"] == 1
+        seen.add(len(packets))
+    assert 90 in seen
+
+
+@pytest.mark.parametrize("form", ["mcap", "db3"])
+def test_mutated_bags_raise_only_our_errors(tmp_path, form):
+    path = bag(tmp_path / "bag.mcap") if form == "mcap" else database(tmp_path / "bag.db3", scans())
+    data = path.read_bytes()
+    generator = np.random.default_rng(6)
+    for number in range(150):
+        mutated = bytearray(data)
+        for at in generator.integers(16, len(data) if number % 2 else 4096, int(generator.integers(1, 6))):
+            mutated[at] = int(generator.integers(256))
+        path.write_bytes(mutated if number % 3 else mutated[: int(generator.integers(20, len(data)))])
+        try:
+            with open_source(path) as source:
+                assert all(len(packet.payload) == 1206 for packet in source.packets())
+        except LidarCodecError:
+            continue
