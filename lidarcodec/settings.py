@@ -35,21 +35,27 @@ def step_of(max_error_m: float) -> int:
 class StreamSettings(BaseModel):
     """Settings common to all codecs. Frozen; unknown keys are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
     codec: str = "pcodec"
+    """Which codec; a new one starts with its own default settings."""
     codec_settings: dict[str, Any] = Field(default_factory=dict)
+    """The codec's own settings."""
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
-    """Largest error of any range; 0 = lossless, None = the codec's default."""
+    """Largest error of any range, in metres; 0 is lossless, null the codec's default."""
     target_kbps: float | Literal["auto"] | None = None
-    """Mean bitrate of any five seconds, by the sensor's time; it turns the bound or the quality of the codec."""
+    """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
+    path carries."""
     intensity: str = "lossless"
     """`lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`."""
     reduction: str = "all"
+    """Which returns are sent."""
     keep_points: int | None = Field(default=None, ge=1)
+    """How many returns of a frame a reduction leaves."""
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
+    """Which share of a frame's returns a reduction leaves, instead of `keep_points`."""
     framing: str = "packets"
-    """`packets` (348), `packets:N`, or `revolution`."""
+    """What a frame is: `packets` (348, about a turn), `packets:N`, or `revolution`."""
     key_interval: int = Field(default=50, ge=1, le=100_000)
     """Frames from one key frame to the next."""
     follow: str | None = None

@@ -58,7 +58,9 @@ class Decoder(Protocol):
 class CodecSettings(BaseModel):
     """Base of the models of codecs' own settings. Frozen; unknown keys, and `true` for a number, are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True
+    )
 
 
 Own = TypeVar("Own", bound=CodecSettings)

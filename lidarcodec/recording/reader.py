@@ -83,6 +83,14 @@ class RecordingReader:
             self._scanned()
         return {one.topic: self.schemas[one.schema] for one in self.channels.values() if one.schema in self.schemas}
 
+    def span(self) -> tuple[int, int] | None:
+        """Stamps in ns of the first message and of the last one that is whole; None if there is none."""
+        places = self._indexed() or self._scanned()
+        if not places:
+            return None
+        last = max((one.log_time for _, stored in self._walk(places[-1][1], check=False) for one in stored), default=0)
+        return places[0][0], max(places[0][0], last)
+
     def _read_beginning(self) -> None:
         """Metadata and channels up to the first message."""
         try:

@@ -64,20 +64,29 @@ class RecordingSource(PacketSource):
             raise UnknownNameError("part of a recording", text, CHANNELS)
         return cls(spec.path, calibration, channel, spec.options.get("topic"))
 
-    def packets(self) -> Iterator[Packet]:
-        """Packets in the order of the recording, from its beginning at each call."""
+    def span(self) -> tuple[int, int]:
+        """Stamps in ns of the first and the last thing in the recording; of no frame, if it was cut early."""
+        with self._open() as file:
+            found = RecordingReader(file, warn=False).span()
+        return found or (self.start_ns or 0, self.start_ns or 0)
+
+    def packets(self, start_ns: int | None = None) -> Iterator[Packet]:
+        """Packets in the order of the recording, from its beginning at each call, or from the frame at `start_ns`."""
         if self.channel == "packets":
-            source = self._raw(self.counts)
+            source = self._raw(self.counts, start_ns=start_ns)
         else:
-            source = (packet for frame in self.frames() for packet in self._packets_of(frame))
+            source = (packet for frame in self.frames(start_ns) for packet in self._packets_of(frame))
         for packet in source:
             if self.closed:
                 return
             yield packet
 
-    def frames(self) -> Iterator[Frame]:
-        """Frames as decoded from the messages, from the first at each call; what does not decode is counted."""
-        return self._frames(self.counts, [])
+    def frames(self, start_ns: int | None = None) -> Iterator[Frame]:
+        """Frames as decoded from the messages, from the first at each call, or the first at or behind `start_ns`; what
+        does not decode is counted.
+        """
+        found = self._frames(self.counts, [], start_ns=start_ns)
+        return found if start_ns is None else (frame for frame in found if frame.stamp_ns >= start_ns)
 
     def _packets_of(self, frame: Frame) -> list[Packet]:
         try:
@@ -86,17 +95,19 @@ class RecordingSource(PacketSource):
             self.counts["frames without packets"] += 1
             return []
 
-    def _raw(self, counts: Counter[str], warn: bool = True) -> Iterator[Packet]:
+    def _raw(self, counts: Counter[str], warn: bool = True, start_ns: int | None = None) -> Iterator[Packet]:
         with self._open() as file:
             reader = RecordingReader(file, warn)
-            yield from reader.packets(topic=self._topic)
+            yield from reader.packets(start_ns, topic=self._topic)
             _note(reader, counts)
 
-    def _frames(self, counts: Counter[str], failed: list[DecodeError], warn: bool = True) -> Iterator[Frame]:
+    def _frames(
+        self, counts: Counter[str], failed: list[DecodeError], warn: bool = True, start_ns: int | None = None
+    ) -> Iterator[Frame]:
         decoder = StreamDecoder()
         with self._open() as file:
             reader = RecordingReader(file, warn)
-            for _, data in reader.messages(topic=self._topic):
+            for _, data in reader.messages(start_ns, topic=self._topic):
                 try:
                     yield from decoder.decode(unpack(data))
                 except DecodeError as error:

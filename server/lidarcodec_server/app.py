@@ -24,7 +24,20 @@ from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
 
-ROUTERS = ("health", "streams", "settings", "audit", "codecs", "metrics", "page", "sockets", "snapshot", "recordings")
+ROUTERS = (
+    "health",
+    "streams",
+    "settings",
+    "audit",
+    "codecs",
+    "metrics",
+    "session",
+    "fleet",
+    "page",
+    "sockets",
+    "snapshot",
+    "recordings",
+)
 PARTS: tuple[Part, ...] = (live,)
 
 

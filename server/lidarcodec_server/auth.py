@@ -55,6 +55,11 @@ def require_operator(connection: HTTPConnection) -> Client:
     return client
 
 
+def offers_token(connection: HTTPConnection) -> bool:
+    """Whether the client gave a token, of whatever kind."""
+    return _token(connection) is not None
+
+
 def subprotocol_of(connection: HTTPConnection) -> str | None:
     """The subprotocol to accept a WebSocket with: one that is no token if there is one, for it stands in the answer."""
     offered = _protocols(connection)

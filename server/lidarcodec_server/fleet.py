@@ -26,6 +26,10 @@ logger = logging.getLogger(__name__)
 MAX_STATUS_BYTES = 64 * 1024
 MAX_WAITING = 1024
 """Streams left out that are taken when there is room."""
+MINUTE = 60
+"""Statuses in a minute."""
+LARGEST = 1e15
+"""A figure beyond this is a mistake, or a joke."""
 ANSWER_HOLDS_S = 3.0
 """A status that left the vehicle before a change may arrive behind the answer to it: so long the answer is believed."""
 
@@ -36,6 +40,7 @@ class Stream:
 
     settings: those in force, None before the vehicle said;  status: its last status
     status_s, answer_s: monotonic times of the last status, and of the last answer to a change
+    kbps: what was sent, in kbit/s, as the last minute's statuses told it, one a second, oldest first
     """
 
     keys: StreamKeys
@@ -44,6 +49,7 @@ class Stream:
     status: dict[str, Any] | None = None
     status_s: float = float("-inf")
     answer_s: float = float("-inf")
+    kbps: tuple[float | None, ...] = ()
 
     @property
     def stream_id(self) -> str | None:
@@ -63,6 +69,14 @@ def read_status(data: bytes) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return status if isinstance(status, dict) else None
+
+
+def number_in(values: Any, name: str) -> float | None:
+    """The number of that name in something that a vehicle told; None where there is none."""
+    value = values.get(name) if isinstance(values, dict) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
+        return None
+    return float(value)
 
 
 def known_settings(values: Any) -> StreamSettings | None:
@@ -128,7 +142,8 @@ class Fleet:
             settings = known_settings(status.get("settings"))
             if settings is None or now - stream.answer_s < ANSWER_HOLDS_S:
                 settings = stream.settings
-            new = replace(stream, status=status, settings=settings, status_s=now)
+            kbps = (*stream.kbps, number_in(status, "kbps"))[-MINUTE:]
+            new = replace(stream, status=status, settings=settings, status_s=now, kbps=kbps)
             self._streams[keys] = new
             return waited or (stream.stream_id is not None and new.stream_id != stream.stream_id)
 

@@ -49,7 +49,8 @@ def page_of(browser: Any) -> Iterator[Callable[..., Any]]:
     """Function from an address to an open page of its own context; options are those of `new_context`.
 
     `page.complaints` collects what the page wrote as errors or warnings on the console, and what it did not catch. A
-    test fails at its end when there is any that it did not take out. The page's policy forbids `eval`, and with it
+    test fails at its end when there is any that it did not take out; the driver's remarks on reading pictures back are
+    none of the page's. The page's policy forbids `eval`, and with it
     `page.wait_for_function`: wait with `expect`, or poll `page.evaluate`.
     """
     pages = []
@@ -59,7 +60,7 @@ def page_of(browser: Any) -> Iterator[Callable[..., Any]]:
         context.set_default_timeout(LIMIT_MS)
         page = context.new_page()
         page.complaints = []
-        page.on("console", lambda said: said.type in ("error", "warning") and page.complaints.append(said.text))
+        page.on("console", lambda said: _complains(said) and page.complaints.append(said.text))
         page.on("pageerror", lambda error: page.complaints.append(str(error)))
         pages.append(page)
         page.goto(url)
@@ -70,3 +71,8 @@ def page_of(browser: Any) -> Iterator[Callable[..., Any]]:
     for page in pages:
         page.context.close()
     assert complaints == []
+
+
+def _complains(said: Any) -> bool:
+    """Whether something on the console is a complaint of the page."""
+    return said.type in ("error", "warning") and "GL Driver Message" not in said.text

@@ -42,8 +42,8 @@ class System:
         assert self._server is not None
         _end(self._server)
 
-    def start_vehicle(self, name: str = "car-7", source: str = "sim:city?frames=400", *options: str) -> None:
-        """Start a vehicle that goes round in its source; the server sees it soon."""
+    def start_vehicle(self, name: str = "car-7", source: str = "sim:city", *options: str) -> None:
+        """Start a vehicle that drives through its source; the server sees it soon."""
         self._vehicles[name] = self._start("publish", source, "--vehicle", name, "--rate", "10", *options)
 
     def kill_vehicle(self, name: str = "car-7") -> None:

@@ -1,4 +1,4 @@
-"""The page in a browser, with a server and a vehicle as processes: what an operator sees."""
+"""The page in a browser, with a server and a vehicle as processes: what an operator sees and does."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import re
 
 import pytest
 
-from tests.browser.system import system
+from tests.browser.system import LIMIT_S, system
+from tests.transport.test_contract import eventually
 
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
-expect.set_options(timeout=60_000)
+expect.set_options(timeout=LIMIT_S * 1000)
+
+POINTS = re.compile(r"^lidarcodec — [0-9]+ points$")
+SETTINGS = "streams/car-7/lidar/settings"
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +23,131 @@ def fleet(tmp_path_factory):
         yield running
 
 
-def test_points_of_the_vehicle_arrive_and_the_title_counts_them(fleet, page_of):
-    page = page_of(fleet.url)
-    expect(page).to_have_title(re.compile(r"^lidarcodec — [0-9]+ points$"))
+@pytest.fixture
+def page(fleet, page_of):
+    """The page, with points of the vehicle on it."""
+    shown = page_of(fleet.url)
+    expect(shown).to_have_title(POINTS)
+    return shown
+
+
+def row_of(page, name="car-7"):
+    return page.get_by_role("navigation", name="Streams").get_by_role("button", name=re.compile(name))
+
+
+def outcome(page):
+    return page.locator(".outcome")
+
+
+def test_points_of_the_vehicle_arrive_and_the_title_counts_them(page):
     assert int(re.search(r"\d+", page.title())[0]) > 10_000
+    expect(row_of(page)).to_contain_text("kbit/s")
+    expect(row_of(page)).to_have_attribute("aria-current", "true")
+    expect(page.locator("footer")).to_contain_text("points")
+
+
+def test_a_codec_is_changed_by_the_form_that_its_schema_makes_and_is_applied(fleet, page):
+    page.get_by_label("Codec", exact=True).select_option("zstd")
+    page.get_by_label("Level").fill("5")
+    page.get_by_role("button", name="Apply").click()
+    expect(outcome(page)).to_have_text(re.compile(r"Applied from frame \d+ on, which is shown: codec = zstd"))
+    applied = fleet.get(SETTINGS)["applied"]
+    assert (applied["codec"], applied["codec_settings"]) == ("zstd", {"level": 5})
+    expect(row_of(page)).to_contain_text("zstd")
+    page.get_by_role("tab", name="Changes").click()
+    expect(page.get_by_role("listitem").filter(has_text="codec_settings").first).to_contain_text("zstd")
+    expect(page).to_have_title(POINTS)
+
+
+def test_what_the_server_refuses_is_said_where_it_was_written(fleet, page):
+    before = fleet.get(SETTINGS)["applied"]
+    page.get_by_label("Target (kbit/s)").fill("0.5")
+    page.get_by_role("button", name="Apply").click()
+    expect(page.get_by_label("Target (kbit/s)")).to_be_focused()
+    expect(page.get_by_label("Target (kbit/s)")).to_have_attribute("aria-invalid", "true")
+    expect(page.locator("#setting-target_kbps-problem")).to_contain_text("1 to 1000000 kbit/s")
+    assert fleet.get(SETTINGS)["applied"] == before
+    page.complaints[:] = [text for text in page.complaints if "422" not in text]  # the browser tells of every refusal
+
+
+def test_the_form_is_filled_and_sent_with_the_keyboard_alone(fleet, page):
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("button", name="Skip to settings")).to_be_focused()
+    page.keyboard.press("Enter")
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.id") == "setting-max_error_m":
+            break
+    page.keyboard.type("0.02")
+    page.keyboard.press("Enter")
+    expect(outcome(page)).to_contain_text("Applied from frame")
+    assert fleet.get(SETTINGS)["applied"]["max_error_m"] == 0.02
+    page.get_by_role("tab", name="Settings").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_role("tab", name="Changes")).to_be_focused()
+    expect(page.get_by_role("tabpanel", name="Changes")).to_be_visible()
+
+
+def test_everything_that_can_be_done_has_a_name_and_is_reached_by_the_tabulator(page):
+    unnamed = page.evaluate(
+        """() => [...document.querySelectorAll('button, input, select, a[href], summary')].filter((one) => {
+             const named = one.getAttribute('aria-label') || one.labels?.length || one.textContent.trim();
+             return !named || (one.tabIndex < 0 && one.getAttribute('role') !== 'tab');
+           }).map((one) => one.outerHTML.slice(0, 120))"""
+    )
+    assert unnamed == []
+
+
+def test_a_key_frame_is_asked_for(page):
+    page.get_by_role("button", name="Key frame").click()
+    expect(outcome(page)).to_have_text(re.compile(r"A key frame comes, frame \d+"))
+
+
+def test_a_stream_is_recorded_and_played_back_with_a_time_line(fleet, page):
+    page.get_by_role("tab", name="Recordings").click()
+    page.get_by_role("button", name="Record car-7/lidar").click()
+    expect(row_of(page)).to_contain_text("REC")
+    assert eventually(lambda: (fleet.get("streams/car-7/lidar/recording")["frames"] or 0) > 20, LIMIT_S)
+    page.get_by_role("button", name="Stop recording").click()
+    page.get_by_role("button", name=re.compile("^Play car-7")).click()
+    place = page.get_by_role("slider", name="Place in the recording")
+    expect(place).to_be_visible()
+    expect(page.locator("footer")).to_contain_text("playback-")
+    page.get_by_role("button", name="Pause").click()
+    expect(page.get_by_role("button", name="Play", exact=True)).to_have_attribute("aria-pressed", "true")
+    place.focus()
+    page.keyboard.press("Home")
+    (made,) = fleet.get("recordings")
+    assert eventually(lambda: fleet.get(f"recordings/{made['id']}")["playing"]["position_s"] < 0.3, LIMIT_S)
+    expect(page).to_have_title(POINTS)
+    page.get_by_role("group", name="Playback").get_by_role("button", name="Stop").click()
+    expect(place).not_to_be_attached()
+    delete = page.get_by_role("button", name=re.compile("^Delete car-7"))
+    expect(delete).to_be_enabled()
+    delete.click()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_text("Nothing was recorded yet.")).to_be_visible()
+
+
+def test_a_narrow_screen_shows_everything_without_scrolling_sideways(fleet, page_of):
+    page = page_of(fleet.url, viewport={"width": 360, "height": 740})
+    expect(page).to_have_title(POINTS)
+    expect(page.get_by_label("Codec", exact=True)).to_be_attached()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    page.get_by_role("button", name="Key frame").scroll_into_view_if_needed()
+    expect(page.get_by_role("button", name="Key frame")).to_be_in_viewport()
+
+
+def test_a_vehicle_that_goes_is_seen_to_go_and_seen_again_when_it_is_back(fleet, page):
+    fleet.kill_vehicle()
+    expect(page.locator(".notice")).to_contain_text(re.compile(r"last frame \d+ s ago"))
+    expect(row_of(page)).to_contain_text("away")
+    page.get_by_label("Intensity", exact=True).select_option("off")
+    page.get_by_role("button", name="Apply").click()
+    expect(outcome(page)).to_contain_text("Kept: intensity = off")
+    fleet.start_vehicle()
+    expect(page.locator(".notice.none")).to_be_attached()
+    expect(row_of(page)).to_contain_text("kbit/s")
+    expect(page.get_by_role("region", name="In force")).to_contain_text("In force")
+    assert eventually(lambda: (fleet.get(SETTINGS)["applied"] or {}).get("intensity") == "off", LIMIT_S)
+    expect(page).to_have_title(POINTS)

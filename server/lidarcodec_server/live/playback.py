@@ -11,9 +11,9 @@ from typing import Any
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.publish_source import NOMINAL_HZ
 from lidarcodec.settings import StreamSettings
-from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.transport import Transport
+from lidarcodec_server.live.played_source import PlayedSource
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Playback:
         self._since_ns = time.time_ns()
         self._publisher: Publisher | None = None
         self._transport: Transport | None = None
+        self._source: PlayedSource | None = None
 
     def start(self, file: Path, transport: Transport) -> None:
         """Begin to send; takes the transport over. Blocks while the beginning is read.
@@ -48,16 +49,15 @@ class Playback:
         """
         request = self.request
         try:
-            source = RecordingSource(file)
-            paced = PacedSource(source, speed=request.rate / NOMINAL_HZ, loop=request.loop, restamp=True)
+            source = PlayedSource(RecordingSource(file), speed=request.rate / NOMINAL_HZ, loop=request.loop)
             publisher = Publisher(
-                paced, request.settings, vehicle=request.vehicle, sensor=request.sensor, transport=transport
+                source, request.settings, vehicle=request.vehicle, sensor=request.sensor, transport=transport
             )
             publisher.start()
         except BaseException:
             transport.close()
             raise
-        self._publisher, self._transport = publisher, transport
+        self._publisher, self._transport, self._source = publisher, transport, source
 
     @property
     def finished(self) -> bool:
@@ -71,14 +71,24 @@ class Playback:
         if self._transport is not None:
             self._transport.close()
 
+    def steer(self, *, position_s: float | None, paused: bool | None, rate: float | None, loop: bool | None) -> None:
+        """Hold it, have it go on elsewhere, or otherwise. None: as it is. Before it has begun nothing happens."""
+        if self._source is not None:
+            speed = None if rate is None else rate / NOMINAL_HZ
+            self._source.steer(position_s=position_s, paused=paused, speed=speed, loop=loop)
+
     def state(self) -> dict[str, Any]:
         """Which stream it is, and how far it came."""
         status = None if self._publisher is None else self._publisher.status()
+        source = self._source
         return {
             "vehicle": self.request.vehicle,
             "sensor": self.request.sensor,
-            "rate": self.request.rate,
-            "loop": self.request.loop,
+            "rate": self.request.rate if source is None else round(source.speed * NOMINAL_HZ, 3),
+            "loop": self.request.loop if source is None else source.loop,
+            "paused": source is not None and source.paused,
+            "position_s": 0.0 if source is None else round(source.position_s, 2),
+            "duration_s": 0.0 if source is None else round(source.duration_s, 2),
             "since_ns": self._since_ns,
             "frames": 0 if status is None else status["frames"],
             "source": {} if status is None else status["source"],

@@ -141,6 +141,14 @@ class Recordings:
         active = self._active.get(keys)
         return None if active is None else active.now()
 
+    def names(self) -> tuple[dict[StreamKeys, str], dict[StreamKeys, str]]:
+        """Ids of the recordings that run, by the stream that is recorded, and of those that are played, by the stream
+        that they are. From any thread.
+        """
+        recorded = {keys: active.recording.id for keys, active in self._active.copy().items()}
+        requests = {name: playback.request for name, playback in self._playing.copy().items()}
+        return recorded, {StreamKeys(one.vehicle, one.sensor): name for name, one in requests.items()}
+
     async def all(self) -> list[Recording]:
         """Every recording, newest first. Raises StorageError."""
         running = {one.recording.id: one.now() for one in self._active.values()}
@@ -193,6 +201,17 @@ class Recordings:
             raise MissingRecordingError(f"recording {name[:64]} is not being played")
         playback.ended.set()
         await asyncio.shield(playback.task)
+
+    def steer(self, name: str, **wanted: Any) -> dict[str, Any]:
+        """Hold a playback, or have it go on elsewhere; what it does now. wanted: as `Playback.steer` takes it.
+
+        Raises MissingRecordingError.
+        """
+        playback = self._playing.get(name)
+        if playback is None:
+            raise MissingRecordingError(f"recording {name[:64]} is not being played")
+        playback.steer(**wanted)
+        return playback.state()
 
     def playing(self, name: str) -> dict[str, Any] | None:
         """What is known of a playback; None if there is none."""

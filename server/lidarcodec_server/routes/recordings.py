@@ -64,6 +64,19 @@ class PlayBody(BaseModel):
     settings: dict[str, Any] = Field(default_factory=dict, description="Settings of the stream, as in PATCH.")
 
 
+class SteerBody(BaseModel):
+    """What is to become of a playback; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    paused: bool | None = Field(default=None, description="Hold it, or have it go on.")
+    position_s: float | None = Field(
+        default=None, ge=0.0, le=1e9, description="Go on from here, in seconds of the recording."
+    )
+    rate: float | None = Field(default=None, ge=0.1, le=100.0, description="Frames of 348 packets a second.")
+    loop: bool | None = Field(default=None, description="Begin again at the end.")
+
+
 class PlayingAnswer(BaseModel):
     """A playback: the stream that it is, and how far it came."""
 
@@ -71,6 +84,9 @@ class PlayingAnswer(BaseModel):
     sensor: str
     rate: float
     loop: bool
+    paused: bool
+    position_s: float = Field(description="Where it is, in seconds of the recording.")
+    duration_s: float = Field(description="How long the recording is.")
     since: datetime
     frames: int
     source: dict[str, int] = Field(description="What was noticed in the recording, by cause.")
@@ -193,6 +209,13 @@ async def play(
         playing = await recordings.play(id, request)
     await _note(service, keys, client, "play", id)
     return PlayingAnswer.of(playing)
+
+
+@router.patch("/recordings/{id}/play", responses=NO_SUCH)
+async def steer(recordings: TheRecordings, id: Id, client: Operator, body: SteerBody) -> PlayingAnswer:
+    """Hold a playback, have it go on from another place, faster, or in a loop; from its next frame on."""
+    with _problems():
+        return PlayingAnswer.of(recordings.steer(id, **body.model_dump()))
 
 
 @router.delete("/recordings/{id}/play", status_code=204, responses=NO_SUCH)

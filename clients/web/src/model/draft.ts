@@ -1,0 +1,99 @@
+/**
+ * A draft of settings: what an operator edited, on top of what is wanted or in force. Edits stay when somebody else
+ * changes the stream meanwhile; those that have come true vanish.
+ */
+import { same } from "./schema";
+import type { Codec, Schema, Settings, SettingsState, Value } from "./wire";
+
+/** What a form begins with: what operators want, else what is in force, else what the stream told last. */
+export function baseOf(state: SettingsState | null, told: Settings | null): Settings {
+  return state?.desired ?? state?.applied ?? told ?? {};
+}
+
+/** A value with the draft's edits on top of the base. */
+export function shown(base: Settings, edits: Settings, name: string): Value {
+  return name in edits ? (edits[name] as Value) : (base[name] ?? null);
+}
+
+/** The codec's own settings as they would be: a new codec starts with its own defaults. */
+export function ownSettings(base: Settings, edits: Settings, schema: Schema | undefined): Settings {
+  const defaults = Object.fromEntries(
+    Object.entries(schema?.properties ?? {}).map(([name, about]) => [name, about.default ?? null]),
+  );
+  const changedCodec = "codec" in edits && edits.codec !== base.codec;
+  const kept = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
+  return { ...defaults, ...kept, ...((edits.codec_settings ?? {}) as Settings) };
+}
+
+/** Edits with one more; an edit back to the base is none. A codec that is left takes its own settings with it. */
+export function edited(
+  base: Settings,
+  edits: Settings,
+  name: string,
+  value: Value,
+  codecs: Codec[],
+  schema: Schema | null = null,
+): Settings {
+  const next: Settings = { ...edits, [name]: value };
+  if (name === "reduction" && !budgeted(schema, value)) {
+    for (const budget of ["keep_points", "keep_fraction"]) if (shown(base, next, budget) !== null) next[budget] = null;
+  }
+  if (name === "codec") {
+    delete next.codec_settings;
+    const about = codecs.find((one) => one.name === value);
+    // What the new codec refuses would make the server refuse all of it.
+    if (about && !about.bound && shown(base, next, "max_error_m") !== null) next.max_error_m = null;
+    if (about && !about.target && shown(base, next, "target_kbps") !== null) next.target_kbps = null;
+    if (about?.bound && next.max_error_m === null && "max_error_m" in edits) delete next.max_error_m;
+    if (about?.target && next.target_kbps === null && "target_kbps" in edits) delete next.target_kbps;
+  }
+  if (name === "keep_points" && value !== null && shown(base, next, "keep_fraction") !== null)
+    next.keep_fraction = null;
+  if (name === "keep_fraction" && value !== null && shown(base, next, "keep_points") !== null) next.keep_points = null;
+  return settled(base, next);
+}
+
+/** Edits of one of the codec's own settings. */
+export function editedOwn(base: Settings, edits: Settings, name: string, value: Value): Settings {
+  return settled(base, { ...edits, codec_settings: { ...((edits.codec_settings ?? {}) as Settings), [name]: value } });
+}
+
+/** Edits without those that say what the base says. */
+export function settled(base: Settings, edits: Settings): Settings {
+  const kept: Settings = {};
+  for (const [name, value] of Object.entries(edits)) {
+    if (name === "codec_settings") {
+      if ("codec" in edits && edits.codec !== base.codec) kept[name] = value;
+      else {
+        const before = (base.codec_settings ?? {}) as Settings;
+        const own = Object.entries(value as Settings).filter(([key, one]) => !same(before[key], one));
+        if (own.length > 0) kept[name] = Object.fromEntries(own);
+      }
+    } else if (!same(base[name] ?? null, value)) kept[name] = value;
+  }
+  return kept;
+}
+
+/** The body of the request: the edits, with the codec's own settings whole, because they replace those before. */
+export function changeOf(base: Settings, edits: Settings): Settings {
+  const change: Settings = { ...edits };
+  if (change.codec_settings) {
+    const changedCodec = "codec" in edits && edits.codec !== base.codec;
+    const before = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
+    change.codec_settings = { ...before, ...(change.codec_settings as Settings) };
+  }
+  return change;
+}
+
+/** Whether a reduction takes a budget (`keep_points`, `keep_fraction`). */
+export function budgeted(schema: Schema | null, reduction: Value): boolean {
+  const names = schema?.properties?.reduction?.budgeted ?? [];
+  return typeof reduction === "string" && names.includes(reduction.split(":")[0] ?? "");
+}
+
+/** What changed between two settings, for people: `codec: pcodec → jxl`. */
+export function differences(old: Settings | null, now: Settings): [string, Value | undefined, Value][] {
+  return Object.entries(now)
+    .filter(([name, value]) => old === null || !same(old[name], value))
+    .map(([name, value]) => [name, old?.[name], value]);
+}

@@ -1,0 +1,35 @@
+/** What became of a change, in words. */
+import { plain } from "./format";
+import type { Change, Settings } from "./wire";
+
+export type Outcome =
+  | { kind: "none" }
+  | { kind: "sending" }
+  | { kind: "applied"; first: number | null; change: Settings }
+  | { kind: "kept"; change: Settings }
+  | { kind: "refused"; text: string; field: string | null; status: number }
+  | { kind: "note"; text: string };
+
+export function outcomeOf(status: number, answer: Change, change: Settings): Outcome {
+  if (status === 202 || answer.applied === null) return { kind: "kept", change };
+  return { kind: "applied", first: answer.first_frame, change };
+}
+
+/** The sentence for it; `frame`: index of the newest frame that is shown. */
+export function sentenceOf(outcome: Outcome, frame: number | null): string {
+  if (outcome.kind === "sending") return "Sending to the vehicle …";
+  if (outcome.kind === "note") return outcome.text;
+  if (outcome.kind === "refused") return `Refused: ${outcome.text}`;
+  if (outcome.kind === "kept")
+    return `Kept: ${listOf(outcome.change)}. The vehicle is away and gets it when it comes back.`;
+  if (outcome.kind === "none") return "";
+  if (outcome.first === null) return `Applied: ${listOf(outcome.change)}.`;
+  const shown = frame !== null && frame >= outcome.first ? ", which is shown" : "";
+  return `Applied from frame ${outcome.first} on${shown}: ${listOf(outcome.change)}.`;
+}
+
+function listOf(change: Settings): string {
+  return Object.entries(change)
+    .map(([name, value]) => `${name} = ${plain(value)}`)
+    .join(", ");
+}

@@ -1,0 +1,63 @@
+/** Forms out of JSON schemas: which control a setting needs, and what a text in it means. */
+import type { Schema, Value } from "./wire";
+
+export type Field =
+  | { kind: "switch" }
+  | { kind: "choice"; values: Value[]; open: boolean }
+  | {
+      kind: "number";
+      whole: boolean;
+      minimum: number | null;
+      maximum: number | null;
+      words: string[];
+      nullable: boolean;
+    }
+  | { kind: "text"; nullable: boolean };
+
+/** The control for a setting. `words`: texts that a number may be replaced by, such as `auto`. */
+export function fieldOf(schema: Schema): Field {
+  const options = schema.anyOf ?? [schema];
+  const nullable = options.some((one) => one.type === "null");
+  const number = options.find((one) => one.type === "number" || one.type === "integer");
+  const values = schema.enum ?? options.find((one) => one.enum)?.enum;
+  if (values) return { kind: "choice", values, open: false };
+  if (number) {
+    return {
+      kind: "number",
+      whole: number.type === "integer",
+      minimum: number.minimum ?? number.exclusiveMinimum ?? null,
+      maximum: number.maximum ?? null,
+      words: options.flatMap((one) => (typeof one.const === "string" ? [one.const] : [])),
+      nullable,
+    };
+  }
+  if (options.some((one) => one.type === "boolean")) return { kind: "switch" };
+  if (schema.examples) return { kind: "choice", values: schema.examples, open: true };
+  return { kind: "text", nullable };
+}
+
+/** The value that a text in a number's control means; undefined for what is no number. */
+export function numberIn(text: string, field: Field & { kind: "number" }): Value | undefined {
+  const trimmed = text.trim().replace(",", ".");
+  if (trimmed === "") return field.nullable ? null : undefined;
+  if (field.words.includes(trimmed)) return trimmed;
+  const value = Number(trimmed);
+  return Number.isFinite(value) ? value : undefined;
+}
+
+/** What a number may be, for people: `1 to 12`, `0 or more`. */
+export function limitsOf(field: Field): string {
+  if (field.kind !== "number") return "";
+  const { minimum, maximum } = field;
+  if (minimum !== null && maximum !== null) return `${minimum} to ${maximum.toLocaleString("en")}`;
+  if (minimum !== null) return `${minimum} or more`;
+  return maximum !== null ? `up to ${maximum.toLocaleString("en")}` : "";
+}
+
+export function same(a: Value | undefined, b: Value | undefined): boolean {
+  if (a === b) return true;
+  if (typeof a !== "object" || typeof b !== "object" || a === null || b === null) return false;
+  const names = new Set([...Object.keys(a), ...Object.keys(b)]);
+  const [left, right] = [a as Record<string, Value>, b as Record<string, Value>];
+  return [...names].every((name) => name in left && name in right && same(left[name], right[name]));
+}

@@ -1,0 +1,132 @@
+/** What the server answers, as far as the page uses it (docs/openapi.json). */
+
+export type Role = "viewer" | "operator";
+
+export interface Session {
+  name: string | null;
+  role: Role | null;
+  token_needed: boolean;
+  version: string;
+}
+
+export interface FleetRow {
+  vehicle: string;
+  sensor: string;
+  alive: boolean;
+  ended: boolean;
+  silent_s: number | null;
+  codec: string | null;
+  reduction: string | null;
+  kbps: number | null;
+  fps: number | null;
+  target: number | "auto" | null;
+  target_kbps: number | null;
+  reached: boolean | null;
+  latency_ms: number | null;
+  replaced: number | null;
+  recording: string | null;
+  playback: string | null;
+  minute: (number | null)[] | null;
+}
+
+export type Value = string | number | boolean | null | { [name: string]: Value } | Value[];
+export type Settings = Record<string, Value>;
+
+export interface RateStatus {
+  auto?: boolean;
+  target_kbps?: number | null;
+  reachable_kbps?: [number, number] | null;
+  limited_by?: string | null;
+  reached?: boolean | null;
+  max_error_m?: number;
+  quality?: number;
+}
+
+export interface Stream {
+  vehicle: string;
+  sensor: string;
+  alive: boolean;
+  settings: Settings | null;
+  status: {
+    rate?: RateStatus | null;
+    reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
+    preparing?: string | null;
+    errors?: Record<string, number>;
+  } | null;
+}
+
+export interface SettingsState {
+  applied: Settings | null;
+  desired: Settings | null;
+  operator: Settings;
+  refused: string | null;
+}
+
+export interface Change {
+  applied: Settings | null;
+  desired: Settings | null;
+  first_frame: number | null;
+}
+
+export interface Schema {
+  type?: string;
+  title?: string;
+  description?: string;
+  default?: Value;
+  enum?: Value[];
+  const?: Value;
+  examples?: Value[];
+  minimum?: number;
+  maximum?: number;
+  exclusiveMinimum?: number;
+  anyOf?: Schema[];
+  properties?: Record<string, Schema>;
+  /** Names of reductions that take a budget; stands beside `examples`. */
+  budgeted?: string[];
+}
+
+export interface Codec {
+  name: string;
+  bound: boolean;
+  target: boolean;
+  settings_schema: Schema;
+  reach: { setting: string; range_kbps: [number, number] } | null;
+}
+
+export interface AuditEntry {
+  id: number;
+  at: string;
+  who: string;
+  action: string;
+  changes: Settings;
+  old: Settings | null;
+  new: Settings | null;
+  result: string;
+  reason: string | null;
+  first_frame: number | null;
+}
+
+export interface Playing {
+  vehicle: string;
+  sensor: string;
+  rate: number;
+  loop: boolean;
+  frames: number;
+  paused: boolean;
+  position_s: number;
+  duration_s: number;
+}
+
+export interface Recording {
+  id: string;
+  vehicle: string;
+  sensor: string;
+  started: string;
+  ended: string | null;
+  state: "recording" | "complete" | "failed" | "interrupted";
+  reason: string | null;
+  by: string | null;
+  size_bytes: number;
+  frames: number | null;
+  playing: Playing | null;
+}

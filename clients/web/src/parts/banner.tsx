@@ -1,0 +1,15 @@
+import { span } from "../model/format";
+import { awaySince } from "../state";
+import { useNow } from "./now";
+
+/** Says that the server is away, and since when: what the page shows then is old. */
+export function Banner() {
+  const now = useNow(awaySince.value !== null);
+  if (awaySince.value === null) return null;
+  const seconds = Math.max(0, (now - awaySince.value) / 1000);
+  return (
+    <div class="banner" role="alert">
+      The server does not answer{seconds >= 2 ? ` for ${span(seconds)}` : ""}. What is shown is old; it is tried again.
+    </div>
+  );
+}

@@ -1,0 +1,95 @@
+import { count, kbps, ms, span } from "../model/format";
+import { keyOf } from "../model/minute";
+import type { FleetRow } from "../model/wire";
+import { choose, chosen, minutes, rows } from "../state";
+import { Spark } from "./spark";
+
+/** All streams, in a line each. */
+export function FleetList() {
+  const all = rows.value;
+  return (
+    <nav class="fleet" aria-label="Streams">
+      <h2>Fleet</h2>
+      {all === null && (
+        <p class="quiet pad" role="status">
+          Asking for streams …
+        </p>
+      )}
+      {all?.length === 0 && <Empty />}
+      <ul>
+        {all?.map((row) => (
+          <li key={keyOf(row)}>
+            <Row row={row} />
+          </li>
+        ))}
+      </ul>
+    </nav>
+  );
+}
+
+function Empty() {
+  return (
+    <div class="empty">
+      <p>No stream was seen yet.</p>
+      <p class="quiet">A vehicle on this machine shows up by itself:</p>
+      <pre>lidarcodec publish sim:city</pre>
+    </div>
+  );
+}
+
+/** What a row says of a stream in a word. */
+export function stateOf(row: FleetRow): { name: "alive" | "away" | "ended"; text: string } {
+  if (row.alive) return { name: "alive", text: "alive" };
+  if (row.ended) return { name: "ended", text: "ended" };
+  return { name: "away", text: row.silent_s === null ? "never seen" : `away for ${span(row.silent_s)}` };
+}
+
+function Row({ row }: { row: FleetRow }) {
+  const key = keyOf(row);
+  const state = stateOf(row);
+  const values = minutes.value.get(key) ?? [];
+  const target = row.target_kbps ?? (typeof row.target === "number" ? row.target : null);
+  const missed = row.alive && row.reached === false;
+  return (
+    <button
+      type="button"
+      class={`row ${state.name}`}
+      aria-current={chosen.value === key ? "true" : undefined}
+      onClick={() => choose(key)}
+    >
+      <span class="line">
+        <span class="dot" aria-hidden="true" />
+        <span class="name">
+          {row.vehicle}
+          <span class="quiet">/{row.sensor}</span>
+        </span>
+        {row.recording && (
+          <span class="rec" title="Being recorded">
+            REC
+          </span>
+        )}
+        {row.playback && <span class="chip">playback</span>}
+        <span class="chip">{row.codec ?? "?"}</span>
+      </span>
+      <span class="line figures">
+        {row.alive ? (
+          <>
+            <span class={missed ? "missed" : ""} title="Sent over the last five seconds, and the target">
+              {row.kbps === null ? "nobody looks" : `${kbps(row.kbps)}${target === null ? "" : ` / ${kbps(target)}`}`}
+              {row.kbps !== null && <span class="unit"> kbit/s</span>}
+            </span>
+            <span title="Median latency, from a frame's last packet to the decoded frame">{ms(row.latency_ms)}</span>
+            <span title="Frames that gave way to newer ones">
+              {count(row.replaced)}
+              <span class="unit"> repl.</span>
+            </span>
+          </>
+        ) : (
+          <span>{state.text}</span>
+        )}
+        <Spark values={values} target={target} />
+      </span>
+      {row.alive && <span class="hidden">, alive</span>}
+    </button>
+  );
+}

@@ -1,0 +1,52 @@
+import { differences } from "../model/draft";
+import { count, kbps, plain } from "../model/format";
+import type { SettingsState, Stream } from "../model/wire";
+
+/** What the vehicle does now, how it stands with the target, and where that differs from what is wanted. */
+export function InForce({ state, stream }: { state: SettingsState | null; stream: Stream | null }) {
+  const applied = state?.applied ?? stream?.settings ?? null;
+  const rate = stream?.status?.rate;
+  const reduction = stream?.status?.reduction;
+  const preparing = stream?.status?.preparing;
+  const wanted = state?.desired && state.applied ? differences(state.applied, state.desired) : [];
+  return (
+    <section class="inforce" aria-label="In force">
+      <p>
+        <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? plain(applied.codec) : "–"}
+        {applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
+        {applied?.reduction !== undefined && applied.reduction !== "all" && `, ${plain(applied.reduction)}`}
+      </p>
+      {rate && (
+        <p>
+          {rate.auto ? "Automatic" : "Target"} {kbps(rate.target_kbps)} kbit/s
+          {rate.reached === false ? `, not reached: limited by the ${rate.limited_by ?? "codec"}` : ""}
+          {rate.max_error_m !== undefined && `, error up to ${rate.max_error_m.toFixed(3)} m`}
+          {rate.quality !== undefined && `, quality ${rate.quality.toFixed(1)}`}
+          {rate.reachable_kbps &&
+            `; this scene allows ${kbps(rate.reachable_kbps[0])} to ${kbps(rate.reachable_kbps[1])}`}
+        </p>
+      )}
+      {reduction?.kept != null && (
+        <p>
+          {count(reduction.kept)} of {count(reduction.returns)} returns are sent
+        </p>
+      )}
+      {reduction?.note && <p class="warn">{reduction.note}</p>}
+      {preparing && <p role="status">The vehicle prepares {preparing} …</p>}
+      {stream?.alive === false && (
+        <p class="warn">The vehicle is away. What is set now is kept, and given to it when it comes.</p>
+      )}
+      {state?.refused && (
+        <p class="warn" role="alert">
+          The vehicle does not follow: {state.refused}
+        </p>
+      )}
+      {wanted.length > 0 && !state?.refused && (
+        <p class="warn">
+          Wanted, and not in force:{" "}
+          {wanted.map(([name, old, value]) => `${name} ${plain(value)} instead of ${plain(old)}`).join(", ")}
+        </p>
+      )}
+    </section>
+  );
+}

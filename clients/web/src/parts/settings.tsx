@@ -1,0 +1,229 @@
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { Problem } from "../model/api";
+import { baseOf, budgeted, changeOf, edited, editedOwn, ownSettings, settled, shown } from "../model/draft";
+import { type Outcome, outcomeOf, sentenceOf } from "../model/outcome";
+import { type Poller, poll } from "../model/poll";
+import { same } from "../model/schema";
+import type { Change, Codec, Settings, SettingsState, Stream, Value } from "../model/wire";
+import { call, codecs, mayChange, nameOf, pathOf, refreshFleet, schema, session, stats } from "../state";
+import { Button } from "./button";
+import { SettingField } from "./fields";
+import { InForce } from "./inforce";
+
+const STATE_MS = 5000;
+const STREAM_MS = 1000;
+const FIRST = ["target_kbps", "max_error_m", "intensity", "reduction", "keep_points", "keep_fraction"];
+const REST = ["framing", "key_interval", "follow"];
+
+/** The settings of a stream: what is in force, and a form, made from the schemas, that changes it. */
+export function SettingsForm({ name }: { name: string }) {
+  const path = pathOf(nameOf(name));
+  const state = useSignal<SettingsState | null>(null);
+  const stream = useSignal<Stream | null>(null);
+  const edits = useSignal<Settings>({});
+  const outcome = useSignal<Outcome>({ kind: "none" });
+  const asking = useRef<Poller | null>(null);
+
+  useEffect(() => {
+    const settings = poll(STATE_MS, async () => {
+      state.value = (await call<SettingsState>("GET", `${path}/settings`)).body;
+      edits.value = settled(baseOf(state.value, null), edits.value);
+    });
+    const told = poll(STREAM_MS, async () => {
+      const { body } = await call<Stream>("GET", path);
+      if (body.alive !== stream.value?.alive && stream.value !== null) settings.now();
+      stream.value = body;
+    });
+    asking.current = settings;
+    return () => {
+      settings.stop();
+      told.stop();
+    };
+  }, [path]);
+
+  const base = baseOf(state.value, stream.value?.settings ?? null);
+  const common = schema.value?.properties;
+  if (!common || Object.keys(base).length === 0) {
+    return (
+      <p class="quiet pad" role="status">
+        {stream.value && !stream.value.alive ? "The vehicle never told its settings." : "Asking for settings …"}
+      </p>
+    );
+  }
+
+  const codec = codecs.value.find((one) => one.name === shown(base, edits.value, "codec"));
+  const own = ownSettings(base, edits.value, codec?.settings_schema);
+  const sending = outcome.value.kind === "sending";
+  const changed = Object.keys(edits.value).length > 0;
+
+  function set(field: string, value: Value) {
+    edits.value = edited(base, edits.value, field, value, codecs.value, schema.value);
+    if (outcome.value.kind !== "sending") outcome.value = { kind: "none" };
+  }
+
+  function setOwn(field: string, value: Value) {
+    edits.value = editedOwn(base, edits.value, field, value);
+    if (outcome.value.kind !== "sending") outcome.value = { kind: "none" };
+  }
+
+  function undo() {
+    edits.value = {};
+    outcome.value = { kind: "none" };
+  }
+
+  async function submit(event: Event) {
+    event.preventDefault();
+    if (!changed || sending) return;
+    const change = changeOf(base, edits.value);
+    outcome.value = { kind: "sending" };
+    try {
+      const { status, body } = await call<Change>("PATCH", `${path}/settings`, change);
+      outcome.value = outcomeOf(status, body, change);
+      edits.value = {};
+      state.value = {
+        applied: body.applied,
+        desired: body.desired,
+        operator: state.value?.operator ?? {},
+        refused: null,
+      };
+      refreshFleet();
+    } catch (error) {
+      outcome.value = refusal(error);
+      if (outcome.value.kind === "refused" && outcome.value.field) {
+        document.getElementById(idOf(outcome.value.field))?.focus();
+      }
+    }
+    asking.current?.now();
+  }
+
+  async function once(
+    method: string,
+    tail: string,
+    done: (body: { first_frame?: number; merged?: boolean }) => string,
+  ) {
+    outcome.value = { kind: "sending" };
+    try {
+      const { body } = await call<{ first_frame?: number; merged?: boolean }>(method, `${path}/${tail}`);
+      outcome.value = { kind: "note", text: done(body) };
+    } catch (error) {
+      outcome.value = refusal(error);
+    }
+    asking.current?.now();
+  }
+
+  const problemAt = (field: string) =>
+    outcome.value.kind === "refused" && outcome.value.field === field ? outcome.value.text : null;
+  const fieldFor = (field: string) => {
+    const about = common[field];
+    const budget = field === "keep_points" || field === "keep_fraction";
+    if (!about || (budget && !budgeted(schema.value, shown(base, edits.value, "reduction")))) return null;
+    return (
+      <SettingField
+        key={field}
+        id={idOf(field)}
+        name={field}
+        schema={about}
+        value={shown(base, edits.value, field)}
+        edited={field in edits.value}
+        disabled={!mayChange.value}
+        hindered={hindranceOf(field, codec)}
+        problem={problemAt(field)}
+        set={(value) => set(field, value)}
+      />
+    );
+  };
+  const ownFields = Object.entries(codec?.settings_schema.properties ?? {});
+
+  return (
+    <form class="settings" onSubmit={submit} aria-label={`Settings of ${name}`} noValidate>
+      <InForce state={state.value} stream={stream.value} />
+      {!mayChange.value && (
+        <p class="quiet pad">{session.value?.name} is a viewer: changing needs an operator's token.</p>
+      )}
+      {fieldFor("codec")}
+      {codec?.reach && (
+        <p class="help reach">
+          Ranges from {Math.round(codec.reach.range_kbps[0]).toLocaleString("en")} to{" "}
+          {Math.round(codec.reach.range_kbps[1]).toLocaleString("en")} kbit/s, by <code>{codec.reach.setting}</code>.
+          Mask and intensity on top.
+        </p>
+      )}
+      {ownFields.length > 0 && (
+        <fieldset>
+          <legend>Of {codec?.name}</legend>
+          {ownFields.map(([field, about]) => (
+            <SettingField
+              key={`${codec?.name}.${field}`}
+              id={idOf(`codec_settings.${field}`)}
+              name={field}
+              schema={about}
+              value={own[field] ?? null}
+              edited={!same(((edits.value.codec_settings ?? {}) as Settings)[field], undefined)}
+              disabled={!mayChange.value}
+              problem={problemAt(`codec_settings.${field}`)}
+              set={(value) => setOwn(field, value)}
+            />
+          ))}
+        </fieldset>
+      )}
+      {FIRST.map(fieldFor)}
+      <details>
+        <summary>More</summary>
+        {REST.map(fieldFor)}
+      </details>
+      <div class="actions">
+        <Button look="primary" off={!changed || sending || !mayChange.value}>
+          {sending ? "Sending …" : "Apply"}
+        </Button>
+        <Button off={!changed || sending} press={undo}>
+          Undo
+        </Button>
+        <span class="grow" />
+        <Button
+          off={sending || !mayChange.value || !stream.value?.alive}
+          title="Have the next message be a key frame"
+          press={() =>
+            once("POST", "keyframe", ({ first_frame }) => `A key frame comes, frame ${first_frame} at the earliest.`)
+          }
+        >
+          Key frame
+        </Button>
+      </div>
+      <p class={`outcome ${outcome.value.kind}`} role="status">
+        {sentenceOf(outcome.value, stats.value?.frameIndex ?? null)}
+      </p>
+      {Object.keys(state.value?.operator ?? {}).length > 0 && (
+        <p class="help pad">
+          Set by operators, and given to the vehicle whenever it starts:{" "}
+          {Object.keys(state.value?.operator ?? {}).join(", ")}.{" "}
+          <Button
+            look="link"
+            off={sending || !mayChange.value}
+            press={() =>
+              once("DELETE", "settings", () => "Forgotten: when the vehicle starts again, its command line decides.")
+            }
+          >
+            Forget
+          </Button>
+        </p>
+      )}
+    </form>
+  );
+}
+
+function idOf(field: string): string {
+  return `setting-${field.replace(".", "-")}`;
+}
+
+function refusal(error: unknown): Outcome {
+  const problem = error instanceof Problem ? error : new Problem(0, String(error), "");
+  return { kind: "refused", text: problem.detail, field: problem.field, status: problem.status };
+}
+
+/** Why a setting says nothing to the codec that is chosen; undefined where it does. */
+function hindranceOf(field: string, codec: Codec | undefined): string | undefined {
+  if (field === "max_error_m" && codec && !codec.bound) return `${codec.name} keeps no bound.`;
+  if (field === "target_kbps" && codec && !codec.target) return `${codec.name} cannot be steered.`;
+  return undefined;
+}

@@ -1,0 +1,62 @@
+import type { Camera, Colour, ViewOptions } from "../view";
+
+const COLOURS: Colour[] = ["height", "intensity", "distance", "ring"];
+const CAMERAS: Camera[] = ["orbit", "follow"];
+
+/** The options of the view. */
+export function ViewTools({ options, set }: { options: ViewOptions; set: (changed: Partial<ViewOptions>) => void }) {
+  return (
+    <fieldset class="tools" aria-label="View options">
+      <label>
+        Colour
+        <select value={options.colour} onChange={(event) => set({ colour: event.currentTarget.value as Colour })}>
+          {COLOURS.map((one) => (
+            <option key={one}>{one}</option>
+          ))}
+        </select>
+      </label>
+      <label>
+        Camera
+        <select value={options.camera} onChange={(event) => set({ camera: event.currentTarget.value as Camera })}>
+          {CAMERAS.map((one) => (
+            <option key={one}>{one}</option>
+          ))}
+        </select>
+      </label>
+      <label>
+        Size
+        <input
+          type="range"
+          min="0.5"
+          max="5"
+          step="0.5"
+          value={options.pointSize}
+          onInput={(event) => set({ pointSize: event.currentTarget.valueAsNumber })}
+        />
+      </label>
+      <label>
+        Trail
+        <input
+          type="range"
+          min="0"
+          max="10"
+          step="1"
+          value={options.trail}
+          onInput={(event) => set({ trail: event.currentTarget.valueAsNumber })}
+        />
+      </label>
+      <Check text="Range image" on={options.rangeImage} set={(on) => set({ rangeImage: on })} />
+      <Check text="Compare" on={options.compare} set={(on) => set({ compare: on })} />
+      <Check text="Decode here" on={options.decodeInBrowser} set={(on) => set({ decodeInBrowser: on })} />
+    </fieldset>
+  );
+}
+
+function Check({ text, on, set }: { text: string; on: boolean; set: (on: boolean) => void }) {
+  return (
+    <label class="check">
+      <input type="checkbox" checked={on} onChange={(event) => set(event.currentTarget.checked)} />
+      {text}
+    </label>
+  );
+}

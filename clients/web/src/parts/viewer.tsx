@@ -1,0 +1,124 @@
+import { useEffect, useRef } from "preact/hooks";
+import { count, ms, span } from "../model/format";
+import { titleOf } from "../model/title";
+import { chosen, chosenRow, nameOf, options, setOptions, stats, token } from "../state";
+import { createView, type View, type ViewStats } from "../view";
+import { Playback } from "./playback";
+import { ViewTools } from "./tools";
+
+/** The chosen stream, live: the view, its tools and what it says of itself. */
+export function Viewer() {
+  const host = useRef<HTMLDivElement>(null);
+  const view = useRef<View | null>(null);
+  const key = chosen.value;
+
+  useEffect(() => {
+    if (!host.current) return;
+    const made = createView(host.current, options.value);
+    made.onstats((told) => {
+      stats.value = told;
+      document.title = titleOf(told.points);
+    });
+    view.current = made;
+    return () => {
+      made.dispose();
+      view.current = null;
+      stats.value = null;
+    };
+  }, []);
+
+  useEffect(() => {
+    if (key === null) view.current?.close();
+    else view.current?.open(nameOf(key), token.value ?? undefined);
+  }, [key, token.value]);
+
+  useEffect(() => {
+    view.current?.set(options.value);
+  }, [options.value]);
+
+  return (
+    <main class="viewer" aria-label="Live view">
+      <ViewTools options={options.value} set={setOptions} />
+      <div class="stage">
+        <div class="host" ref={host} />
+        <Notice told={stats.value} />
+      </div>
+      {chosenRow.value?.playback && <Playback id={chosenRow.value.playback} />}
+      <Footer told={stats.value} />
+    </main>
+  );
+}
+
+/** What stands over the picture when it is not live. Announced once, not at each second. */
+function Notice({ told }: { told: ViewStats | null }) {
+  const [short, long] = noticeOf(told, chosen.value, chosenRow.value?.alive ?? null, chosenRow.value?.ended ?? false);
+  return (
+    <div class={`notice ${short === "" ? "none" : ""} ${told?.points ? "over" : ""}`}>
+      <span class="hidden" role="status">
+        {short}
+      </span>
+      <span aria-hidden="true">{long}</span>
+    </div>
+  );
+}
+
+/** What is wrong in few words, and the same with how long. Empty while all is well. */
+export function noticeOf(
+  told: ViewStats | null,
+  key: string | null,
+  alive: boolean | null,
+  ended: boolean,
+): [short: string, long: string] {
+  if (key === null) return ["No stream is chosen.", "No stream is chosen."];
+  if (told === null) return ["", ""];
+  if (told.connection === "refused") {
+    const text = `The server does not show this stream: ${told.problem ?? "it gave no reason"}`;
+    return [text, text];
+  }
+  if (told.silent_s === null) {
+    const text =
+      told.connection === "waiting"
+        ? "No connection. Trying again …"
+        : alive === false
+          ? ended
+            ? "This stream has ended."
+            : "The vehicle is away. It is shown as soon as it comes."
+          : "Waiting for the first frame …";
+    return [text, text];
+  }
+  if (!told.stale && told.connection === "open") return ["", ""];
+  if (!told.stale) return ["", ""];
+  const why =
+    told.connection !== "open"
+      ? "no connection"
+      : ended
+        ? "it has ended"
+        : alive === false
+          ? "the vehicle is away"
+          : "";
+  const short = why ? `The picture is old: ${why}.` : "The picture is old.";
+  return [short, `last frame ${span(told.silent_s)} ago${why ? ` · ${why}` : ""}`];
+}
+
+function Footer({ told }: { told: ViewStats | null }) {
+  const row = chosenRow.value;
+  return (
+    <footer>
+      <b>{chosen.value ?? ""}</b>
+      <span>
+        {told?.points ? count(told.points) : "–"} <i>points</i>
+      </span>
+      <span>
+        {told ? told.fps.toFixed(0) : "–"} <i>frames/s</i>
+      </span>
+      <span>
+        {ms(told?.age_ms)} <i>old when shown</i>
+      </span>
+      <span>
+        <i>frame</i> {told?.frameIndex ?? "–"}
+      </span>
+      <span class="grow" />
+      {row?.codec && <span>{row.codec}</span>}
+    </footer>
+  );
+}

@@ -1,0 +1,166 @@
+/** What the page knows: who looks, which streams there are, which one is chosen. Components read signals from here. */
+import { computed, signal } from "@preact/signals";
+import { Problem, request } from "./model/api";
+import { added, keyOf, lacks, type Minutes } from "./model/minute";
+import { type Poller, poll } from "./model/poll";
+import type { Codec, FleetRow, Schema, Session } from "./model/wire";
+import type { StreamName, ViewStats } from "./view";
+import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
+
+const TOKEN = "lidarcodec.token";
+const OPTIONS = "lidarcodec.view";
+const FLEET_MS = 1000;
+
+export const token = signal<string | null>(sessionStorage.getItem(TOKEN));
+export const session = signal<Session | null>(null);
+/** `asking`: it is not known yet whether a token is needed. */
+export const gate = signal<"asking" | "closed" | "open">("asking");
+/** Why a token is asked for again. */
+export const gateReason = signal<string | null>(null);
+/** Since when the server does not answer; null while it does. */
+export const awaySince = signal<number | null>(null);
+
+export const rows = signal<FleetRow[] | null>(null);
+export const minutes = signal<Minutes>(new Map());
+export const codecs = signal<Codec[]>([]);
+export const schema = signal<Schema | null>(null);
+
+export const chosen = signal<string | null>(fromHash());
+export const chosenRow = computed(() => rows.value?.find((row) => keyOf(row) === chosen.value) ?? null);
+export const stats = signal<ViewStats | null>(null);
+export const options = signal<ViewOptions>(kept());
+export const mayChange = computed(() => session.value?.role === "operator");
+
+/** A request with the token; what the answer says of server and token is taken in. */
+export async function call<T>(method: string, path: string, body?: unknown): Promise<{ status: number; body: T }> {
+  try {
+    const answer = await request<T>(method, path, token.value, body);
+    awaySince.value = null;
+    return answer;
+  } catch (error) {
+    if (error instanceof Problem) {
+      if (error.away) awaySince.value ??= Date.now();
+      else awaySince.value = null;
+      if (error.status === 401 && gate.value !== "closed") signOut("The token does not work any more.");
+    }
+    throw error;
+  }
+}
+
+/** The path of a stream's routes. */
+export function pathOf(stream: StreamName): string {
+  return `api/v1/streams/${encodeURIComponent(stream.vehicle)}/${encodeURIComponent(stream.sensor)}`;
+}
+
+export function nameOf(key: string): StreamName {
+  const [vehicle = "", sensor = ""] = key.split("/");
+  return { vehicle, sensor };
+}
+
+/** Show a stream; null for none. */
+export function choose(key: string | null): void {
+  chosen.value = key;
+  const hash = key === null ? "" : `#/${key}`;
+  if (location.hash !== hash) history.replaceState(null, "", hash || location.pathname + location.search);
+}
+
+export function setOptions(changed: Partial<ViewOptions>): void {
+  options.value = { ...options.value, ...changed };
+  localStorage.setItem(OPTIONS, JSON.stringify(options.value));
+}
+
+let fleet: Poller | null = null;
+
+/** Find out whether a token is needed, and begin. */
+export async function begin(): Promise<void> {
+  for (;;) {
+    try {
+      const { body } = await request<Session>("GET", "api/v1/session", token.value);
+      awaySince.value = null;
+      if (body.role === null) signOut(null);
+      else open(body);
+      return;
+    } catch (error) {
+      if (error instanceof Problem && error.status === 401) {
+        signOut("The token does not work any more.");
+        return;
+      }
+      awaySince.value ??= Date.now();
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+    }
+  }
+}
+
+/** Try a token. Throws a Problem when it does not work. */
+export async function signIn(given: string): Promise<void> {
+  const { body } = await request<Session>("GET", "api/v1/session", given);
+  if (body.role === null) throw new Problem(401, "a token is needed", "token");
+  sessionStorage.setItem(TOKEN, given);
+  token.value = given;
+  open(body);
+}
+
+export function signOut(reason: string | null): void {
+  fleet?.stop();
+  fleet = null;
+  sessionStorage.removeItem(TOKEN);
+  token.value = null;
+  session.value = null;
+  gateReason.value = reason;
+  gate.value = "closed";
+  rows.value = null;
+  minutes.value = new Map();
+}
+
+function open(answer: Session): void {
+  session.value = answer;
+  gate.value = "open";
+  fleet?.stop();
+  fleet = poll(FLEET_MS, askFleet);
+}
+
+async function askFleet(): Promise<void> {
+  const whole = rows.value === null || lacks(minutes.value, rows.value);
+  const { body } = await call<FleetRow[]>("GET", `api/v1/fleet${whole ? "?minute=true" : ""}`);
+  if (gate.value !== "open") return;
+  minutes.value = added(minutes.value, body);
+  rows.value = body;
+  if (chosen.value === null) {
+    const first = body.find((row) => row.alive) ?? body[0];
+    if (first) choose(keyOf(first));
+  }
+  if (codecs.value.length === 0) await askTables();
+}
+
+async function askTables(): Promise<void> {
+  const [table, common] = await Promise.all([
+    call<Codec[]>("GET", "api/v1/codecs"),
+    call<Schema>("GET", "api/v1/settings"),
+  ]);
+  codecs.value = table.body;
+  schema.value = common.body;
+}
+
+/** Have the list of streams asked for at once. */
+export function refreshFleet(): void {
+  fleet?.now();
+}
+
+function fromHash(): string | null {
+  const found = /^#\/([\w.-]{1,64})\/([\w.-]{1,64})$/.exec(location.hash);
+  return found ? `${found[1]}/${found[2]}` : null;
+}
+
+window.addEventListener("hashchange", () => {
+  const key = fromHash();
+  if (key !== null) chosen.value = key;
+});
+
+function kept(): ViewOptions {
+  try {
+    const found = JSON.parse(localStorage.getItem(OPTIONS) ?? "{}") as Partial<ViewOptions>;
+    return { ...DEFAULT_OPTIONS, ...found };
+  } catch {
+    return DEFAULT_OPTIONS;
+  }
+}

@@ -1,0 +1,135 @@
+"""PlayedSource: the packets of a recording when they are due, from where somebody wants it to go on, or held.
+
+What is wanted takes effect between two frames of 348 packets, so that no picture is made of two places.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Final
+
+from lidarcodec.packet import Packet
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.pacing import MAX_GAP_NS, NAP_S
+from lidarcodec.sources.recording import RecordingSource
+from lidarcodec.units import FRAME_PACKETS
+
+LONGEST_WAIT_S: Final = 0.25
+"""A wait for the next packet is looked at again so often, because the speed may change meanwhile."""
+
+
+class PlayedSource(PacketSource):
+    """Packets of a recording at its own pace times `speed`, with stamps of now. Steered from any thread.
+
+    first_ns, last_ns: where the recording begins and ends, by its own stamps
+    """
+
+    def __init__(self, recording: RecordingSource, *, speed: float = 1.0, loop: bool = False) -> None:
+        super().__init__(recording.sensor, live=True)
+        self._recording = recording
+        self.counts, self.label = recording.counts, recording.label
+        self.first_ns, self.last_ns = recording.span()
+        self._changed = threading.Condition()
+        self._speed, self._loop, self._paused = speed, loop, False
+        self._at_ns = self.first_ns
+        self._wanted_ns: int | None = None
+        self._shown = 0  # frames that are given although it is held: the one that was looked for
+
+    @property
+    def duration_s(self) -> float:
+        """From the first packet to the last."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def position_s(self) -> float:
+        """How far it came, by the recording's own time."""
+        at_ns = self._at_ns if self._wanted_ns is None else self._wanted_ns
+        return min(max((at_ns - self.first_ns) / 1e9, 0.0), self.duration_s)
+
+    @property
+    def paused(self) -> bool:
+        """Whether it is held."""
+        return self._paused
+
+    @property
+    def speed(self) -> float:
+        """How many times faster than it was."""
+        return self._speed
+
+    @property
+    def loop(self) -> bool:
+        """Whether it begins again at the end."""
+        return self._loop
+
+    def steer(
+        self,
+        *,
+        position_s: float | None = None,
+        paused: bool | None = None,
+        speed: float | None = None,
+        loop: bool | None = None,
+    ) -> None:
+        """Change what is given, from the next frame on. position_s: from the beginning, where to go on."""
+        with self._changed:
+            if position_s is not None:
+                self._wanted_ns = self.first_ns + round(min(max(position_s, 0.0), self.duration_s) * 1e9)
+                self._shown = 1
+            self._paused = self._paused if paused is None else paused
+            self._speed = self._speed if speed is None else speed
+            self._loop = self._loop if loop is None else loop
+            self._changed.notify_all()
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets when they are due."""
+        begin_ns: int | None = None
+        given = 0
+        while not self.closed:
+            due_s, last_ns, empty = time.monotonic(), None, True
+            for packet in self._recording.packets(begin_ns):
+                empty = False
+                if given % FRAME_PACKETS == 0:
+                    if self._held():
+                        due_s = time.monotonic()
+                    if self.closed or self._wanted_ns is not None:
+                        break
+                if last_ns is not None:
+                    due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self._speed
+                last_ns = self._at_ns = packet.stamp_ns
+                if not self._wait(due_s):
+                    return
+                given += 1
+                yield Packet(packet.payload, time.time_ns())
+            with self._changed:
+                begin_ns, self._wanted_ns = self._wanted_ns, None
+                ended = begin_ns is None and (not self._loop or empty)
+            if ended:
+                return
+
+    def close(self) -> None:
+        """Close the recording; ends a `packets` that waits."""
+        with self._changed:
+            super().close()
+            self._changed.notify_all()
+        self._recording.close()
+
+    def _held(self) -> bool:
+        """Wait while it is held and nothing else is wanted. True if there was a wait."""
+        with self._changed:
+            if self._shown and self._wanted_ns is None:
+                self._shown -= 1
+                return False
+            waited = False
+            while self._paused and not self.closed and self._wanted_ns is None:
+                self._changed.wait()
+                waited = True
+            return waited
+
+    def _wait(self, due_s: float) -> bool:
+        """Wait until then; False if it is closed meanwhile."""
+        while (left_s := due_s - time.monotonic()) > NAP_S and not self.closed:
+            with self._changed:
+                if not self.closed:
+                    self._changed.wait(min(left_s, LONGEST_WAIT_S))
+        return not self.closed

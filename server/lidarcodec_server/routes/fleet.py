@@ -1,0 +1,92 @@
+"""`/api/v1/fleet`: all streams in a line each, for a list that is asked for once a second."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+from pydantic import BaseModel, Field
+
+from lidarcodec_server.auth import Viewer
+from lidarcodec_server.fleet import Stream, number_in
+from lidarcodec_server.routes.common import TheService
+from lidarcodec_server.routes.live import TheRecordings
+
+router = APIRouter(prefix="/api/v1", tags=["streams"])
+
+
+class FleetRow(BaseModel):
+    """A stream in a line. Figures are null where the vehicle told none."""
+
+    vehicle: str
+    sensor: str
+    alive: bool
+    ended: bool = Field(description="Whether the vehicle's source came to its end.")
+    silent_s: float | None = Field(description="Since the last status; null before the first one.")
+    codec: str | None
+    reduction: str | None
+    kbps: float | None = Field(description="Sent, over the last five seconds.")
+    fps: float | None
+    target: float | Literal["auto"] | None = Field(description="As it was set.")
+    target_kbps: float | None = Field(description="Where the rate is steered to now.")
+    reached: bool | None = Field(description="Whether the target is kept; null without one.")
+    latency_ms: float | None = Field(
+        description="Median, from a frame's last packet to the decoded frame, at the receiver that is followed."
+    )
+    replaced: int | None = Field(description="Frames that gave way to newer ones, since the vehicle started.")
+    recording: str | None = Field(description="Id of the recording that runs.")
+    playback: str | None = Field(description="Id of the recording that this stream is played from.")
+    minute: list[float | None] | None = Field(
+        description="With `minute=true`: `kbps` of the last minute, one a second, oldest first."
+    )
+
+
+@router.get("/fleet")
+def fleet(
+    service: TheService,
+    recordings: TheRecordings,
+    client: Viewer,
+    minute: Annotated[bool, Query(description="With the last minute's bitrates.")] = False,
+) -> list[FleetRow]:
+    """All streams, in a line each."""
+    now_s = time.monotonic()
+    recorded, played = recordings.names()
+    return [_row(one, now_s, minute, recorded.get(one.keys), played.get(one.keys)) for one in service.streams()]
+
+
+def _row(stream: Stream, now_s: float, minute: bool, recording: str | None, playback: str | None) -> FleetRow:
+    status: dict[str, Any] = stream.status or {}
+    rate = status.get("rate") if isinstance(status.get("rate"), dict) else None
+    replaced = number_in(status, "replaced")
+    return FleetRow(
+        vehicle=stream.keys.vehicle,
+        sensor=stream.keys.sensor,
+        alive=stream.alive,
+        ended=status.get("ended") is True,
+        silent_s=None if stream.status is None else round(max(0.0, now_s - stream.status_s), 1),
+        codec=None if stream.settings is None else stream.settings.codec,
+        reduction=None if stream.settings is None else stream.settings.reduction,
+        kbps=number_in(status, "kbps") if stream.alive else None,
+        fps=number_in(status, "fps") if stream.alive else None,
+        target=None if stream.settings is None else stream.settings.target_kbps,
+        target_kbps=number_in(rate, "target_kbps"),
+        reached=None if rate is None or not isinstance(rate.get("reached"), bool) else rate["reached"],
+        latency_ms=_latency_ms(status) if stream.alive else None,
+        replaced=None if replaced is None else int(replaced),
+        recording=recording,
+        playback=playback,
+        minute=list(stream.kbps) if minute else None,
+    )
+
+
+def _latency_ms(status: dict[str, Any]) -> float | None:
+    """Of the receiver that the vehicle follows, else of the first that told one."""
+    reports = status.get("reports")
+    if not isinstance(reports, dict):
+        return None
+    flight = status.get("flight")
+    following = flight.get("following") if isinstance(flight, dict) else None
+    first = [reports[following]] if isinstance(following, str) and following in reports else []
+    told = (number_in(report, "latency_p50_ms") for report in [*first, *reports.values()])
+    return next((value for value in told if value is not None), None)

@@ -1,0 +1,63 @@
+"""`/api/v1/session` and `/api/v1/settings`: what a program that shows controls has to know before it shows them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from fastapi import APIRouter
+from fastapi.requests import HTTPConnection
+from pydantic import BaseModel, Field
+
+import lidarcodec
+from lidarcodec.codecs import table as codecs
+from lidarcodec.reduction import table as reductions
+from lidarcodec.settings import StreamSettings
+from lidarcodec_server.auth import Viewer, offers_token, require_viewer
+from lidarcodec_server.config import Role
+from lidarcodec_server.routes.common import TheService
+
+router = APIRouter(prefix="/api/v1", tags=["session"])
+
+
+class SessionAnswer(BaseModel):
+    """Who asks, and what they may do."""
+
+    name: str | None = Field(description="Name of the token; the client's address where no token is needed.")
+    role: Role | None = Field(
+        description="A viewer looks, an operator also changes; null: a token is needed, and none was given."
+    )
+    token_needed: bool = Field(description="Whether other requests without a token are refused.")
+    version: str = Field(description="Of the server.")
+
+
+@router.get("/session")
+def session(service: TheService, connection: HTTPConnection) -> SessionAnswer:
+    """Who the server takes the client for. Needs no token, so that a page can ask whether one is needed; one that does
+    not work is refused as anywhere."""
+    needed, version = service.tokens.needed, lidarcodec.__version__
+    if needed and not offers_token(connection):
+        return SessionAnswer(name=None, role=None, token_needed=True, version=version)
+    client = require_viewer(connection)
+    return SessionAnswer(name=client.name, role=client.role, token_needed=needed, version=version)
+
+
+@router.get("/settings")
+def settings_schema(client: Viewer) -> dict[str, Any]:
+    """JSON schema of the settings that all codecs have in common; `GET /api/v1/codecs` has each codec's own. Where a
+    setting takes one of a few names they are its `enum`, and where it takes other texts, too, its `examples`."""
+    return _schema()
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    schema = StreamSettings.model_json_schema()
+    fields = schema["properties"]
+    fields["codec"]["enum"] = list(codecs.names())
+    fields["intensity"]["examples"] = ["lossless", "levels=16", "levels=64", "off"]
+    fields["framing"]["examples"] = ["packets", "packets:29", "revolution"]
+    # Without its number a reduction that takes one is refused: `columns:4`.
+    takes_number = [name for name in reductions.names() if reductions.reduction(name).argument is not None]
+    fields["reduction"]["examples"] = [f"{name}:4" if name in takes_number else name for name in reductions.names()]
+    fields["reduction"]["budgeted"] = [name for name in reductions.names() if reductions.reduction(name).budgeted]
+    return schema
