@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from lidarcodec.commands import evaluate, fleet, running, token, train
+from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
     AsJson,
     CalibrationFile,
@@ -47,6 +47,7 @@ app = typer.Typer(
 app.add_typer(token.app, name="token")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(train.app, name="train")
+app.add_typer(bridge.app, name="bridge")
 
 
 @app.callback()
@@ -300,6 +301,8 @@ def subscribe(
     """Receive and decode a stream until a signal comes, and say how it went."""
     from lidarcodec.commands import subscribe as command
 
+    if with_clouds and record is None:
+        raise SettingsError("--with-clouds goes into recordings: say where they are kept with --record DIR", "record")
     keep_standard_output()
     given = (connect or [], listen or [], zenoh_config)
     command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)

@@ -11,7 +11,6 @@ from typing import Any
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.stopping import stoppable
-from lidarcodec.errors import SettingsError
 
 EVERY_S = 1.0
 
@@ -28,8 +27,6 @@ def run(
     with_clouds: bool = False,
 ) -> None:
     """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone."""
-    if with_clouds and record is None:
-        raise SettingsError("--with-clouds goes into recordings: say where they are kept with --record DIR", "record")
     endpoints = endpoints_of(given)
     live = LiveStream(
         key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end

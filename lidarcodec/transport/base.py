@@ -52,9 +52,10 @@ class Sender(Closeable, Protocol):
     def matching(self) -> bool:
         """Whether anybody else receives this key."""
 
-    def put(self, data: bytes) -> None:
+    def put(self, data: bytes, attachment: bytes | None = None) -> None:
         """Hand the bytes to the network; never waits for a receiver, and for a full link only with EVERY_FRAME.
 
+        attachment: what other programs want to find beside them; receivers of ours do not see it
         Raises TransportError when the transport is closed.
         """
 
@@ -71,6 +72,10 @@ class Transport(Closeable, Protocol):
 
     Raises TransportError from every method when the session is closed or a key is not valid.
     """
+
+    @property
+    def identity(self) -> str:
+        """What this session is called on its network: hexadecimal digits, never the same twice."""
 
     def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
         """A sender on one key; `on_match` hears when receivers come and when the last one goes."""

@@ -10,6 +10,7 @@ b'new'
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -138,8 +139,8 @@ class _Sender(_Entity):
         """Whether any other transport receives this key."""
         return bool(self.owner.network.receivers(self))
 
-    def put(self, data: bytes) -> None:
-        """Hand over the bytes. Raises TransportError when closed."""
+    def put(self, data: bytes, attachment: bytes | None = None) -> None:
+        """Hand over the bytes; nobody here looks for an attachment. Raises TransportError when closed."""
         network = self.owner.network
         if not network.has(self):
             raise TransportError(f"cannot send on {self.key}: closed")
@@ -223,6 +224,7 @@ class MemoryTransport:
 
     def __init__(self, network: MemoryNetwork) -> None:
         self.network = network
+        self.identity = secrets.token_hex(16)
         self._guard = Guard()
         self._closed = False
 

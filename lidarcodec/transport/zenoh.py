@@ -128,10 +128,10 @@ class _Sender(_Declared):
         except zenoh.ZError:
             return False
 
-    def put(self, data: bytes) -> None:
+    def put(self, data: bytes, attachment: bytes | None = None) -> None:
         """Hand over the bytes; at most a few milliseconds. Raises TransportError when closed."""
         try:
-            self._publisher.put(data)
+            self._publisher.put(data, attachment=attachment)
         except zenoh.ZError as error:
             raise TransportError(f"cannot send on {self._key}: {_reason(error)}") from None
 
@@ -200,6 +200,11 @@ class ZenohTransport:
         if endpoints.local:
             point.watch(lambda: transport.connected)
         return transport
+
+    @property
+    def identity(self) -> str:
+        """Zenoh's own id of this session."""
+        return str(self._session.zid())
 
     @property
     def connected(self) -> int:

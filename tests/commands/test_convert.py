@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lidarcodec.cli import run
 from lidarcodec.interop import ros
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import frames_of
@@ -20,6 +17,7 @@ from lidarcodec.sensors import write_db_xml
 from lidarcodec.sources import open_source
 from lidarcodec.sources.pcap_writer import PcapWriter
 from tests import packets as made
+from tests.command_line import run_here, start
 
 PACKETS = made.turning(700)
 
@@ -33,8 +31,13 @@ def capture(tmp_path) -> Path:
     return tmp_path / "drive.pcap"
 
 
-def convert(*words: object) -> int:
-    return run(["convert", *map(str, words)])
+def convert(*words: object) -> subprocess.CompletedProcess[str]:
+    return run_here("convert", *words)
+
+
+def done(*words: object) -> bool:
+    """Convert; whether all went well."""
+    return convert(*words).returncode == 0
 
 
 def packets_in(path: Path | str) -> list[Packet]:
@@ -50,7 +53,7 @@ def test_packets_survive_a_round_through_every_form(tmp_path, capture, codec):
          ["back.pcap"]]
     ):  # fmt: skip
         out = tmp_path / f"{number}_{words[0]}"
-        assert convert(last, out, *words[1:]) == 0
+        assert done(last, out, *words[1:])
         assert packets_in(out) == PACKETS, words
         last = out
     assert last.read_bytes() == capture.read_bytes()
@@ -63,7 +66,7 @@ def test_a_bag_is_read_by_a_public_package_packets_and_points(tmp_path, capture)
     from tests.interop.test_ros import STORE, points_in
 
     words = ["--with-clouds", "--topic", "/roof/velodyne_packets", "--frame-id", "roof"]
-    assert convert(capture, tmp_path / "bag", *words) == 0
+    assert done(capture, tmp_path / "bag", *words)
     packets: list[Packet] = []
     clouds = []
     with rosbag2.Reader(tmp_path / "bag") as reader:
@@ -90,7 +93,7 @@ def test_poses_go_along_as_transforms(tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="read back by rosbags (extra `bridges`)")
     from tests.interop.test_ros import STORE
 
-    assert convert("sim:city?frames=2", tmp_path / "bag", "--with-clouds") == 0
+    assert done("sim:city?frames=2", tmp_path / "bag", "--with-clouds")
     with open_source("sim:city?frames=2") as source:
         poses = [source.poses.at(frame.stamp_ns) for frame in frames_of(source.packets(), source.sensor)]
     with rosbag2.Reader(tmp_path / "bag") as reader:
@@ -108,7 +111,7 @@ def test_poses_go_along_as_transforms(tmp_path):
 def test_settings_of_a_recording_are_those_asked_for(tmp_path, capture):
     out = tmp_path / "coarse.mcap"
     words = ["--codec", "pcodec", "--set", "max_error_m=0.1", "--set", "framing=packets:50"]
-    assert convert(capture, out, *words) == 0
+    assert done(capture, out, *words)
     with open_source(capture) as source, open_source(out) as coarse:
         before = list(frames_of(source.packets(), source.sensor, "packets:50"))
         after = list(coarse.frames())  # type: ignore[attr-defined]
@@ -121,8 +124,8 @@ def test_settings_of_a_recording_are_those_asked_for(tmp_path, capture):
 def test_kitti_scans_become_bags_and_come_back(tmp_path, data_file, kind, monkeypatch):
     scan = data_file(kind)
     monkeypatch.setenv("LIDARCODEC_DATA", str(scan.parent))
-    assert convert(scan, tmp_path / "bag") == 0
-    assert convert(tmp_path / "bag", tmp_path / "back.pcap") == 0
+    assert done(scan, tmp_path / "bag")
+    assert done(tmp_path / "bag", tmp_path / "back.pcap")
     with open_source(scan) as source:
         wanted = list(source.packets())
     assert packets_in(tmp_path / "back.pcap") == wanted
@@ -132,37 +135,37 @@ def test_kitti_scans_become_bags_and_come_back(tmp_path, data_file, kind, monkey
 
 def test_the_real_s3_capture_goes_round(tmp_path, data_file):
     capture = data_file("hdl64e_s3_atwall.pcap")
-    assert convert(capture, tmp_path / "bag", "--frames", 1) == 0
-    assert convert(tmp_path / "bag", tmp_path / "coded.mcap") == 0
-    assert convert(tmp_path / "coded.mcap", tmp_path / "back.pcap") == 0
+    assert done(capture, tmp_path / "bag", "--frames", 1)
+    assert done(tmp_path / "bag", tmp_path / "coded.mcap")
+    assert done(tmp_path / "coded.mcap", tmp_path / "back.pcap")
     assert packets_in(tmp_path / "back.pcap") == packets_in(capture)[:348]
 
 
-def test_what_has_that_name_stays_unless_forced(tmp_path, capture, capsys):
+def test_what_has_that_name_stays_unless_forced(tmp_path, capture):
     for out in (tmp_path / "out.pcap", tmp_path / "out.mcap"):
         out.write_bytes(b"mine")
-        assert convert(capture, out) == 2
-        assert "--force" in capsys.readouterr().err
+        refused = convert(capture, out)
+        assert (refused.returncode, "--force" in refused.stderr) == (2, True)
         assert out.read_bytes() == b"mine"
-        assert convert(capture, out, "--force") == 0
+        assert done(capture, out, "--force")
         assert packets_in(out) == PACKETS
-    assert convert(capture, tmp_path / "bag", "--frames", 1) == 0
-    assert convert(capture, tmp_path / "bag") == 2
-    assert convert(capture, tmp_path / "bag", "--force") == 0
+    assert done(capture, tmp_path / "bag", "--frames", 1)
+    assert convert(capture, tmp_path / "bag").returncode == 2
+    assert done(capture, tmp_path / "bag", "--force")
     assert packets_in(tmp_path / "bag") == PACKETS
     (tmp_path / "photos").mkdir()
-    assert convert(capture, tmp_path / "photos", "--force") == 2
+    assert convert(capture, tmp_path / "photos", "--force").returncode == 2
     assert (tmp_path / "photos").is_dir()
-    assert convert(capture, capture, "--force") == 2, "what is read is never written over"
+    assert convert(capture, capture, "--force").returncode == 2, "what is read is never written over"
     assert packets_in(capture) == PACKETS
 
 
-def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture, capsys):
+def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture):
     (tmp_path / "out_db.xml").write_text("mine")
-    assert convert(capture, tmp_path / "out.pcap") == 2
-    assert "another calibration" in capsys.readouterr().err
+    refused = convert(capture, tmp_path / "out.pcap")
+    assert (refused.returncode, "another calibration" in refused.stderr) == (2, True)
     assert not (tmp_path / "out.pcap").exists()
-    assert convert(capture, tmp_path / "out.pcap", "--force") == 0
+    assert done(capture, tmp_path / "out.pcap", "--force")
     with open_source(tmp_path / "out.pcap") as source:
         assert source.sensor.origin == "beside"
 
@@ -170,11 +173,11 @@ def test_another_calibration_in_the_way_is_not_replaced(tmp_path, capture, capsy
 def test_nothing_is_left_of_what_failed(tmp_path, capture):
     before = set(tmp_path.iterdir())
     broken = tmp_path.parent / f"{tmp_path.name}-broken.mcap"
-    assert convert(capture, broken, "--to", "rosbag") == 0
+    assert done(capture, broken, "--to", "rosbag")
     scan = bytearray(broken.read_bytes())
     broken.write_bytes(bytes(scan[:200]))
     for out in ("out.pcap", "out.mcap", "bag"):
-        assert convert(broken, tmp_path / out) == 1
+        assert convert(broken, tmp_path / out).returncode == 1
     late = [Packet(bytes(PACKETS[0].payload), 2**33 * 10**9)] * 400  # a time that neither form can hold
     with (tmp_path.parent / f"{tmp_path.name}-late.mcap").open("wb") as file:
         from lidarcodec.recording import RecordingWriter
@@ -183,14 +186,14 @@ def test_nothing_is_left_of_what_failed(tmp_path, capture):
             writer.write_packets(PACKETS[:400])
             writer.write_packets(late)
     for out in ("out.pcap", "bag"):
-        assert convert(file.name, tmp_path / out) == 1
+        assert convert(file.name, tmp_path / out).returncode == 1
     assert set(tmp_path.iterdir()) == before
 
 
 def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog):
     cut = tmp_path / "cut.pcap"
     cut.write_bytes(capture.read_bytes()[:-50_000])
-    assert convert(cut, tmp_path / "bag") == 0
+    assert done(cut, tmp_path / "bag")
     found = packets_in(tmp_path / "bag")
     assert found == PACKETS[: len(found)]
     assert 600 < len(found) < 700
@@ -210,22 +213,22 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
         (["out.mcap", "--set", "max_error_m=-1"], "max_error_m"),
     ],
 )
-def test_what_cannot_be_is_said_before_anything_is_read(tmp_path, capture, capsys, words, said):
+def test_what_cannot_be_is_said_before_anything_is_read(tmp_path, capture, words, said):
     before = set(tmp_path.iterdir())
-    assert convert(capture, tmp_path / words[0], *words[1:]) == 2
-    assert said in capsys.readouterr().err
+    refused = convert(capture, tmp_path / words[0], *words[1:])
+    assert refused.returncode == 2
+    assert said in refused.stderr
     assert set(tmp_path.iterdir()) == before
 
 
-def test_a_source_without_an_end_needs_a_number(tmp_path, capsys):
-    assert convert("sim:city", tmp_path / "out.pcap") == 2
-    assert "--frames N" in capsys.readouterr().err
-    assert convert(tmp_path / "nothing.pcap", tmp_path / "out.pcap") == 1
+def test_a_source_without_an_end_needs_a_number(tmp_path):
+    refused = convert("sim:city", tmp_path / "out.pcap")
+    assert (refused.returncode, "--frames N" in refused.stderr) == (2, True)
+    assert convert(tmp_path / "nothing.pcap", tmp_path / "out.pcap").returncode == 1
 
 
 def test_a_signal_leaves_nothing_behind(tmp_path):
-    command = [sys.executable, "-m", "lidarcodec", "convert", "sim:city", str(tmp_path / "bag"), "--frames", "5000"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ)
+    process = start("convert", "sim:city", tmp_path / "bag", "--frames", 5000)
     limit = time.monotonic() + 60
     while not any(path.stat().st_size or path.is_dir() for path in tmp_path.iterdir()) and time.monotonic() < limit:
         time.sleep(0.05)
@@ -233,5 +236,5 @@ def test_a_signal_leaves_nothing_behind(tmp_path):
     process.send_signal(signal.SIGTERM)
     said, _ = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert said.decode().startswith("stopped: ")
+    assert said.startswith("stopped: ")
     assert not list(tmp_path.iterdir())

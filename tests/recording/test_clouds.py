@@ -11,7 +11,6 @@ from mcap.reader import make_reader
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.apps.subscribe import subscribe
-from lidarcodec.cli import run
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
@@ -20,6 +19,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec.wire import pack, unpack
 from tests.apps.streams import Loop
+from tests.command_line import run_here
 from tests.contracts.frames import scene
 
 mcap_protobuf = pytest.importorskip("mcap_protobuf.decoder", reason="read back by mcap-protobuf-support")
@@ -119,11 +119,11 @@ def test_what_is_received_is_recorded_with_its_clouds(tmp_path) -> None:
     assert file.stat().st_size <= 6 * (scene(3).points * 18 + 2048) + sum(map(len, data)) + 4096
 
 
-def test_encode_with_clouds_shows_what_the_messages_decode_to(tmp_path, capsys) -> None:
+def test_encode_with_clouds_shows_what_the_messages_decode_to(tmp_path) -> None:
     out = tmp_path / "town.mcap"
     words = ["encode", "sim:city?frames=2", str(out), "--set", "max_error_m=0.2", "--reduction", "voxel"]
-    assert run([*words, "--keep-points", "9000", "--with-clouds"]) == 0
-    assert "with clouds the file has" in capsys.readouterr().out
+    encoded = run_here(*words, "--keep-points", "9000", "--with-clouds")
+    assert (encoded.returncode, "with clouds the file has" in encoded.stdout) == (0, True)
     with out.open("rb") as file:
         frames = decoded([data for _, data in RecordingReader(file).messages()])
     reader = make_reader(io.BytesIO(out.read_bytes()), decoder_factories=[mcap_protobuf.DecoderFactory()])
@@ -135,9 +135,9 @@ def test_encode_with_clouds_shows_what_the_messages_decode_to(tmp_path, capsys) 
         assert all(np.array_equal(points[name], frame.cloud()[name]) for name in "xyz")
 
 
-def test_clouds_need_a_place_to_be_kept(capsys) -> None:
-    assert run(["subscribe", "--with-clouds"]) == 2
-    assert "--record DIR" in capsys.readouterr().err
+def test_clouds_need_a_place_to_be_kept() -> None:
+    refused = run_here("subscribe", "--with-clouds")
+    assert (refused.returncode, "--record DIR" in refused.stderr) == (2, True)
 
 
 def test_a_live_stream_is_recorded_with_the_clouds_of_its_frames(tmp_path) -> None:

@@ -170,6 +170,21 @@ def test_after_close_everything_says_so_and_nothing_is_left(network):
     assert eventually(lambda: set(threading.enumerate()) <= before)
 
 
+def test_every_session_has_a_name_of_its_own(network):
+    names = [network().identity for _ in range(3)]
+    assert len(set(names)) == 3
+    assert all(0 < len(name) <= 32 and int(name, 16) for name in names)
+
+
+def test_what_is_attached_for_others_changes_nothing_for_us(network):
+    near, far = network(), network()
+    inbox = far.inbox("s/frame")
+    sender = near.sender("s/frame", Priority.FRAMES)
+    assert eventually(lambda: sender.matching)
+    sender.put(b"points", b"beside")
+    assert inbox.receive() == b"points"
+
+
 @pytest.mark.parametrize("key", ["", "/a", "a//b", "a/", "a/*", "a/b*", "a?b", "a/$*"])
 def test_a_key_that_is_none_is_refused(network, key):
     one = network()

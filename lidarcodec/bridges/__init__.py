@@ -1,0 +1,1 @@
+"""Live streams handed on to programs that know nothing of lidarcodec: ROS 2 and Foxglove."""

@@ -1,0 +1,191 @@
+"""RosBridge: live streams as `sensor_msgs/PointCloud2` for ROS 2, straight into its Zenoh network; no ROS needed here.
+
+    frame of a stream -> PointCloud2 in CDR -> topic /VEHICLE/SENSOR/points
+    its pose, if any  -> TFMessage          -> topic /tf
+
+Nothing is made while nobody subscribes. A frame that comes while one is being sent replaces the one that waits.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+from lidarcodec.bridges.rmw_zenoh import Node, Publisher, checked_topic, topic_name
+from lidarcodec.bridges.streams import Streams
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
+from lidarcodec.interop.ros import POINT_CLOUD2, TF_MESSAGE
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.base import Closeable, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+
+logger = logging.getLogger(__name__)
+
+ROUTER: Final = "tcp/127.0.0.1:7447"
+"""Where the router of ROS 2 (rmw_zenohd) listens unless it is told otherwise."""
+NODE: Final = "lidarcodec_bridge"
+WORLD: Final = "map"
+TF_TOPIC: Final = "/tf"
+TF_DEPTH: Final = 100
+
+
+@dataclass(frozen=True)
+class RosNames:
+    """What things are called in ROS.
+
+    topic, frame_id: of the one stream that there is; by default `/VEHICLE/SENSOR/points` and `VEHICLE/SENSOR`
+    world: the frame in which poses are given;  transforms: whether they are published;  domain: ROS_DOMAIN_ID
+    type_hashes: False for ROS 2 Humble, which knows none
+    """
+
+    topic: str | None = None
+    frame_id: str | None = None
+    world: str = WORLD
+    transforms: bool = True
+    domain: int = 0
+    type_hashes: bool = True
+
+    def topic_of(self, keys: StreamKeys) -> str:
+        """Of a stream's points."""
+        return checked_topic(self.topic or topic_name(keys.vehicle, keys.sensor, "points"))
+
+    def frame_of(self, keys: StreamKeys) -> str:
+        """Of a stream's points, and the child of its transforms."""
+        return self.frame_id or f"{keys.vehicle}/{keys.sensor}"
+
+
+class _Topic:
+    """A publisher of ROS, once the network is open. Thread-safe."""
+
+    def __init__(self, publisher: Publisher, transport: Transport) -> None:
+        """Raises MissingExtraError, before anything is declared, and TransportError."""
+        self._publisher, self._lock, self._number = publisher, threading.Lock(), 0
+        publisher.attachment(0, 0)
+        self._sender: Sender = transport.sender(publisher.key, Priority.FRAMES)
+        self._token: Closeable = transport.token(publisher.token)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody subscribes."""
+        return self._sender.matching
+
+    def put(self, data: bytes) -> None:
+        with self._lock:
+            self._number += 1
+            self._sender.put(data, self._publisher.attachment(self._number, time.time_ns()))
+
+    def close(self) -> None:
+        """Go: the token first, so that nobody waits for more."""
+        self._token.close()
+        self._sender.close()
+
+
+class RosBridge:
+    """Bridges streams until it is closed; a context manager.
+
+    counts: `clouds`, `points` and `transforms` sent, `unwatched` frames that nobody subscribed to
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[str],
+        names: RosNames | None = None,
+        *,
+        endpoints: Endpoints | None = None,
+        ros: Endpoints | None = None,
+        transport: Transport | None = None,
+        ros_transport: Transport | None = None,
+        until_end: bool = False,
+    ) -> None:
+        """endpoints: where the streams are;  ros: where the router of ROS 2 is; transports: open ones instead.
+
+        Raises SettingsError for names that cannot be used.
+        """
+        self.names = names or RosNames()
+        self.counts: Counter[str] = Counter()
+        self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
+        if len(self._streams.keys) > 1 and (self.names.topic or self.names.frame_id):
+            raise SettingsError("a topic or a frame can be named for one stream only", "topic")
+        self.topics = {key: self.names.topic_of(key) for key in self._streams.keys}
+        if len(set(self.topics.values())) < len(self.topics):
+            raise SettingsError("two streams have the same topic: name one with --topic, bridged by itself", "topic")
+        Node(NODE, self.names.domain, "")  # what is wrong with it is said now
+        self._ros_endpoints = ros or Endpoints.of(connect=ROUTER)
+        self._given_transport, self._transport = ros_transport, ros_transport
+        self._stop = threading.Event()
+        self._points: dict[StreamKeys, _Topic] = {}
+        self._tf: _Topic | None = None
+        self._node: Closeable | None = None
+        self._counting = threading.Lock()
+
+    def __enter__(self) -> Self:
+        """Open the network of ROS 2, whose router may come later, and begin.
+
+        Raises TransportError, MissingExtraError.
+        """
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+        self._streams.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether all streams have ended; waits for it, at most `timeout_s`. Raises what ended them."""
+        return self._streams.wait(timeout_s)
+
+    def interrupt(self) -> None:
+        """Have it end soon; for signal handlers."""
+        self._stop.set()
+        self._streams.interrupt()
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, topics, and how the streams are received."""
+        topics = {f"{key.vehicle}/{key.sensor}": topic for key, topic in self.topics.items()}
+        return {**self.counts, "topics": topics, "streams": self._streams.summary()}
+
+    def close(self) -> None:
+        """End everything: tokens go, so that ROS sees the publishers go. Harmless when called twice."""
+        self._stop.set()
+        self._streams.close()
+        own = self._transport if self._given_transport is None else None
+        for one in (*self._points.values(), self._tf, self._node, own):
+            if one is not None:
+                one.close()
+
+    def _open(self) -> None:
+        if self._transport is None:
+            self._transport = open_transport(self._ros_endpoints, stop=self._stop)
+        node = Node(NODE, self.names.domain, self._transport.identity, self.names.type_hashes)
+        self._node = self._transport.token(node.token)
+        for number, (key, topic) in enumerate(self.topics.items(), 1):
+            self._points[key] = _Topic(Publisher(node, number, topic, POINT_CLOUD2), self._transport)
+        if self.names.transforms:
+            number = len(self.topics) + 1
+            self._tf = _Topic(Publisher(node, number, TF_TOPIC, TF_MESSAGE, TF_DEPTH), self._transport)
+
+    def _take(self, key: StreamKeys, frame: Frame) -> None:
+        topic, frame_id = self._points[key], self.names.frame_of(key)
+        if self._tf is not None and frame.pose is not None and self._tf.wanted:
+            self._tf.put(tf_message(frame.stamp_ns, self.names.world, frame_id, frame.pose))
+            self._count(transforms=1)
+        if not topic.wanted:
+            self._count(unwatched=1)
+            return
+        topic.put(point_cloud2(frame, frame_id))
+        self._count(clouds=1, points=int(frame.valid.sum()))
+
+    def _count(self, **numbers: int) -> None:
+        with self._counting:
+            self.counts.update(numbers)

@@ -1,0 +1,94 @@
+"""Streams: decoded frames of several live streams, the newest of each, in a thread for each of them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.errors import LidarCodecError, SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.transport import Endpoints, Transport
+from lidarcodec.transport.keys import StreamKeys
+
+TICK_S = 0.2
+
+Take = Callable[[StreamKeys, Frame], object]
+"""Takes a frame, in the thread of its stream; frames that come meanwhile replace each other."""
+
+
+class Streams:
+    """Receives streams until it is closed or, with `until_end`, all publishers have gone.
+
+    keys: of the streams;  live: what receives them, by key, while it runs
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[str],
+        take: Take,
+        *,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        until_end: bool = False,
+    ) -> None:
+        """Raises SettingsError for no stream, for one that is named twice, and for what is no stream."""
+        self.keys = [StreamKeys.parse(one) for one in streams]
+        if not self.keys:
+            raise SettingsError("which stream? write VEHICLE/SENSOR", "stream")
+        for key in self.keys:
+            if self.keys.count(key) > 1:
+                raise SettingsError(f"{key.vehicle}/{key.sensor} is named twice", "stream")
+        self._take = take
+        self._failure: BaseException | None = None
+        self.live = {
+            key: LiveStream(key.prefix, endpoints=endpoints, transport=transport, until_end=until_end)
+            for key in self.keys
+        }
+        self._threads = [
+            threading.Thread(target=self._run, args=(key,), name=f"bridge {key.prefix}", daemon=True)
+            for key in self.keys
+        ]
+
+    def start(self) -> None:
+        """Begin to receive."""
+        for thread in self._threads:
+            thread.start()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether all streams have ended; waits for it, at most `timeout_s`.
+
+        Raises what ended one of them, if that was an error.
+        """
+        for thread in self._threads:
+            thread.join(timeout_s / len(self._threads))
+        if self._failure is not None:
+            raise self._failure
+        return not any(thread.is_alive() for thread in self._threads)
+
+    def interrupt(self) -> None:
+        """Have all streams end soon; for signal handlers: it takes no lock."""
+        for live in self.live.values():
+            live.interrupt()
+
+    def summary(self) -> dict[str, dict[str, Any]]:
+        """How it goes, by stream."""
+        return {f"{key.vehicle}/{key.sensor}": live.summary() for key, live in self.live.items()}
+
+    def close(self) -> None:
+        """End all streams; harmless when called twice."""
+        self.interrupt()
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join()
+
+    def _run(self, key: StreamKeys) -> None:
+        live = self.live[key]
+        try:
+            with live:
+                for frame in live:
+                    self._take(key, frame)
+        except LidarCodecError as error:
+            self._failure = self._failure or error
+            self.interrupt()

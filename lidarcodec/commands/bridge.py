@@ -1,0 +1,109 @@
+"""`lidarcodec bridge`: live streams handed on to programs that know nothing of lidarcodec."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import typer
+
+from lidarcodec.commands.arguments import AsJson, Connect, Listen, ZenohConfig
+from lidarcodec.commands.endpoints import endpoints_of
+from lidarcodec.commands.options import option
+from lidarcodec.commands.running import keep_standard_output
+from lidarcodec.commands.stopping import stoppable
+from lidarcodec.errors import SettingsError
+
+app = typer.Typer(help="Hand live streams on to ROS 2 or Foxglove.", no_args_is_help=True, rich_markup_mode=None)
+
+EVERY_S = 1.0
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+
+StreamNames = Annotated[list[str], typer.Argument(metavar="VEHICLE/SENSOR...", show_default=False)]
+UntilEnd = Annotated[bool, option("--until-end", help="Stop when the publishers have gone.")]
+
+
+class Bridge(Protocol):
+    """What both bridges are."""
+
+    def __enter__(self) -> Bridge: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+    def wait(self, timeout_s: float) -> bool: ...
+
+    def interrupt(self) -> None: ...
+
+    def summary(self) -> dict[str, Any]: ...
+
+
+@app.command()
+def ros2(
+    streams: StreamNames,
+    ros_connect: Annotated[
+        list[str] | None,
+        option("--ros-connect", metavar="ENDPOINT", help="The router of ROS 2; default: tcp/127.0.0.1:7447."),
+    ] = None,
+    ros_config: Annotated[
+        Path | None, option("--ros-config", metavar="FILE", help="A Zenoh configuration for that side, as it is.")
+    ] = None,
+    domain: Annotated[
+        int | None, option("--domain", min=0, max=232, metavar="N", help="Default: $ROS_DOMAIN_ID, else 0.")
+    ] = None,
+    topic: Annotated[
+        str | None, option("--topic", metavar="NAME", help="Of one stream; default: /VEHICLE/SENSOR/points.")
+    ] = None,
+    frame_id: Annotated[
+        str | None, option("--frame-id", metavar="NAME", help="Of one stream; default: VEHICLE/SENSOR.")
+    ] = None,
+    world: Annotated[str, option("--world", metavar="NAME", help="The frame of the poses.")] = "map",
+    tf: Annotated[bool, option("--tf/--no-tf", help="Publish poses on /tf, where streams have them.")] = True,
+    type_hash: Annotated[bool, option("--type-hash/--no-type-hash", help="Without: for ROS 2 Humble.")] = True,
+    until_end: UntilEnd = False,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Publish clouds as sensor_msgs/PointCloud2 into the network of ROS 2 with rmw_zenoh, for rviz and all others."""
+    from lidarcodec.bridges.ros2 import ROUTER, RosBridge, RosNames
+
+    names = RosNames(topic, frame_id, world, tf, _domain(domain), type_hash)
+    ros = endpoints_of((ros_connect or ([] if ros_config else [ROUTER]), [], ros_config))
+    given = endpoints_of((connect or [], listen or [], zenoh_config))
+    _run(RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end), as_json)
+
+
+def _domain(given: int | None) -> int:
+    text = os.environ.get(DOMAIN_VARIABLE, "")
+    if given is not None or not text:
+        return given or 0
+    if not text.isdigit():
+        raise SettingsError(f"{DOMAIN_VARIABLE} is a number, not '{text}'", "domain")
+    return int(text)
+
+
+def _run(bridge: Bridge, as_json: bool) -> None:
+    """Bridge until a signal comes or all streams have ended, and say how it went."""
+    keep_standard_output()
+    show = sys.stderr.isatty()
+    with stoppable(bridge.interrupt) as stopped, bridge:
+        shown_s = time.monotonic()
+        while not bridge.wait(0.2) and not stopped():
+            if show and time.monotonic() - shown_s >= EVERY_S:
+                shown_s = time.monotonic()
+                sys.stderr.write(f"\r{_line(bridge.summary())}\x1b[K")
+        summary = bridge.summary()
+    if show:
+        sys.stderr.write("\r\x1b[K")
+    print(json.dumps(summary, indent=2) if as_json else _line(summary))
+
+
+def _line(summary: dict[str, Any]) -> str:
+    """Where a bridge stands, in one line."""
+    streams = ", ".join(f"{name} {one.get('frames', 0)} frames" for name, one in summary["streams"].items())
+    return f"{summary.get('clouds', 0)} clouds, {summary.get('unwatched', 0)} unwatched; {streams}"

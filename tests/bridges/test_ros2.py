@@ -1,0 +1,211 @@
+"""Without these a cloud does not get to rviz, or not as it left: over real Zenoh sessions, read by public packages."""
+
+from __future__ import annotations
+
+import json
+import struct
+import threading
+import time
+
+import numpy as np
+import pytest
+import zenoh
+
+from lidarcodec.apps.publish import Publisher
+from lidarcodec.bridges.ros2 import RosBridge, RosNames
+from lidarcodec.errors import SettingsError
+from lidarcodec.interop import ros
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources import open_source
+from lidarcodec.transport import Endpoints, open_transport
+from tests.apps.streams import Loop
+from tests.command_line import run_here, start
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
+
+pytest.importorskip("rosbags.typesys", reason="read back by rosbags (extra `bridges`)")
+pytest.importorskip("xxhash", reason="hashes of tokens (extra `bridges`)")
+from tests.interop.test_ros import STORE, points_in
+
+LIMIT_S = 60.0
+
+
+class Ros:
+    """The side of ROS 2: a router, and a session as a node has it, which sees tokens and subscribes."""
+
+    def __init__(self, port: int) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{port}"
+        self.router = open_transport(Endpoints.of(listen=self.endpoint, mode="router"))
+        config = zenoh.Config()
+        for path, value in {
+            "mode": "peer",
+            "connect/endpoints": [self.endpoint],
+            "listen/endpoints": ["tcp/127.0.0.1:0"],
+            "scouting/multicast/enabled": False,
+        }.items():
+            config.insert_json5(path, json.dumps(value))
+        self.session = zenoh.open(config)
+        self.tokens: dict[str, bool] = {}
+        self._watcher = self.session.liveliness().declare_subscriber("@ros2_lv/0/**", self._token, history=True)
+        self.samples: list[tuple[str, bytes, bytes]] = []
+        self._subscribers: list[zenoh.Subscriber] = []
+
+    def _token(self, sample: zenoh.Sample) -> None:
+        self.tokens[str(sample.key_expr)] = sample.kind == zenoh.SampleKind.PUT
+
+    def subscribe(self, topic: str, kind: ros.RosType) -> None:
+        """As a node does: domain, topic, type and hash in the key."""
+
+        def came(sample: zenoh.Sample) -> None:
+            self.samples.append((str(sample.key_expr), sample.payload.to_bytes(), sample.attachment.to_bytes()))
+
+        key = f"0{topic}/{kind.dds_name}/{kind.type_hash}"
+        self._subscribers.append(self.session.declare_subscriber(key, came))
+
+    def of(self, kind: ros.RosType) -> list[tuple[bytes, bytes]]:
+        """Data and attachments of a type."""
+        return [(data, attached) for key, data, attached in self.samples if kind.dds_name in key]
+
+    def published(self) -> list[str]:
+        """Tokens of publishers that are there."""
+        return [token for token, alive in self.tokens.items() if alive and token.split("/")[5] == "MP"]
+
+    def close(self) -> None:
+        for one in self._subscribers:
+            one.undeclare()
+        self._watcher.undeclare()
+        self.session.close()
+        self.router.close()
+
+
+@pytest.fixture
+def graph():
+    one = Ros(free_port())
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def local():
+    """Endpoints of our own side: a loopback port that nobody else has."""
+    return Endpoints(loopback_port=free_port())
+
+
+def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
+    with open_source("sim:city?frames=4") as source:
+        sent = list(frames_of(source.packets(), source.sensor))
+        poses = [source.poses.at(frame.stamp_ns) for frame in sent]
+    points_topic = "/car_7/roof/points"
+    graph.subscribe(points_topic, ros.POINT_CLOUD2)
+    graph.subscribe("/tf", ros.TF_MESSAGE)
+    names = RosNames(world="odom")
+    source = open_source("sim:city?frames=4", loop=True)
+    with (
+        RosBridge(["car-7/roof"], names, endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
+        Publisher(source, vehicle="car-7", sensor="roof", endpoints=local, poses=source.poses),
+    ):
+        assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 3 and len(graph.of(ros.TF_MESSAGE)) >= 3, LIMIT_S)
+        assert len(graph.published()) == 2
+        (token,) = [one for one in graph.published() if "PointCloud2" in one]
+        assert token.endswith(
+            f"/%car_7%roof%points/{ros.POINT_CLOUD2.dds_name}/{ros.POINT_CLOUD2.type_hash}/::,1:,:,:,,"
+        )
+        assert sum(alive and one.split("/")[5] == "NN" for one, alive in graph.tokens.items()) == 1
+        summary = bridge.summary()
+    assert summary["clouds"] >= 3
+    assert summary["topics"] == {"car-7/roof": points_topic}
+    numbers = []
+    for data, attached in graph.of(ros.POINT_CLOUD2):
+        message = STORE.deserialize_cdr(data, ros.POINT_CLOUD2.name)
+        assert message.header.frame_id == "car-7/roof"
+        points = points_in(message)
+        (frame,) = [one for one in sent if one.points == len(points)]
+        cloud = frame.cloud()
+        for name in ("x", "y", "z", "intensity"):
+            assert np.array_equal(points[name], cloud[name]), name
+        assert np.array_equal(63 - points["ring"].astype(int), cloud["ring"])
+        number, stamp_ns, length = struct.unpack_from("<qqB", attached)
+        assert abs(time.time_ns() - stamp_ns) < 600 * 10**9
+        assert (len(attached), length) == (33, 16)
+        numbers.append(number)
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "without a gap: ROS reports lost messages"
+    known = {tuple(pose[:3, 3].tolist()) for pose in poses}
+    for data, _ in graph.of(ros.TF_MESSAGE):
+        (found,) = STORE.deserialize_cdr(data, ros.TF_MESSAGE.name).transforms
+        assert (found.header.frame_id, found.child_frame_id) == ("odom", "car-7/roof")
+        moved = found.transform.translation
+        assert (moved.x, moved.y, moved.z) in known
+    assert eventually(lambda: not graph.published(), LIMIT_S), "ROS sees the publishers go"
+
+
+def test_nothing_is_made_while_nobody_looks(graph, local):
+    names = RosNames(topic="/points", transforms=False)
+    with (
+        RosBridge(["vehicle/lidar"], names, endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
+        Publisher(Loop(), rate=20.0, endpoints=local),
+    ):
+        assert eventually(lambda: bridge.counts["unwatched"] >= 3, LIMIT_S)
+        assert bridge.counts["clouds"] == 0
+        graph.subscribe("/points", ros.POINT_CLOUD2)
+        assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 2, LIMIT_S)
+        assert len(graph.published()) == 1
+
+
+def test_the_router_of_ros_may_come_later(local):
+    port = free_port()
+    bridge = RosBridge(["vehicle/lidar"], endpoints=local, ros=Endpoints.of(connect=f"tcp/127.0.0.1:{port}"))
+    opened = threading.Event()
+
+    def enter() -> None:
+        with bridge:
+            opened.set()
+            bridge.wait(LIMIT_S)
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    assert not opened.wait(1.0)
+    late = Ros(port)
+    try:
+        assert opened.wait(LIMIT_S)
+        assert eventually(lambda: len(late.published()) == 2, LIMIT_S)
+        bridge.interrupt()
+        thread.join(LIMIT_S)
+        assert not thread.is_alive()
+    finally:
+        late.close()
+
+
+def test_the_command_bridges_until_the_publishers_have_gone(graph):
+    port = free_port()
+    graph.subscribe("/lidar", ros.POINT_CLOUD2)
+    words = ["bridge", "ros2", "vehicle/lidar", "--ros-connect", graph.endpoint, "--topic", "/lidar", "--until-end"]
+    with Publisher(Loop(), rate=20.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
+        process = start(*words, "--connect", f"tcp/127.0.0.1:{port}", "--json")
+        assert eventually(lambda: len(graph.samples) >= 2, LIMIT_S)
+    said, complained = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, complained
+    assert json.loads(said)["clouds"] >= 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["vehicle"], "is no stream"),
+        (["a/b", "a/b"], "named twice"),
+        (["a/b", "a/c", "--topic", "/points"], "one stream only"),
+        (["a/b", "--topic", "points"], "no topic of ROS"),
+        (["a-1/b", "a_1/b"], "same topic"),
+        (["a/b", "--ros-connect", "nowhere"], "not an endpoint"),
+    ],
+)
+def test_what_cannot_be_is_said_at_once(words, said):
+    refused = run_here("bridge", "ros2", *words)
+    assert (refused.returncode, said in refused.stderr) == (2, True), refused.stderr
+
+
+def test_the_domain_is_that_of_ros(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    refused = run_here("bridge", "ros2", "a/b")
+    assert (refused.returncode, "ROS_DOMAIN_ID" in refused.stderr) == (2, True)
+    with pytest.raises(SettingsError):
+        RosBridge(["a/b"], RosNames(domain=300))
