@@ -76,7 +76,7 @@ web: ## build the page from clients/web into the server's package, where it is c
 	cd clients/web && npm ci --silent && npm run --silent build
 
 clean: ## remove the environment and every build
-	rm -rf $(VENV) build lidarcodec/_native*.so clients/web/node_modules
+	rm -rf $(VENV) build lidarcodec/_native*.so clients/*/node_modules clients/typescript/dist
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
 
@@ -100,9 +100,10 @@ $(STAMPS)/dev: $(STAMPS)/base
 	@touch $@
 
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.
-$(WEB): $(STAMPS)/build clients/web/package-lock.json
-	@if command -v npm >/dev/null; then echo "Installing what the page's tests need ..."; \
-	  (cd clients/web && npm ci --silent) || echo "npm could not: tests of the page's sources are skipped"; fi
+$(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json
+	@if command -v npm >/dev/null; then echo "Installing what the tests of the page and of the TypeScript decoder need ..."; \
+	  for folder in clients/web clients/typescript; do \
+	    (cd $$folder && npm ci --silent) || echo "npm could not: tests of the sources of $$folder are skipped"; done; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)

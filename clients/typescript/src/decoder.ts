@@ -1,0 +1,88 @@
+/** Messages to frames: codecs raw and zstd. */
+
+import { DecodeError, damaged } from "./errors.js";
+import { MaskHistory } from "./history.js";
+import { Codec, type Message, Section, needed, readMessage } from "./message.js";
+import { type Planes, count, readPlanes } from "./planes.js";
+import { readZstdRanges } from "./ranges.js";
+import { readRaw } from "./raw.js";
+import { type Sensor, SensorBook } from "./sensor.js";
+import { zstdReady } from "./zstd.js";
+
+/** A frame as the sensor saw it: images of 64 rows, the highest beam first, and W columns, row after row. */
+export interface Frame extends Planes {
+  readonly streamId: bigint;
+  readonly index: bigint;
+  /** Host time of the first packet, ns since 1970 UTC. */
+  readonly stampNs: bigint;
+  readonly codec: number;
+  readonly sensor: Sensor;
+  /** 64 x W, in range steps, 0 = no return. */
+  readonly range: Uint16Array;
+  /** Cells with a range. */
+  readonly returns: number;
+  /** T_world_sensor at the stamp, the first three rows; null where the vehicle does not know it. */
+  readonly pose: Float64Array | null;
+}
+
+/** Decodes the messages of one stream, one after the other. */
+export class Decoder {
+  #of = "";
+  #sensors = new SensorBook();
+  readonly #history = new MaskHistory();
+  /** Index of the frame decoded last, and that frame until a mask refers to it. */
+  #last: bigint | null = null;
+  #unseen: { planes: Planes; sensor: Sensor }[] = [];
+
+  private constructor() {}
+
+  static async create(): Promise<Decoder> {
+    await zstdReady();
+    return new Decoder();
+  }
+
+  /** The frame of a message. Throws DecodeError, whatever the bytes, and goes on with the next message. */
+  decode(data: Uint8Array): Frame {
+    const message = readMessage(data);
+    const { codec, streamId, index } = message;
+    if (codec !== Codec.raw && codec !== Codec.zstd)
+      throw new DecodeError("version", `codec ${codec}: this decoder reads raw (1) and zstd (2)`);
+    if (message.frames !== 1) throw damaged("a group of frames of a codec that sends one each");
+    if (this.#of !== `${codec} ${streamId}`) {
+      this.#of = `${codec} ${streamId}`;
+      this.#sensors = new SensorBook();
+      this.#last = null;
+    }
+    const sensor = this.#sensors.of(message);
+    if (message.needs !== null && message.needs !== this.#last)
+      throw new DecodeError("reference", `frame ${index} needs frame ${message.needs}: ask for a key message`);
+    const planes = codec === Codec.raw ? readRaw(message, sensor) : this.#planes(message, sensor);
+    const range = "range" in planes ? (planes.range as Uint16Array) : readZstdRanges(needed(message, Section.RANGE, "ranges"), planes.mask);
+    const pose = readPose(message);
+    if (message.packets > 0 && message.section(Section.SIDE) === null) throw damaged("packets without side information");
+    if (message.needs === null) {
+      this.#history.forget();
+      this.#unseen = [];
+    }
+    this.#unseen.push({ planes, sensor });
+    this.#last = index;
+    return { ...planes, streamId, index, stampNs: message.stampNs, codec, sensor, range, returns: count(planes.mask), pose };
+  }
+
+  #planes(message: Message, sensor: Sensor): Planes {
+    if (message.needs === null) return readPlanes(message, sensor, null);
+    for (const { planes, sensor: of } of this.#unseen) this.#history.remember(planes.mask, planes, of);
+    this.#unseen = [];
+    return readPlanes(message, sensor, (columns) => this.#history.before(columns, sensor));
+  }
+}
+
+function readPose(message: Message): Float64Array | null {
+  const data = message.section(Section.POSE);
+  if (data === null) return null;
+  if (data.length !== 96) throw damaged(`a pose of ${data.length} bytes`);
+  const view = new DataView(data.buffer, data.byteOffset, 96);
+  const pose = Float64Array.from({ length: 12 }, (_, i) => view.getFloat64(8 * i, true));
+  if (!pose.every(Number.isFinite)) throw damaged("a pose that is not finite");
+  return pose;
+}

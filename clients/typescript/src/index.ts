@@ -1,0 +1,7 @@
+/** Decoder of lidarcodec messages, format 1, codecs raw and zstd. README.md shows it at work. */
+
+export { Decoder, type Frame } from "./decoder.js";
+export { DecodeError, type ErrorCode } from "./errors.js";
+export { Codec, Section, readMessage, type Message } from "./message.js";
+export { pointsOf, type Points } from "./points.js";
+export type { Sensor } from "./sensor.js";

@@ -1,0 +1,64 @@
+/** What a user would lose: that this decoder gives what the others give, frame for frame. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Decoder, DecodeError, type Frame, pointsOf } from "../src/index.js";
+import { type Expected, digest, vectors } from "./vectors.js";
+
+function check(frame: Frame, expected: Expected): void {
+  const { sensor } = frame;
+  const { points: corners, ...arrays } = expected;
+  assert.deepEqual(
+    {
+      stream: `${frame.streamId}`,
+      index: `${frame.index}`,
+      stamp_ns: `${frame.stampNs}`,
+      sensor: [sensor.name, sensor.hash, sensor.convention, sensor.rangeStep],
+      width: frame.width,
+      returns: frame.returns,
+      range: digest(frame.range),
+      intensity: digest(frame.intensity),
+      azimuth: digest(frame.azimuth),
+      fired: digest(frame.fired),
+      pose: frame.pose && [...frame.pose],
+    },
+    arrays,
+  );
+  const points = pointsOf(frame);
+  assert.equal(points.count, expected.returns);
+  const shown = points.count ? [0, points.count >> 1, points.count - 1] : [];
+  shown.forEach((at, i) => {
+    const [x, y, z, intensity, ring] = corners[i];
+    for (const [axis, metres] of [x, y, z].entries())
+      assert.ok(Math.abs(points.xyz[3 * at + axis] - metres) < 2e-4, `point ${at}: ${points.xyz[3 * at + axis]}, ${metres}`);
+    assert.deepEqual([points.intensity[at], points.ring[at]], [intensity, ring]);
+  });
+}
+
+const OURS = vectors(/^(golden_v1_)?(raw|zstd)/);
+
+test("there are vectors of both codecs, of this format's first version and of what no encoder writes", () => {
+  assert.ok(OURS.length >= 10);
+});
+
+for (const { name, messages, expected } of OURS)
+  test(`${name} comes out as from the Python decoder`, async () => {
+    const decoder = await Decoder.create();
+    messages.forEach((message, i) => check(decoder.decode(message), expected[i]));
+  });
+
+test("a message of another codec is refused by its number", async () => {
+  const decoder = await Decoder.create();
+  for (const { messages } of vectors(/predictive_lossless|riddle_lossless/))
+    assert.throws(() => decoder.decode(messages[0]), { name: "DecodeError", code: "version" });
+});
+
+test("what builds on a message that was lost says so, and a key message mends it", async () => {
+  const decoder = await Decoder.create();
+  const [{ messages, expected }] = vectors(/^zstd_modelled$/);
+  assert.throws(() => decoder.decode(messages[1]), { name: "DecodeError", code: "reference" });
+  decoder.decode(messages[0]);
+  assert.throws(() => decoder.decode(messages[2]), (error) => error instanceof DecodeError && error.code === "reference");
+  check(decoder.decode(messages[1]), expected[1]);
+  check(decoder.decode(messages[2]), expected[2]);
+});

@@ -1,0 +1,1 @@
+"""Messages and what has to come out of them, for decoders in other languages (clients/typescript, clients/web)."""

@@ -1,0 +1,142 @@
+"""`python -m tests.vectors.make` writes the shared test vectors that are missing; one that exists is never touched.
+
+A vector is a file of messages, one after the other, and a `.json` of the same name with what every message must
+become: an object for each frame, with digests (the first 16 hex digits of SHA-256) of its little-endian arrays.
+`golden_*.json` says it of the golden messages of tests/golden, for the codecs that a page decodes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcodec import StreamDecoder, wire
+from lidarcodec.codecs import table
+from lidarcodec.codecs.zstd import ZstdEncoder
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.settings import StreamSettings
+from tests.contracts import frames
+
+FOLDER = Path(__file__).parent
+GOLDEN = FOLDER.parent / "golden"
+GOLDEN_CODECS = ("raw", "zstd", "predictive", "riddle", "png")
+STREAM = 0x1234_5678_9ABC_DEF0
+
+
+class ModelledZstd(ZstdEncoder):
+    """`zstd` as no encoder writes it, and every decoder must read it: modelled intensities, masks with history."""
+
+    grouped_intensity = False
+
+    def _mask_history(self) -> bool:
+        return True
+
+
+def varied() -> list[Frame]:
+    """Frames that differ in what fired, what was reduced and what is known."""
+    rng = np.random.default_rng(21)
+    sent = [
+        frames.scene(3),
+        frames.scene(3).with_(pose=frames.pose()),
+        frames.three_to_one(2),
+        frames.noise(1),
+        frames.scene(6).with_(keep=rng.random((64, 36)) < 0.02),
+        frames.scene(6).with_(keep=rng.random((64, 36)) < 0.02),
+        frames.one_return(),
+        frames.ordinary()["empty"],
+        frames.scene(2, seed=8, intensity=np.full((64, 12), 9, np.uint8), holes=0.0),
+        frames.scene(4).with_(sensor=frames.SENSOR.with_convention("veloview")),
+    ]
+    return [frame.with_(index=index) for index, frame in enumerate(sent)]
+
+
+def streams() -> dict[str, list[Message]]:
+    """Messages by name of the vector."""
+    made: dict[str, list[Message]] = {}
+    for name, settings in {
+        "raw": StreamSettings(codec="raw", key_interval=4),
+        "zstd": StreamSettings(codec="zstd", max_error_m=0, key_interval=4),
+        "zstd_coarse": StreamSettings(codec="zstd", max_error_m=0.05, intensity="levels=16", key_interval=4),
+        "zstd_ranges": StreamSettings(codec="zstd", max_error_m=0.5, intensity="off", key_interval=4),
+    }.items():
+        encoder = table.make_encoder(settings, STREAM)
+        made[name] = [one for frame in varied() for one in encoder.encode(frame)]
+    for name, levels in {"zstd_modelled": "lossless", "zstd_modelled_levels": "levels=7"}.items():
+        settings = StreamSettings(codec="zstd", max_error_m=0.01, intensity=levels, key_interval=20)
+        modelled = ModelledZstd(table.codec_id("zstd"), settings, STREAM)
+        made[name] = [one for frame in varied() for one in modelled.encode(frame)]
+    return made
+
+
+def split(data: bytes) -> Iterator[bytes]:
+    """Messages one after the other."""
+    while data:
+        size = wire.peek(data).total_bytes
+        yield data[:size]
+        data = data[size:]
+
+
+def _digest(array: np.ndarray[Any, Any]) -> str:
+    return hashlib.sha256(array.astype(array.dtype.newbyteorder("<")).tobytes()).hexdigest()[:16]
+
+
+def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
+    """What a decoder must find in a message; numbers of 64 bits as text. Points: the first, middle and last, metres."""
+    cloud = frame.cloud()
+    shown = [cloud[at] for at in (0, len(cloud) // 2, len(cloud) - 1)] if len(cloud) else []
+    return {
+        "stream": str(message.stream_id),
+        "index": str(frame.index),
+        "stamp_ns": str(frame.stamp_ns),
+        "sensor": [frame.sensor.name, frame.sensor.hash, frame.sensor.convention, frame.sensor.range_step_m],
+        "width": frame.width,
+        "returns": int(np.count_nonzero(frame.valid)),
+        "range": _digest(np.where(frame.valid, frame.range, np.uint16(0))),
+        "intensity": _digest(frame.intensity),
+        "azimuth": _digest(frame.azimuth),
+        "fired": _digest(frame.fired.astype(np.uint8)),
+        "pose": None if frame.pose is None else frame.pose[:3].ravel().tolist(),
+        "points": [[round(float(p[axis]), 4) for axis in "xyz"] + [int(p["intensity"]), int(p["ring"])] for p in shown],
+    }
+
+
+def expected(data: bytes) -> list[dict[str, Any]]:
+    """Of all messages of a file, each of which is one frame."""
+    decoder, found = StreamDecoder(), []
+    for one in split(data):
+        message = wire.unpack(one)
+        (frame,) = decoder.decode(message)
+        found.append(expected_of(frame, message))
+    return found
+
+
+def golden_files() -> list[Path]:
+    """Golden files of the codecs that a page decodes."""
+    return sorted(path for codec in GOLDEN_CODECS for path in GOLDEN.glob(f"v1_{codec}_*.bin"))
+
+
+def _write(path: Path, what: Any) -> None:
+    if not path.exists():
+        lines = ",\n".join(json.dumps(frame) for frame in what)
+        path.write_text(f"[\n{lines}\n]\n")
+
+
+def main() -> None:
+    """Write those that are missing."""
+    for name, messages in streams().items():
+        path = FOLDER / f"{name}.bin"
+        if not path.exists():
+            path.write_bytes(b"".join(wire.pack(one) for one in messages))
+        _write(path.with_suffix(".json"), expected(path.read_bytes()))
+    for path in golden_files():
+        _write(FOLDER / f"golden_{path.stem}.json", expected(path.read_bytes()))
+
+
+if __name__ == "__main__":
+    main()
