@@ -82,13 +82,14 @@ Picked pick_cells(const std::int32_t* xyz, const std::uint32_t* order, std::size
   const double aim = static_cast<double>(want + enough) / 2;
   std::int32_t small = kLeastSide - 1, large = kMostSide + 1;  // sides known to give too many, and too few
   std::vector<std::uint32_t> most, least;                     // best choice of too few, and of enough
-  for (int i = 0; i < kMostTries && large - small > 1; ++i) {
+  for (int i = 0; i < kMostTries; ++i) {
     const double cells = search.choose(picked.side);
     const std::size_t found = search.chosen().size();
     if (search.complete() && found >= want && (least.empty() || found < least.size())) least = search.chosen();
     if (found < want && found > most.size()) most = search.chosen();
     if (search.complete() && found >= want && found <= enough) break;
     (found < want ? large : small) = picked.side;
+    if (large - small <= 1) break;  // no side is left to try
     double next = stretched(picked.side, cells / aim);
     if (!(next > small && next < large) || i > 4) next = std::sqrt(static_cast<double>(small) * large);
     if (i > 12) next = (static_cast<double>(small) + large) / 2;
