@@ -19,11 +19,14 @@ from lidarcodec.units import AZIMUTH_TURN
 
 LONGEST_GAP_NS: Final = 1_000_000_000
 """Frames further apart than this have nothing to do with each other."""
+CARRIED_NS: Final = 300_000_000
+"""So long the last motion that was found holds where none is, as in the part of a turn with which a recording ends: a
+car that brakes hard is then off by a hand's breadth."""
 _MOST_SPEED_M_S: Final = 150.0
 _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
 Matrix = npt.NDArray[np.float64]
-Kind = Literal["poses", "found", "unknown"]
+Kind = Literal["poses", "found", "carried", "unknown"]
 
 
 class Place(NamedTuple):
@@ -59,6 +62,7 @@ class Odometry:
         self._turn_ns = TURN_NS
         self._here: Matrix = np.eye(4)
         self._remembers = False
+        self._found_ns = 0
 
     def next(self, frame: Frame) -> Place:
         """Where the sensor was when this frame began."""
@@ -99,7 +103,10 @@ class Odometry:
         found = self._finder.next(bare, self._history)
         self._history.remember(frame.range, frame.azimuth, frame.fired, frame.sensor)
         self._remembers = True
-        if before is None or found.origin != "found":
+        if found.origin == "found":
+            self._found_ns = frame.stamp_ns
+        known = found.origin == "found" or (found.origin == "kept" and frame.stamp_ns - self._found_ns <= CARRIED_NS)
+        if before is None or not known:
             return Place(np.eye(4), np.eye(4), self._turn_ns, "unknown")
         turns = passed_ns / self._turn_ns
         whole = max(1, round(turns))  # in every direction the history is a whole number of turns old
@@ -107,7 +114,8 @@ class Odometry:
         step = found.motion.scaled(-turns / whole)
         if per_turn is None or step is None:
             return Place(np.eye(4), np.eye(4), self._turn_ns, "unknown")
-        return Place(self._here @ step.matrix, per_turn.matrix, self._turn_ns, "found")
+        kind: Kind = "found" if found.origin == "found" else "carried"
+        return Place(self._here @ step.matrix, per_turn.matrix, self._turn_ns, kind)
 
 
 def _rigid(pose: Matrix) -> bool:

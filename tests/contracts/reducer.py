@@ -86,3 +86,29 @@ def check_reduced_before(name: str) -> None:
     reduced = make_reducer(settings_of(name, keep_points=200)).reduce(halved)
     assert not (reduced.valid & ~halved.valid).any()
     assert reduced.valid.any()
+
+
+def check_ties(name: str) -> None:
+    """Between equals a lot decides, and the seed is the lot: never the place in the frame, which would always drop the
+    same side of the vehicle."""
+    scene = frames.scene(30)
+    alike = scene.with_(range=np.where(scene.range > 0, np.uint16(5000), np.uint16(0)), intensity=scene.intensity * 0)
+    chosen = []
+    for seed in (1, 2):
+        reducers = [make_reducer(settings_of(name, keep_points=count), seed=seed) for count in (50, 200, 700, 1500)]
+        chosen.append([reducer.reduce(alike).valid for reducer in reducers])
+    for one, other in zip(*chosen, strict=True):
+        assert one.sum() == other.sum()
+    if reduction(name).budgeted:
+        assert any((one != other).any() for one, other in zip(*chosen, strict=True))
+
+
+def check_standing(name: str) -> None:
+    """A vehicle that waits, with poses or without: the budget is kept frame after frame, and no choice drifts away."""
+    frame = frames.scene(40)
+    for pose in (None, np.eye(4)):
+        reducer = make_reducer(settings_of(name, keep_points=400))
+        for index in range(14):
+            given = frame.with_(index=index, stamp_ns=frame.stamp_ns + index * 100_000_000, pose=pose)
+            kept = int(reducer.reduce(given).valid.sum())
+            assert not reduction(name).budgeted or kept == 400, index

@@ -11,7 +11,13 @@ import lidarcodec.reduction
 from lidarcodec.reduction import names, reduction
 from tests.contracts import reducer
 
-CHECKS = [reducer.check_budget, reducer.check_repeatable, reducer.check_reduced_before]
+CHECKS = [
+    reducer.check_budget,
+    reducer.check_repeatable,
+    reducer.check_reduced_before,
+    reducer.check_ties,
+    reducer.check_standing,
+]
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)

@@ -72,6 +72,52 @@ def test_slabs_are_looked_up_in_the_slabs_of_a_turn() -> None:
     assert rails > 0.9 * rails_of_all
 
 
+def test_slabs_without_poses_are_looked_up_too() -> None:
+    """Twice a turn a motion is found; the slabs between go on as the vehicle went."""
+    reducing = reducer(keep_fraction=0.09)
+    slabs = road_with(poses=False, framing="packets:29")
+    kept, kinds = [], []
+    for slab in slabs:
+        kept.append(reducing.reduce(slab))
+        kinds.append(reducing.report()["odometry"])
+    assert set(kinds[24:]) == {"found", "carried"}
+    assert reducing.report()["seen_before"]
+    cars, rails = np.sum([kept_of(frame) for frame in kept[-12:]], axis=0)
+    plain = make_reducer(StreamSettings(reduction="voxel", keep_fraction=0.09))
+    cars_of_all, rails_of_all = np.sum([kept_of(plain.reduce(slab)) for slab in slabs][-12:], axis=0)
+    assert cars < 0.2 * cars_of_all
+    assert rails > 0.9 * rails_of_all
+
+
+def test_the_part_of_a_turn_that_a_recording_ends_with_is_looked_up(road: list[Frame]) -> None:
+    """A third of a turn says nothing of its motion: cars in it still go."""
+    reducing = reducer(keep_fraction=0.09)
+    last_of(reducing, [frame.with_(pose=None) for frame in road[:-1]])
+    third = np.arange(road[-1].width) < road[-1].width // 3
+    part = road[-1].with_(pose=None, keep=np.ones((64, 1), np.bool_) & third)
+    cars, _ = kept_of(reducing.reduce(part))
+    plain, _ = kept_of(make_reducer(StreamSettings(reduction="voxel", keep_fraction=0.09)).reduce(part))
+    assert reducing.report()["seen_before"]
+    assert cars <= 0.2 * plain
+
+
+def test_without_a_motion_for_long_it_is_voxel(road: list[Frame]) -> None:
+    """Past 0.3 s without a motion nothing may be dropped on its word: fog, a tunnel, a hand on the sensor."""
+    reducing = reducer()
+    last_of(reducing, [frame.with_(pose=None) for frame in road])
+    noise = np.random.default_rng(3).integers(1000, 20000, road[0].range.shape).astype(np.uint16)
+    kinds = []
+    for index in range(16, 22):
+        frame = road[0].with_(
+            index=index, stamp_ns=road[-1].stamp_ns + (index - 15) * TURN_NS, pose=None, range=noise, keep=None
+        )
+        assert reducing.reduce(frame).valid.sum() == 9000
+        kinds.append(reducing.report()["odometry"])
+    assert kinds == ["carried"] * 3 + ["unknown"] * 3
+    assert not reducing.report()["seen_before"]
+    assert reducing.report()["unseen"] == 0
+
+
 def test_it_is_voxel_until_there_is_something_to_look_at(road: list[Frame]) -> None:
     reducing, plain = reducer(), make_reducer(StreamSettings(reduction="voxel", keep_points=9000))
     for frame in road[:7]:
@@ -136,5 +182,5 @@ def test_a_real_drive_keeps_its_budget_with_and_without_poses(data_file) -> None
     for frame in frames:
         assert reducing.reduce(frame).valid.sum() == min(4500, frame.points)
         kinds.append(reducing.report()["odometry"])
-    # the recording ends within a turn, whose motion alone is not held firmly enough
-    assert kinds == ["unknown", *["found"] * (len(frames) - 2), "unknown"]
+    # the recording ends within a turn, whose motion alone is not held firmly enough: that of the turn before goes on
+    assert kinds == ["unknown", *["found"] * (len(frames) - 2), "carried"]
