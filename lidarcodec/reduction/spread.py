@@ -21,6 +21,9 @@ LENGTHS_PER_M: Final = 16_000
 START_SIDE: Final = LENGTHS_PER_M // 2
 """Where the first search for a side begins: half a metre."""
 
+SPARE: Final = 20
+"""One cell in so many is too many: of all, those go whose returns cost most to send, alone on their lattice."""
+
 Mask = npt.NDArray[np.bool_]
 
 
@@ -45,12 +48,18 @@ def returns_of(frame: Frame) -> Returns:
     return Returns(*_native.returns_of(ranges, frame.azimuth, frame.fired.view(np.uint8), rows))
 
 
-def lattice_order(returns: Returns, frame: Frame) -> npt.NDArray[np.uint32]:
-    """(N,) uint32, places of the returns: those first that cost least to send."""
-    order: npt.NDArray[np.uint32] = _native.lattice_order(
-        returns.cells, frame.azimuth, frame.fired.view(np.uint8), beam_rows(frame.sensor)
-    )
-    return order
+class Lattice(NamedTuple):
+    """order: (N,) uint32, places of the returns, those first that cost least to send; level: (N,) uint8 of each return,
+    0 to 27: how fine the lattice of directions is that it lies on, and then that of rows."""
+
+    order: npt.NDArray[np.uint32]
+    level: npt.NDArray[np.uint8]
+
+
+def lattice_of(returns: Returns, frame: Frame) -> Lattice:
+    """What each of the returns costs to send."""
+    rows = beam_rows(frame.sensor)
+    return Lattice(*_native.lattice_of(returns.cells, frame.azimuth, frame.fired.view(np.uint8), rows))
 
 
 def score_order(returns: Returns, scores: npt.NDArray[np.floating], frame: Frame, seed: int) -> npt.NDArray[np.uint32]:
@@ -79,14 +88,22 @@ class Spread:
     def choose(self, returns: Returns, count: int, frame: Frame, order: npt.NDArray[np.uint32] | None = None) -> Cells:
         """Cells of exactly `count` of the returns, (count,) uint32, or of all if there are fewer; 4 ms for 110,000.
 
-        order: places of the returns, the first of a cell stays; by default what costs least to send
+        order: places of the returns, the first of a cell stays, and what is too much goes by lot; by default what costs
+        least to send stays, in its cell and of the cells
         """
         if count >= len(returns.cells):
             return returns.cells
-        if order is None:
-            order = lattice_order(returns, frame)
-        places, self._side = _native.pick_cells(returns.xyz, order, count, self._side)
-        return exactly(returns.cells[places], returns.cells, count, self.seed, frame.index)
+        if order is not None:
+            places, self._side = _native.pick_cells(returns.xyz, order, count, self._side)
+            return exactly(returns.cells[places], returns.cells, count, self.seed, frame.index)
+        lattice = lattice_of(returns, frame)
+        more = min(count + count // SPARE, len(returns.cells))
+        places, self._side = _native.pick_cells(returns.xyz, lattice.order, more, self._side)
+        if len(places) < count:
+            return exactly(returns.cells[places], returns.cells, count, self.seed, frame.index)
+        by_lot = lots(returns.cells[places], self.seed, frame.index)
+        cheapest: Cells = returns.cells[places[np.lexsort((by_lot, lattice.level[places]))[:count]]]
+        return cheapest
 
 
 def best_of_cells(

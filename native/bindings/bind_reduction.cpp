@@ -41,20 +41,20 @@ void bind_reduction(nb::module_& m) {
       nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
       nb::arg("rows").noconvert(), "Points (N, 3) int32 in 1/16 mm, and cells (N,) uint32, of the returns in range-image order.");
   m.def(
-      "lattice_order",
+      "lattice_of",
       [](In<std::uint32_t, 1> cells, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows) {
         const lidarcodec::Columns columns = columns_of(azimuth, fired);
         const lidarcodec::BeamTable table = table_of(rows);
-        std::vector<std::uint32_t> order;
+        lidarcodec::Lattice lattice;
         {
           nb::gil_scoped_release release;
-          order = lidarcodec::lattice_order(cells.data(), cells.shape(0), columns, table);
+          lattice = lidarcodec::lattice_of(cells.data(), cells.shape(0), columns, table);
         }
-        const std::size_t count = order.size();
-        return give(std::move(order), {count});
+        const std::size_t count = lattice.order.size();
+        return nb::make_tuple(give(std::move(lattice.order), {count}), give(std::move(lattice.level), {count}));
       },
       nb::arg("cells").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-      nb::arg("rows").noconvert(), "(N,) uint32, places in a list of returns, those on a coarse lattice of directions first.");
+      nb::arg("rows").noconvert(), "Places (N,) uint32 in a list of returns, those on a coarse lattice of directions first; level (N,) uint8 of each.");
   m.def(
       "pick_cells",
       [](In<std::int32_t, 2> xyz, In<std::uint32_t, 1> order, std::size_t want, std::int32_t side) {

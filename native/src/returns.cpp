@@ -1,6 +1,7 @@
 #include "returns.hpp"
 
 #include <array>
+#include <utility>
 
 #include "directions.hpp"
 #include "error.hpp"
@@ -40,8 +41,7 @@ Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const Be
   return returns;
 }
 
-std::vector<std::uint32_t> lattice_order(const std::uint32_t* cell, std::size_t count, const Columns& columns,
-                                         const BeamTable& table) {
+Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& columns, const BeamTable& table) {
   check_azimuths(columns);
   const std::size_t width = columns.width;
   constexpr std::size_t kLevels = kDirectionLevels * kRowLevels;
@@ -70,7 +70,7 @@ std::vector<std::uint32_t> lattice_order(const std::uint32_t* cell, std::size_t 
   for (std::size_t i = 0; i < kLevels; ++i) begin[i + 1] += begin[i];
   std::vector<std::uint32_t> order(count);
   for (std::size_t i = 0; i < count; ++i) order[begin[level[i]]++] = static_cast<std::uint32_t>(i);
-  return order;
+  return {std::move(order), std::move(level)};
 }
 
 }  // namespace lidarcodec

@@ -19,9 +19,14 @@ struct Returns {
 // or down. Raises Section if an azimuth is out of range.
 Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table);
 
-// Places in a list of returns, those on the coarsest lattice of directions first, then of rows, then in range-image order.
+// What returns cost to send: `level`, (N,), how fine the lattice of directions is that each is on, and then that of rows
+// (0 to 27); `order`, (N,), places in the list, those on the coarsest lattice first, then in range-image order.
+struct Lattice {
+  std::vector<std::uint32_t> order;
+  std::vector<std::uint8_t> level;
+};
+
 // cell: (N,), each below 64 * W, rising.  Raises Section otherwise.
-std::vector<std::uint32_t> lattice_order(const std::uint32_t* cell, std::size_t count, const Columns& columns,
-                                         const BeamTable& table);
+Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& columns, const BeamTable& table);
 
 }  // namespace lidarcodec
