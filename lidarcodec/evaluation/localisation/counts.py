@@ -1,13 +1,13 @@
 """How many scans of a drive saw a place again: the paper's observation counts, with the whole drive at hand.
 
-A place is the mean of a 0.1 m cell over every fifth scan; a scan sees it when it has a return within 0.1 m, and counts
-once. A return takes the count of the place nearest to it within 0.5 m, 0 where there is none. A car that stands sees
-the same again and again and learns nothing by it: scans count from 0.5 m of travel on.
+A place is the mean of a 0.1 m cell over the scans of the map; a scan sees it when it has a return within 0.1 m, and
+counts once. A return takes the count of the place nearest to it within 0.5 m, 0 where there is none. A car that stands
+sees the same again and again and learns nothing by it: scans count from 0.5 m of travel on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -27,9 +27,11 @@ TRAVEL_M: Final = 0.5
 Tick = Callable[[], None]
 
 
-def place_counts(drive: Drive, reference: Reference, tick: Tick = lambda: None) -> tuple[Matrix, npt.NDArray[np.int32]]:
-    """Places (M, 3) in the world and how many scans saw each, (M,). About 0.1 s a scan."""
-    places = whole_map(drive, reference, CELL_M)
+def place_counts(
+    drive: Drive, reference: Reference, mapped: Iterable[int], tick: Tick = lambda: None
+) -> tuple[Matrix, npt.NDArray[np.int32]]:
+    """Places (M, 3) in the world and how many scans saw each, (M,), of the mapped scans. About 0.1 s a scan."""
+    places = whole_map(drive, reference, mapped, CELL_M)
     index, counts = _index(places), np.zeros(len(places), np.int32)
     for at in travelled(reference.poses):
         world = moved(reference.poses[at], drive.cloud(at, reference.velocities[at]))

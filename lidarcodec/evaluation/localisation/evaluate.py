@@ -23,7 +23,7 @@ from lidarcodec.evaluation.localisation.drive import Drive, read_drive
 from lidarcodec.evaluation.localisation.errors import pose_errors
 from lidarcodec.evaluation.localisation.fitting import fitted
 from lidarcodec.evaluation.localisation.icp import LOCALISERS, World
-from lidarcodec.evaluation.localisation.maps import mapped_frames, merged, whole_map
+from lidarcodec.evaluation.localisation.maps import merged, whole_map
 from lidarcodec.evaluation.localisation.methods import Method
 from lidarcodec.evaluation.localisation.protocol import (
     PROTOCOLS,
@@ -95,12 +95,12 @@ class Evaluation:
         self.drive: Drive = read_drive(spec, **given, tick=tick)  # type: ignore[arg-type]
         self.options, self.cache, self.tick = options, cache, tick
         self.scored: Scored = scored_frames(len(self.drive.frames), options.stride)
-        self.mapped = mapped_frames(len(self.drive.frames))
+        self.mapped: list[int] = self.scored.mapped.tolist()
         drive = digest(
             self.drive.stamps_ns, self.drive.frames[0].sensor.hash, *(frame.range for frame in self.drive.frames)
         )
         self.reference: Reference = self._found(drive)
-        self._name = digest(drive, self.reference.poses, self.reference.velocities)
+        self._name = digest(drive, self.reference.poses, self.reference.velocities, self.scored.mapped)
         self._worlds: dict[str, World] = {}
         self._last: tuple[str, str, World] | None = None
 
@@ -196,7 +196,7 @@ class Evaluation:
     @cached_property
     def _counted(self) -> Counted:
         def made() -> Arrays:
-            places, counts = place_counts(self.drive, self.reference, self.tick)
+            places, counts = place_counts(self.drive, self.reference, self.mapped, self.tick)
             return {"places": places, "counts": counts}
 
         arrays = self.cache.arrays(digest("counts", self._name), made)
@@ -216,7 +216,7 @@ class Evaluation:
 
     def _whole(self, localiser: str) -> World:
         if localiser not in self._worlds:
-            whole = whole_map(self.drive, self.reference)
+            whole = whole_map(self.drive, self.reference, self.mapped)
             self._worlds[localiser] = LOCALISERS[localiser](whole)
         return self._worlds[localiser]
 

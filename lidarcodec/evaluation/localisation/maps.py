@@ -9,15 +9,10 @@ from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.localisation.drive import Drive
 from lidarcodec.evaluation.localisation.reference import Reference
 from lidarcodec.evaluation.rigid import Matrix, moved
-from lidarcodec.evaluation.trajectory import MAP_CELL_M, MAP_EVERY, CellMeans, voxel_means
+from lidarcodec.evaluation.trajectory import MAP_CELL_M, CellMeans, voxel_means
 
 FEWEST: Final = 100
 """Points without which nothing can be found in a map."""
-
-
-def mapped_frames(count: int) -> range:
-    """The mapped frames of a drive of `count`: one in five, as the paper's own counts of map points imply."""
-    return range(0, count, MAP_EVERY)
 
 
 def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
@@ -34,12 +29,9 @@ def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
     return points
 
 
-def whole_map(drive: Drive, reference: Reference, cell_m: float = MAP_CELL_M) -> Matrix:
-    """(N, 3) the map of all returns of every fifth scan."""
+def whole_map(drive: Drive, reference: Reference, mapped: Iterable[int], cell_m: float = MAP_CELL_M) -> Matrix:
+    """(N, 3) the map of all returns of the mapped scans."""
     return merged(
-        (
-            moved(reference.poses[at], drive.cloud(at, reference.velocities[at]))
-            for at in mapped_frames(len(drive.frames))
-        ),
+        (moved(reference.poses[at], drive.cloud(at, reference.velocities[at])) for at in mapped),
         cell_m,
     )

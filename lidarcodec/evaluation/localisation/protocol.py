@@ -1,7 +1,8 @@
 """How a place is looked for: tracking as the paper does it, from bad starts, and from near by.
 
-track    every third scan, from where the one before was found, with no model of motion. Off by more than 1 m or 4
-         degrees is lost: counted, and put back on the path. Errors are those of steps within 0.5 m and 2 degrees
+track    every third scan, all of them as far apart, from where the one before was found, with no model of motion. Off
+         by more than 1 m or 4 degrees is lost: counted, and put back on the path. Errors are those of steps within
+         0.5 m and 2 degrees
 starts   2 m in any direction and 5 degrees of yaw off; found when within 0.2 m and 0.5 degrees
 near     0.5 m and 1 degree off, with fine stages only: the error that the cloud itself makes. Errors are those
          within 0.3 m and 1 degree, the others are counted as bad
@@ -35,10 +36,12 @@ Clouds = Callable[[int], Matrix]
 
 @dataclass(frozen=True)
 class Scored:
-    """Which frames are looked for, none of them in the map. tracked: (T,); started: (S,)"""
+    """Which frames are looked for, and which the map is made of; none is both. tracked: (T,); started: (S,); mapped:
+    (M,)"""
 
     tracked: npt.NDArray[np.intp]
     started: npt.NDArray[np.intp]
+    mapped: npt.NDArray[np.intp]
 
     @property
     def all(self) -> list[int]:
@@ -47,13 +50,19 @@ class Scored:
 
 
 def scored_frames(count: int, stride: int) -> Scored:
-    """Every so many frames of a drive of `count`, each moved on by one where it is in the map."""
+    """Of a drive of `count` frames: every `stride`-th is tracked, every ninth looked for from bad starts, every fifth
+    in the map.
 
-    def unmapped(first: int, step: int) -> npt.NDArray[np.intp]:
-        places = np.arange(first, count - 1, step)
-        return np.unique(np.where(places % MAP_EVERY == 0, places + 1, places))
-
-    return Scored(unmapped(1, stride), unmapped(4, START_EVERY))
+    Where a scan would be tracked and mapped, the map takes the next one: a step of the track is `stride` scans, never
+    more. Only where every scan is tracked (`stride` 1) those of the map are left out. What is looked for from bad
+    starts moves on by one where it is in the map."""
+    tracked = np.arange(1, count - 1, stride)
+    mapped = np.arange(0, count, MAP_EVERY)
+    if stride > 1:
+        mapped = np.where(np.isin(mapped, tracked), mapped + 1, mapped)
+    started = np.arange(4, count - 1, START_EVERY)
+    started = np.where(np.isin(started, mapped), started + 1, started)
+    return Scored(np.setdiff1d(tracked, mapped), np.setdiff1d(started, mapped), mapped)
 
 
 def track(world: World, clouds: Clouds, poses: Matrix, frames: npt.NDArray[np.intp]) -> Matrix:
