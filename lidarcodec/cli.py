@@ -242,7 +242,13 @@ def publish(
         _option("--record-gb", min=0.001, max=1e6, metavar="N", help="Size of DIR (8); the oldest files go first."),
     ] = None,
     calibration: CalibrationFile = None,
-    poses: PosesFile = None,
+    poses: Annotated[
+        Path | None,
+        _option("--poses", metavar="FILE|source", help="As for encode; source: those it has itself."),
+    ] = None,
+    original: Annotated[
+        bool, _option("--original", help="On this machine, send the originals to who compares, while somebody does.")
+    ] = False,
     config: Annotated[
         Path | None, _option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
     ] = None,
@@ -262,7 +268,7 @@ def publish(
                 "SOURCE": source, "--sensor": sensor, "--codec": codec, "--set": pairs, "--reduction": reduction,
                 "--keep-points": keep_points, "--keep-fraction": keep_fraction, "--rate": rate,
                 "--record": record, "--record-as": record_as, "--record-gb": record_gb,
-                "--calibration": calibration, "--poses": poses,
+                "--calibration": calibration, "--poses": poses, "--original": original,
             }
         )  # fmt: skip
         publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file)
@@ -273,7 +279,7 @@ def publish(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
-        health_file,
+        health_file, original,
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ FIELDS = [
     "rings",
     "total_bytes",
 ]
-INTENSITY, RING, RANGE = 1, 2, 4
+INTENSITY, RING, RANGE, ORIGINAL = 1, 2, 4, 16
 
 
 def read_message(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -59,6 +59,8 @@ def read_message(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         wanted = [("range", "<u2", cells), ("azimuth", "<u2", 2 * head["columns"])]
         if head["flags"] & INTENSITY:
             wanted.append(("intensity", "u1", cells))
+        if head["flags"] & ORIGINAL:
+            wanted.append(("original", "<u2", cells))
     arrays, at = {}, head["header_bytes"]
     for name, kind, number in wanted:
         arrays[name] = np.frombuffer(data, kind, number, at)

@@ -23,6 +23,7 @@ from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.originals import Originals, check_local
 from lidarcodec.apps.publish_desk import Desk
 from lidarcodec.apps.publish_sending import Sending
 from lidarcodec.apps.publish_source import FrameFeed
@@ -64,6 +65,7 @@ class Publisher:
     transport: instead of endpoints; one that is open, or a function that opens one, given the event that stops it. It
                stays the caller's
     poses:     where the sensor was, sent with each frame
+    original:  send frames as they were before coding, too, to who compares on this machine and only while somebody does
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
     isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
@@ -84,6 +86,7 @@ class Publisher:
         record_as: RecordAs = "packets",
         record_limits: dict[str, int] | None = None,
         poses: Poses | None = None,
+        original: bool = False,
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
@@ -123,6 +126,10 @@ class Publisher:
             clock,
         )
         self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
+        self._originals: Originals | None = None
+        if original:
+            check_local(endpoints or Endpoints())
+            self._originals = Originals(self.keys, self._encoder.stream_id, self._once)
         self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
         self._sending = Sending(
             self._encoder,
@@ -134,6 +141,7 @@ class Publisher:
             self._once,
             self._stop,
             every=self._every,
+            originals=self._originals,
         )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock)
         self._tell_now = threading.Event()
@@ -324,6 +332,9 @@ class Publisher:
         priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
         sender = transport.sender(keys.frame, priority, self._matched)
         self._sending.matching = sender.matching
+        if self._originals is not None:
+            self._originals.declare(transport)
+            self._declared.append(self._originals)
         self._declared += [sender, transport.token(keys.alive)]
         return sender
 

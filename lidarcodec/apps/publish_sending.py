@@ -10,6 +10,7 @@ from lidarcodec.apps.flight import Flight
 from lidarcodec.apps.isolation import Isolation
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.originals import Originals
 from lidarcodec.apps.publish_source import TICK_S, FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.errors import TransportError
@@ -30,6 +31,7 @@ class Sending:
 
     every:    nothing is thrown away while nobody receives
     matching: whether somebody receives; set by who declares the sender
+    originals: takes every frame as it is before it is encoded
     """
 
     def __init__(
@@ -44,7 +46,9 @@ class Sending:
         stop: threading.Event,
         *,
         every: bool,
+        originals: Originals | None = None,
     ) -> None:
+        self._originals = originals
         self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
         self._isolation, self._board, self._once = isolation, board, once
         self._stop, self._every = stop, every
@@ -100,6 +104,8 @@ class Sending:
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
+        if self._originals is not None:
+            self._originals.offer(frame)
         key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
         start = time.perf_counter()
         try:

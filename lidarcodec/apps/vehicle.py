@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.apps.health import SensorState
+from lidarcodec.apps.originals import check_local
 from lidarcodec.apps.publish import Publisher, Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.errors import LidarCodecError, TransportError
@@ -48,13 +49,16 @@ class SensorPlan:
     record: Path | None = None
     record_as: RecordAs = "packets"
     record_limits: dict[str, int] = field(default_factory=dict)
+    original: bool = False
 
 
 class Vehicle:
     """Publishes several sensors. A context manager: starts on entering, stops on leaving."""
 
     def __init__(self, name: str, sensors: Sequence[SensorPlan], endpoints: Endpoints | None = None) -> None:
-        """Raises SettingsError for names that are none."""
+        """Raises SettingsError for names that are none, and for originals that would leave the machine."""
+        if any(plan.original for plan in sensors):
+            check_local(endpoints or Endpoints())
         self.name, self._endpoints = name, endpoints
         self._transport: Transport | None = None
         self._opening = threading.Lock()
@@ -183,6 +187,7 @@ class _Sensor:
                 record_as=plan.record_as,
                 record_limits=plan.record_limits,
                 poses=source.poses if plan.with_poses else None,
+                original=plan.original,
             )
             with publisher:
                 self.failure, self._publisher = None, publisher

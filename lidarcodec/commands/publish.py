@@ -16,6 +16,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, party_of
 
+OWN_POSES = Path("source")
 MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
 
 
@@ -76,13 +77,17 @@ def run(
     calibration: Path | None,
     poses: Path | None,
     health_file: Path | None,
+    original: bool,
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
         raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
     settings = one_setting(codec, pairs)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
-    with open_source(spec, calibration=calibration, poses=poses) as source:
+    own_poses = poses == OWN_POSES
+    with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
+        if own_poses and source.poses is None:
+            raise SettingsError(f"{spec} does not say where the sensor was: give a file of poses", "poses")
         publisher = Publisher(
             source,
             settings,
@@ -94,6 +99,7 @@ def run(
             record_as=cast(RecordAs, record_as),
             record_limits=record_limits(record_gb),
             poses=source.poses if poses else None,
+            original=original,
         )
         health = told_in(health_file, lambda: [SensorState.of(publisher.status())])
         with stoppable(publisher.interrupt), health:

@@ -56,6 +56,7 @@ class SensorConfig(_Strict):
     settings: dict[str, Any] = {}
     rate: float | Literal["max"] | None = None
     record: RecordConfig | None = None
+    original: bool = False
 
     @field_validator("rate")
     @classmethod
@@ -90,6 +91,7 @@ class SensorConfig(_Strict):
             record=None if keep is None else keep.folder,
             record_as="packets" if keep is None else keep.form,
             record_limits={} if keep is None else record_limits(keep.gb),
+            original=self.original,
         )
 
 

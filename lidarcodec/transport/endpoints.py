@@ -26,6 +26,7 @@ _ENDPOINT = re.compile(
     r"(?P<kind>tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5})"
     r"(?:\?[^\s#]*)?(?:#(?P<options>\S*))?|unixsock-stream/\S+"
 )
+_ON_THIS_MACHINE = re.compile(r"unixsock-stream/|[a-z]+/(?:127(?:\.\d{1,3}){3}|localhost|\[::1\]):", re.IGNORECASE)
 _NUMBERS = ("so_sndbuf", "so_rcvbuf")
 _OPTIONS = {"tcp": {"iface", "bind", "dscp", *_NUMBERS}, "udp": {"iface", "bind", "dscp", "join"}, "ws": {"dscp"}}
 """What may stand behind # by kind of endpoint. Zenoh ignores what it does not know and tries what it cannot use
@@ -123,6 +124,11 @@ class Endpoints:
     def local(self) -> bool:
         """Whether nothing leaves the machine."""
         return not self.listen and not self.connect and self.config is None
+
+    @property
+    def on_this_machine(self) -> bool:
+        """Whether all that is named here ends on this machine; what a configuration file says is not looked at."""
+        return self.config is None and all(_ON_THIS_MACHINE.match(one) for one in self.listen + self.connect)
 
     @property
     def rendezvous(self) -> str:

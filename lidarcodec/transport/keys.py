@@ -55,6 +55,11 @@ class StreamKeys:
         return f"{self.prefix}/frame"
 
     @property
+    def original(self) -> str:
+        """Frames as they were before coding, for who compares on the same machine."""
+        return f"{self.prefix}/original"
+
+    @property
     def control_get(self) -> str:
         """Query: settings and status."""
         return f"{self.prefix}/control/get"

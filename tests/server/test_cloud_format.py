@@ -103,3 +103,30 @@ def test_options_are_read_as_a_whole_or_refused_by_name():
     assert (options.encoding, options.rate, options.window) == (Encoding("points", ("intensity", "ring"), 10), 5.0, 2)
     assert CloudOptions.of({"form": "range"}).encoding == Encoding("range", ("intensity",), None)
     assert CloudOptions.of({"attributes": ""}).encoding.attributes == ()
+
+
+def test_the_pose_of_a_frame_comes_with_it_and_readers_that_know_none_are_not_confused(frame):
+    pose = np.eye(4)
+    pose[:3, :3] = [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]
+    pose[:3, 3] = [4_000_000.125, -17.5, 2.25]
+    for form in ("points", "range"):
+        wanted = Encoding(form, ("intensity",), None)
+        data = packed(frame.with_(pose=pose), FACTS, wanted)
+        head, arrays = CLIENT.read_message(data)
+        assert (head["header_bytes"], head["flags"]) == (192, 1 | 32)
+        assert np.array_equal(np.frombuffer(data, "<f8", 12, 96).reshape(3, 4), pose[:3])
+        plain = CLIENT.read_message(packed(frame, FACTS, wanted))[1]
+        assert all(np.array_equal(arrays[name], plain[name]) for name in plain)
+
+
+def test_an_original_is_sent_beside_its_frame_or_not_at_all(frame):
+    wanted = CloudOptions.of({"form": "range", "attributes": "original,intensity"}).encoding
+    coarse = frame.with_(range=(frame.range // 8 * 8).astype(np.uint16))
+    head, arrays = CLIENT.read_message(packed(coarse, FACTS, wanted, frame.range))
+    assert head["flags"] == 1 | 16
+    assert np.array_equal(arrays["range"], coarse.range.ravel())
+    assert np.array_equal(arrays["original"], frame.range.ravel())
+    for missing in (None, frame.range[:, 1:]):
+        head, arrays = CLIENT.read_message(packed(coarse, FACTS, wanted, missing))
+        assert head["flags"] == 1
+        assert "original" not in arrays

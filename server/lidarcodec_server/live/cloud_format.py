@@ -1,7 +1,7 @@
 """A decoded frame as bytes that a viewer hands to its graphics card: docs/live-sockets.md describes every one of them.
 
-A header of 96 bytes, then arrays, each padded to 4 bytes. Coordinates are int16 steps of 4 mm, which reach 131 m; where
-a frame has a point further away the step of that frame is wider, so nothing is ever cut off.
+A header of 96 bytes, 192 with a pose, then arrays, each padded to 4 bytes. Coordinates are int16 steps of 4 mm, which
+reach 131 m; where a frame has a point further away the step of that frame is wider, so nothing is ever cut off.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ from lidarcodec_server.live.options import Encoding
 FORMAT_VERSION: Final = 1
 MAGIC: Final = {"points": b"LDCP", "range": b"LDCR"}
 HEADER: Final = struct.Struct("<4s2H2Q2q2H3If4f2HI12x")
-FLAGS: Final = {"intensity": 1, "ring": 2, "range": 4}
+FLAGS: Final = {"intensity": 1, "ring": 2, "range": 4, "original": 16}
+POSED: Final = 32
+"""Flag: the header goes on with the pose."""
+POSE: Final = struct.Struct("<12d")
+Ranges = npt.NDArray[np.uint16]
 THINNED: Final = 8
 """Flag: max_points left points out."""
 STEP_M: Final = 0.004
@@ -40,10 +44,13 @@ class Facts(NamedTuple):
     decoded_ns: int
 
 
-def packed(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
-    """Bytes of a frame; 2.5 to 4 ms for 120,000 points, 0.1 ms as a range image."""
+def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None = None) -> bytes:
+    """Bytes of a frame; 2.5 to 4 ms for 120,000 points, 0.1 ms as a range image.
+
+    original: the ranges before coding, for an encoding that asks for them; without them it goes without
+    """
     if encoding.form == "range":
-        return _range_image(frame, facts, encoding)
+        return _range_image(frame, facts, encoding, original)
     chosen = np.flatnonzero(frame.valid.T)
     returns = len(chosen)
     if encoding.max_points is not None and returns > encoding.max_points:
@@ -58,13 +65,18 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
     return _message(frame, facts, encoding, len(chosen), returns, step_m, arrays)
 
 
-def _range_image(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
+def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None) -> bytes:
     valid = frame.valid
     ranges = frame.range if frame.keep is None else np.where(valid, frame.range, 0).astype(np.uint16)
     returns = int(np.count_nonzero(valid))
     arrays: list[npt.NDArray[Any]] = [ranges, frame.azimuth]
     if "intensity" in encoding.attributes:
         arrays.append(frame.intensity)
+    if "original" in encoding.attributes:
+        if original is None or original.shape != frame.range.shape:
+            encoding = encoding._replace(attributes=tuple(name for name in encoding.attributes if name != "original"))
+        else:
+            arrays.append(original)
     return _message(frame, facts, encoding, returns, returns, frame.sensor.range_step_m, arrays)
 
 
@@ -77,14 +89,16 @@ def _message(
     step_m: float,
     arrays: list[npt.NDArray[Any]],
 ) -> bytes:
-    parts = [b""]
+    pose = b"" if frame.pose is None else POSE.pack(*frame.pose[:3].ravel())
+    parts = [b"", pose]
     for array in arrays:
         data = array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
         parts += [data, b"\0" * (-len(data) % 4)]
     flags = sum(FLAGS[name] for name in encoding.attributes) | (THINNED if count < returns else 0)
+    flags |= POSED if pose else 0
     latency_ms = float("nan") if facts.latency_ms is None else facts.latency_ms
     parts[0] = HEADER.pack(
-        MAGIC[encoding.form], FORMAT_VERSION, HEADER.size, facts.stream_id, frame.index, frame.stamp_ns,
+        MAGIC[encoding.form], FORMAT_VERSION, HEADER.size + len(pose), facts.stream_id, frame.index, frame.stamp_ns,
         facts.decoded_ns, facts.codec, flags, count, returns, min(facts.missing, 2**32 - 1), latency_ms,
         step_m, 0.0, 0.0, 0.0, frame.width, LASERS, HEADER.size + sum(map(len, parts)),
     )  # fmt: skip

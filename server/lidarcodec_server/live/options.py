@@ -15,7 +15,10 @@ from lidarcodec.errors import SettingsError
 View = Literal["range", "cloud"]
 """Pictures that there are of a frame."""
 Form = Literal["points", "range"]
-ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {"points": ("intensity", "ring", "range"), "range": ("intensity",)}
+ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {
+    "points": ("intensity", "ring", "range"),
+    "range": ("intensity", "original"),
+}
 """Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent."""
 DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring", "range": "intensity"}
 MAX_POINTS: Final = 2**22

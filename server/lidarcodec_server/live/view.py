@@ -8,6 +8,7 @@ from collections.abc import Callable
 from lidarcodec.frame import Frame
 from lidarcodec_server.live.cloud_format import Facts, packed
 from lidarcodec_server.live.options import Encoding
+from lidarcodec_server.live.originals import Originals
 
 Work = Callable[[Callable[[], bytes]], "asyncio.Future[bytes]"]
 """Runs a function in a thread."""
@@ -16,12 +17,18 @@ Work = Callable[[Callable[[], bytes]], "asyncio.Future[bytes]"]
 class FrameView:
     """A frame with what is known of it; belongs to the event loop."""
 
-    def __init__(self, frame: Frame, facts: Facts) -> None:
-        self.frame, self.facts = frame, facts
+    def __init__(self, frame: Frame, facts: Facts, originals: Originals | None = None) -> None:
+        """originals: of its stream, where somebody wants to compare."""
+        self.frame, self.facts, self._originals = frame, facts, originals
         self._bytes: dict[object, asyncio.Future[bytes]] = {}
 
     async def encoded(self, encoding: Encoding, work: Work) -> bytes:
         """Its bytes in this encoding."""
+        if "original" in encoding.attributes and self._originals is not None:
+            original = await self._originals.of(self.facts.stream_id, self.frame.index)
+            if original is not None:
+                return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding, original), work)
+            encoding = encoding._replace(attributes=tuple(one for one in encoding.attributes if one != "original"))
         return await self.made(encoding, lambda: packed(self.frame, self.facts, encoding), work)
 
     async def made(self, what: object, make: Callable[[], bytes], work: Work) -> bytes:

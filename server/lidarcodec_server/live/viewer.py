@@ -109,6 +109,11 @@ class CloudViewer(Viewer):
         self._due = float("-inf")
 
     @property
+    def compares(self) -> bool:
+        """Whether it wants frames as they were before coding, too."""
+        return "original" in self.options.encoding.attributes
+
+    @property
     def skipped(self) -> int:
         """Frames that gave way to newer ones."""
         return self._skipped

@@ -20,6 +20,7 @@ from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import SERVER_RECEIVER, StreamKeys
 from lidarcodec_server.live.chain import coded
 from lidarcodec_server.live.cloud_format import Facts
+from lidarcodec_server.live.originals import Originals
 from lidarcodec_server.live.view import FrameView
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
 
@@ -51,6 +52,7 @@ class Watch:
         self.last_at = float("-inf")
         self._loop = loop
         self._decoders = 0
+        self._originals: Originals | None = None
         self.renew(transport)
         self._taps: tuple[Tap, ...] = ()
         self._waiting: set[asyncio.Future[FrameView]] = set()
@@ -68,6 +70,10 @@ class Watch:
 
     def renew(self, transport: Transport) -> None:
         """Have a new receiver; it is not started."""
+        self._transport = transport
+        if self._originals is not None:
+            self._compare(wanted=False)
+            self._compare(wanted=True)
         self.receiver = Receiver(
             self.keys,
             SERVER_RECEIVER,
@@ -104,13 +110,26 @@ class Watch:
         if isinstance(viewer, FramesViewer):
             self._passes_on = True
             self.receiver.request_key()
-        elif isinstance(viewer, CloudViewer) and self.last is not None and self.last_age_s < STALE_S:
+        self._compare(wanted=self._wants_originals())
+        if isinstance(viewer, CloudViewer) and self.last is not None and self.last_age_s < STALE_S:
             viewer.show(self.last)
 
     def remove(self, viewer: Viewer) -> None:
         """A viewer is gone."""
         self.viewers.discard(viewer)
         self._passes_on = any(isinstance(one, FramesViewer) for one in self.viewers)
+        self._compare(wanted=self._wants_originals())
+
+    def _wants_originals(self) -> bool:
+        return any(isinstance(one, CloudViewer) and one.compares for one in self.viewers)
+
+    def _compare(self, *, wanted: bool) -> None:
+        """Receive originals while somebody compares, and not otherwise: then the vehicle sends none."""
+        if wanted and self._originals is None:
+            self._originals = Originals(self.keys, self._transport, self._loop)
+        elif not wanted and self._originals is not None:
+            self._originals.close()
+            self._originals = None
 
     def tap(self, tap: Tap) -> None:
         """Hand every message to this, too."""
@@ -158,7 +177,7 @@ class Watch:
         latency_ms = stats.decoded(frame, now_ns)
         codec = 0 if message is None else message.codec
         facts = Facts(stats.stream_id or 0, codec, stats.counts["missing"], latency_ms, now_ns)
-        view = FrameView(frame, facts)
+        view = FrameView(frame, facts, self._originals)
         if message is None or message.frame_count == 1:
             self._call(self._show_now, view)
             return

@@ -1,0 +1,76 @@
+"""Originals: frames as they were before coding, for whoever compares them with what came out, on the same machine.
+
+They go on a key of their own, whole (0.6 MB each), and only while somebody receives them: a stream costs nothing for
+being allowed to be compared. The encoder is never held up: what cannot be packed in time is left out.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.errors import LidarCodecError, SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport import Endpoints, Transport
+from lidarcodec.transport.base import Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import pack
+
+WHOLE = StreamSettings(codec="raw")
+TICK_S = 0.2
+JOIN_S = 5.0
+
+
+def check_local(endpoints: Endpoints) -> None:
+    """Raise SettingsError if originals would leave the machine: they are 50 Mbit/s that no setting bounds."""
+    if not endpoints.on_this_machine:
+        raise SettingsError("originals stay on this machine: leave out --original, or connect to 127.0.0.1", "original")
+
+
+class Originals:
+    """Sends the frames that it is offered. Closeable.
+
+    stream_id: that of the stream, so that both are known to belong together
+    """
+
+    def __init__(self, keys: StreamKeys, stream_id: int, once: Once) -> None:
+        self._keys, self._once = keys, once
+        self._encoder = StreamEncoder(WHOLE, stream_id)
+        self._mailbox: Mailbox[Frame] = Mailbox()
+        self._sender: Sender | None = None
+        self._thread = threading.Thread(target=self._run, name="lidarcodec originals", daemon=True)
+
+    def declare(self, transport: Transport) -> None:
+        """Be there for receivers. Raises TransportError."""
+        self._sender = transport.sender(self._keys.original, Priority.STATUS)
+        self._thread.start()
+
+    def offer(self, frame: Frame) -> None:
+        """A frame that is about to be encoded; costs nothing while nobody receives."""
+        if self._sender is not None and self._sender.matching:
+            self._mailbox.put(frame)
+
+    def close(self) -> None:
+        """End; harmless when called twice."""
+        self._mailbox.close()
+        if self._thread.is_alive():
+            self._thread.join(JOIN_S)
+        if self._sender is not None:
+            self._sender.close()
+
+    def _run(self) -> None:
+        while not self._mailbox.finished:
+            frame = self._mailbox.take(TICK_S)
+            if frame is None or self._sender is None:
+                continue
+            try:
+                for message in self._encoder.encode(frame, key=True):  # a receiver may begin with any of them
+                    self._sender.put(pack(message))
+            except LidarCodecError as error:
+                self._once.add("original errors", error)
+
+
+__all__ = ["Originals", "check_local"]

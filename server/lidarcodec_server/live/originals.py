@@ -1,0 +1,89 @@
+"""Frames of one stream as they were before coding, kept for a moment until the decoded ones come (docs/live.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from typing import Final
+
+from lidarcodec.apps.once import Once
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.transport import Transport
+from lidarcodec.transport.base import Inbox
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.wire import unpack
+from lidarcodec_server.live.cloud_format import Ranges
+
+logger = logging.getLogger(__name__)
+
+KEPT: Final = 16
+"""Frames that are kept; a decoded one comes within one or two, one of a group codec within ten."""
+WAIT_S: Final = 0.3
+"""How long a decoded frame waits for its original, where originals come at all."""
+COMING_S: Final = 2.0
+
+
+class Originals:
+    """Receives while it lives. Everything but the thread belongs to the event loop."""
+
+    def __init__(self, keys: StreamKeys, transport: Transport, loop: asyncio.AbstractEventLoop) -> None:
+        self._keys, self._loop = keys, loop
+        self._transport = transport
+        self._frames: dict[tuple[int, int], Ranges] = {}
+        self._changed = asyncio.Event()
+        self._heard = float("-inf")
+        self._inbox: Inbox | None = None
+        self._closed = False
+        self._once = Once(logger)
+        threading.Thread(target=self._run, name="lidarcodec compare", daemon=True).start()
+
+    async def of(self, stream_id: int, index: int) -> Ranges | None:
+        """The ranges of a frame before coding; waits a little for them, where they come at all."""
+        end = self._loop.time() + WAIT_S
+        while (found := self._frames.get((stream_id, index))) is None:
+            left = end - self._loop.time()
+            if left <= 0 or self._closed or time.monotonic() - self._heard > COMING_S:
+                return None
+            self._changed.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), left)
+        return found
+
+    def close(self) -> None:
+        """Receive no more."""
+        self._closed = True
+        self._changed.set()
+        if self._inbox is not None:
+            self._inbox.close()
+
+    def _came(self, key: tuple[int, int], ranges: Ranges) -> None:
+        self._heard = time.monotonic()
+        self._frames[key] = ranges
+        while len(self._frames) > KEPT:
+            self._frames.pop(next(iter(self._frames)))
+        self._changed.set()
+
+    # --- in the thread ----------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._inbox = inbox = self._transport.inbox(self._keys.original)
+            if self._closed:
+                inbox.close()
+            decoder = StreamDecoder()
+            while (data := inbox.receive()) is not None and not self._closed:
+                try:
+                    message = unpack(data)
+                    frames: list[Frame] = decoder.decode(message)
+                except LidarCodecError as error:
+                    self._once.add("original_errors", error)
+                    continue
+                for frame in frames:
+                    self._loop.call_soon_threadsafe(self._came, (message.stream_id, frame.index), frame.range)
+        except (LidarCodecError, RuntimeError) as error:  # the network is gone, or the loop is closed
+            logger.debug("%s: no originals any more: %s", self._keys.prefix, error)
