@@ -4,7 +4,8 @@ The coder of `predictive`, given a head start: a network in whole numbers looks 
 log odds, to which those of the contexts are added. Trained before, on other drives; what it does not know of a place
 or a sensor, the contexts learn. With `memory` and `motion`, both on by default, as `predictive` has them.
 
-`effort` 1 goes without a network, 2 (the default) takes a small one, 3 a large one: fewer bits for more time each way.
+`effort` 1 goes without a network, 2 (the default) takes a small one, 3 a large one, 4 the largest: fewer bits for more
+time each way.
 `weights` names a file of one's own (docs/codecs.md says how to train it); it then travels with the key messages.
 
 A RANGE section is the step u16, the effort u8, the name of the weights (8 bytes, zeros for none), then the bytes of
@@ -45,7 +46,7 @@ class RiddleSettings(CodecSettings):
     """Settings of `riddle`."""
 
     effort: int = Field(2, ge=EFFORTS[0], le=EFFORTS[-1])
-    """1: no network, 2: a small one, 3: a large one."""
+    """1: no network, 2: a small one, 3: a large one, 4: the largest."""
     memory: bool = True
     """Whether a frame goes on from what those since the last key frame taught: smaller, but then it needs them."""
     motion: bool = True

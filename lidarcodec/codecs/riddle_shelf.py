@@ -17,8 +17,8 @@ from lidarcodec.errors import MissingReferenceError
 
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
-EFFORTS: Final = (1, 2, 3)
-"""Without a network, with the small ones, with the large ones."""
+EFFORTS: Final = (1, 2, 3, 4)
+"""Without a network, with the small ones, with the large ones, with the largest."""
 _FOLDER: Final = Path(__file__).parent / "weights"
 _FROM_STREAM: Final = 4
 
@@ -41,7 +41,7 @@ def weights_of(path: str) -> Weights:
 
 def networks_of(weights: Weights, effort: int) -> list[Net]:
     """Those of an effort that has some: alone, expecting. Raises UnknownNameError if a kind is missing."""
-    return [weights.net(expects=expects, large=effort == EFFORTS[2]) for expects in (False, True)]
+    return [weights.net(expects=expects, size=effort - EFFORTS[1]) for expects in (False, True)]
 
 
 def native_nets(networks: list[Net]) -> entropy.NativeNets:

@@ -7,9 +7,9 @@ what the native core does.
 
 >>> rng = np.random.default_rng(1)
 >>> sizes = [(8, 72), (8, 8), (32, 8)]
->>> net = quantised(False, False, [(rng.normal(0, 0.2, size), np.zeros(size[0])) for size in sizes])
+>>> net = quantised(False, 0, [(rng.normal(0, 0.2, size), np.zeros(size[0])) for size in sizes])
 >>> weights = unpack_weights(pack_weights([net], {"trained on": "nothing"}))
->>> len(weights.name), weights.provenance["trained on"], weights.net(expects=False, large=False).inputs
+>>> len(weights.name), weights.provenance["trained on"], weights.net(expects=False, size=0).inputs
 (16, 'nothing', 72)
 >>> run(weights.nets[0], np.zeros((2, 72), np.int8)).shape
 (2, 32)
@@ -41,7 +41,7 @@ from lidarcodec.errors import (
 )
 
 MAGIC: Final = b"LCRW"
-VERSION: Final = 1
+VERSION: Final = 2
 INPUTS_ALONE: Final = 72
 """Inputs of a network for frames that expect nothing."""
 INPUTS_EXPECTING: Final = 112
@@ -57,12 +57,13 @@ SHIFTS: Final = range(5, 14)
 """By how many bits weights may be shifted."""
 MAX_FILE: Final = 4 << 20
 MAX_PROVENANCE: Final = 1 << 16
-MAX_NETS: Final = 4
+MAX_NETS: Final = 6
 _LAYERS: Final = 3
 _HIDDEN: Final = range(8, 257, 8)
 _INT32: Final = 2**31 - 1
 _LARGEST_INPUT: Final = (128, MIDDLE_TOP, MIDDLE_TOP)
-_SIZES: Final = ("small", "large")
+SIZES: Final = ("small", "large", "largest")
+"""Size classes of networks, by number."""
 
 Integers = npt.NDArray[np.int64]
 
@@ -81,13 +82,13 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A network. expects: whether it knows what to expect (112 inputs, else 72); large: its size class; three layers.
+    """A network. expects: whether it knows what to expect (112 inputs, else 72); size: its class, 0 to 2; three layers.
 
     Raises SectionError for layers that do not fit each other, a shift out of range, or sums that may pass 32 bits.
     """
 
     expects: bool
-    large: bool
+    size: int
     layers: tuple[Layer, ...]
 
     def __post_init__(self) -> None:
@@ -117,9 +118,9 @@ class Net:
         return self.dims[0]
 
     @property
-    def size(self) -> str:
-        """`small` or `large`."""
-        return _SIZES[self.large]
+    def size_name(self) -> str:
+        """`small`, `large` or `largest`."""
+        return SIZES[self.size]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +135,14 @@ class Weights:
     name: str
     data: bytes
 
-    def net(self, *, expects: bool, large: bool) -> Net:
-        """The network of this kind and size; the other size where the file has only that.
+    def net(self, *, expects: bool, size: int) -> Net:
+        """The network of this kind and size; of the nearest size that the file has, of two the smaller.
 
         Raises UnknownNameError if the file has none of the kind.
         """
-        kind = sorted((net for net in self.nets if net.expects == expects), key=lambda net: net.large != large)
+        kind = sorted(
+            (net for net in self.nets if net.expects == expects), key=lambda net: (abs(net.size - size), net.size)
+        )
         if not kind:
             wanted = "expecting" if expects else "alone"
             raise UnknownNameError(
@@ -163,7 +166,7 @@ def _largest_sum(weights: Integers, bias: Integers, largest: int) -> int:
 
 
 def quantised(
-    expects: bool, large: bool, layers: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.floating[Any]]]]
+    expects: bool, size: int, layers: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.floating[Any]]]]
 ) -> Net:
     """The network in integers: each layer shifted by as much as fits. layers: weights (out, in) and bias (out,), float.
 
@@ -184,7 +187,7 @@ def quantised(
                 break
         else:
             raise SettingsError(f"the weights of layer {number + 1} are too large for whole numbers")
-    return Net(expects, large, tuple(made))
+    return Net(expects, size, tuple(made))
 
 
 def run(net: Net, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
@@ -210,13 +213,13 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
     Raises SettingsError for no or too many networks, two of one kind and size, or a provenance of over 64 KiB.
     """
     text = json.dumps(dict(provenance), ensure_ascii=False, sort_keys=True).encode()
-    if not 1 <= len(nets) <= MAX_NETS or len({(net.expects, net.large) for net in nets}) != len(nets):
+    if not 1 <= len(nets) <= MAX_NETS or len({(net.expects, net.size) for net in nets}) != len(nets):
         raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
     if len(text) > MAX_PROVENANCE:
         raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
     parts = [MAGIC, bytes([VERSION]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
-        parts.append(bytes([net.expects, net.large, len(net.layers)]))
+        parts.append(bytes([net.expects, net.size, len(net.layers)]))
         parts.append(np.array(net.dims, "<u2").tobytes() + bytes(layer.shift for layer in net.layers))
         parts += [layer.weights.astype("<i2").tobytes() + layer.bias.astype("<i4").tobytes() for layer in net.layers]
     body = b"".join(parts)
@@ -263,7 +266,7 @@ def unpack_weights(data: bytes) -> Weights:
     if not 1 <= count <= MAX_NETS:
         raise SectionError(f"weights of {count} networks: 1 to {MAX_NETS} are possible", reader.at)
     nets = tuple(_net(reader) for _ in range(count))
-    if len({(net.expects, net.large) for net in nets}) != count:
+    if len({(net.expects, net.size) for net in nets}) != count:
         raise SectionError("weights with two networks of one kind and size", reader.at)
     if reader.left:
         raise SectionError(f"weights with {reader.left} bytes too many", reader.at)
@@ -284,9 +287,9 @@ def _provenance(reader: _Reader) -> Mapping[str, Any]:
 
 
 def _net(reader: _Reader) -> Net:
-    expects, large, layers = reader.take(3)
-    if expects > 1 or large > 1 or layers != _LAYERS:
-        raise SectionError(f"a network of kind {expects}, size {large} and {layers} layers", reader.at)
+    expects, size, layers = reader.take(3)
+    if expects > 1 or size >= len(SIZES) or layers != _LAYERS:
+        raise SectionError(f"a network of kind {expects}, size {size} and {layers} layers", reader.at)
     dims = np.frombuffer(reader.take(2 * (layers + 1)), "<u2").tolist()
     check_dims(bool(expects), dims)
     shifts = reader.take(layers)
@@ -294,7 +297,7 @@ def _net(reader: _Reader) -> Net:
     for into, out, shift in zip(dims, dims[1:], shifts, strict=False):
         weights = np.frombuffer(reader.take(2 * into * out), "<i2").astype(np.int16).reshape(out, into)
         made.append(Layer(weights, np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32), shift))
-    return Net(bool(expects), bool(large), tuple(made))
+    return Net(bool(expects), size, tuple(made))
 
 
 def read_weights(path: Path) -> Weights:

@@ -31,7 +31,7 @@ def riddle(
         int, option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
     ] = 0,
     size: Annotated[
-        str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large.")
+        str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
     kind: Annotated[
         str, option("--kind", metavar="NAME[,NAME]", help="alone: for key frames; expecting: for all others.")

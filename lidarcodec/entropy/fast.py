@@ -160,7 +160,7 @@ def riddle_samples(
     share: int,
     seed: int,
 ) -> Samples:
-    """Inputs (n, 72 or 112), leaves (n,), first offset bits (n,), 255: none, of a share, of 65536, of the returns."""
+    """Inputs (n, 72 or 112), leaves (n,), first three offset bits (n, 3), 255: none, of a share of the returns."""
     geometry = (fired.view(np.uint8), half, rotation)
     given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, share, seed)
     return cast(Samples, _native.riddle_samples(*given))

@@ -97,10 +97,10 @@ void bind_riddle(nb::module_& m) {
         }
         const std::size_t n = samples.leaf.size();
         return nb::make_tuple(give(std::move(samples.in), {n, samples.inputs}), give(std::move(samples.leaf), {n}),
-                              give(std::move(samples.offset), {n}));
+                              give(std::move(samples.offset), {n, lidarcodec::RiddleSamples::kOffsets}));
       },
       nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
       nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
       nb::arg("expected").noconvert(), nb::arg("share"), nb::arg("seed"),
-      "Inputs (n, 72 or 112) int8 of a share of the returns, of 65536; leaves (n,); first offset bits, 255: none.");
+      "Inputs (n, 72 or 112) int8 of a share of the returns, of 65536; leaves (n,); first three offset bits (n, 3), 255: none.");
 }

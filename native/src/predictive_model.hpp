@@ -140,7 +140,7 @@ inline constexpr std::array<std::uint32_t, kBeyondContexts + 1> kBeyondBegins = 
 
 struct BeyondCells {
   std::array<Slot, kBeyondBegins.back()> slots{};
-  std::array<std::int16_t, kScaleClasses * 16> offset{};     // [scale][leaf]: the first offset bit
+  std::array<std::int16_t, OffsetCells::kDepth * kScaleClasses * 16> offset{};  // [depth][scale][leaf]: offset bits
   std::array<std::int16_t, kScaleClasses> of_scale{};        // beyond the last leaf of this tree, too
   std::array<std::int16_t, 2 * kScaleClasses> more{};        // [octave][side]
 };

@@ -31,7 +31,7 @@ struct Teaching {
 template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
-  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offset, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
+  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
 
  public:
   using Decisions::kReads;
@@ -79,7 +79,7 @@ class PredictiveRows : RangeDecisions<Coder> {
  private:
   static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 4;
 
-  static constexpr std::size_t kAlike = 12, kAlikeLeft = 4;  // ranges of a row that is not there; those to the left
+  static constexpr std::size_t kAlike = 16, kAlikeLeft = 4;  // ranges of a row that is not there; those to the left
 
   struct Learned {
     NetValues values;
@@ -132,7 +132,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
       if (teaching_.samples != nullptr) {
         for (std::size_t h = 0; h < N; ++h)
-          teaching_.samples->take(place[h].net.values, leaf[h], first_offset(place[h].scale, leaf[h], away[h]));
+          teaching_.samples->take(place[h].net.values, leaf[h], first_offsets(place[h].scale, leaf[h], away[h]));
       }
       for (Place& p : place)
         Forms::template add_up<kExpects, true>(model_.cells(), p.slots, p.net.values.out.data(), p.chances);
@@ -289,7 +289,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + (likeliest == 1 ? 0 : 2);
       std::int16_t& a = cells.near[(says * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(place.scale * 8 + leaf) * 4 + depth];
-      if (decide(half.coder, interval, a, b, said(place, leaf, down, depth), away >= middle) != 0) {
+      if (decide(half.coder, interval, a, b, said(place, leaf, down, depth), away >= middle, kLearned ? kLearnedOffsetRate : kOffsetRate) != 0) {
         begin = middle;
         from_begin = from_middle;
       } else {
@@ -307,10 +307,11 @@ class PredictiveRows : RangeDecisions<Coder> {
     return kReads ? begin : away;
   }
 
-  // Log odds of the first offset bit as the network has them.
+  // Log odds of an offset bit: the network's of the first one, and half as much for each further one, as where the
+  // logarithm of the density is a straight line.
   static std::int32_t said(const Place& place, std::uint32_t leaf, bool down, std::uint32_t depth) {
     if constexpr (kLearned) {
-      if (depth == 0 && leaf < 7) return place.net.values.out[16 + (down ? 7 - leaf : 8 + leaf)];
+      if (leaf < 7) return place.net.values.out[16 + (down ? 7 - leaf : 8 + leaf)] >> depth;
     }
     return 0;
   }

@@ -17,6 +17,7 @@
 namespace lidarcodec {
 
 inline constexpr std::int32_t kOffsetRate = 655;
+inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
 inline constexpr std::uint32_t kMaxOctaves = 16;  // beyond the last leaf: more than any range
 
 // Distance from the last return at which each leaf begins.
@@ -43,16 +44,20 @@ class RangeDecisions {
     return leaf;
   }
 
-  // The first offset bit of a difference in a leaf.
-  static std::uint8_t first_offset(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
+  // The first offset bits of a difference in a leaf.
+  static std::array<std::uint8_t, RiddleSamples::kOffsets> first_offsets(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
+    std::array<std::uint8_t, RiddleSamples::kOffsets> bits;
+    bits.fill(RiddleSamples::kNone);
     const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
-    if (l == 7 || kLeafBits[scale][l] == 0) return RiddleSamples::kNone;
-    return static_cast<std::uint8_t>((away - kLeafBegins[scale][l]) >> (kLeafBits[scale][l] - 1) & 1u);
+    if (l == 7) return bits;
+    std::uint32_t left = kLeafBits[scale][l];
+    for (std::size_t i = 0; i < bits.size() && left > 0; ++i) bits[i] = (away - kLeafBegins[scale][l]) >> --left & 1u;
+    return bits;
   }
 
   // A decision whose log odds are the sum of two cells, which learn from it.
   std::uint32_t decide(Coder& coder, WideInterval& interval, std::int16_t& a, std::int16_t& b, std::int32_t offset,
-                       std::uint32_t bit) {
+                       std::uint32_t bit, std::int32_t rate = kOffsetRate) {
     const std::int32_t sum = std::clamp(a + b + offset, -32768, 32767);
     const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities`
     const std::uint32_t square = (t * t) >> 16;
@@ -63,7 +68,7 @@ class RangeDecisions {
     } else {
       coder.encode(interval, bit, static_cast<std::uint32_t>(p));
     }
-    const std::int32_t by = (((bit != 0 ? kOne : 0) - p) * kOffsetRate + 0x8000) >> 16;
+    const std::int32_t by = (((bit != 0 ? kOne : 0) - p) * rate + 0x8000) >> 16;
     a = static_cast<std::int16_t>(std::clamp(a + by, -32768, 32767));
     b = static_cast<std::int16_t>(std::clamp(b + by, -32768, 32767));
     return bit;
@@ -82,7 +87,6 @@ class RangeDecisions {
     leaf = walk_beyond(coder, interval, at, leaf);
     const bool back = leaf < 8;
     const std::uint32_t l = back ? 7 - leaf : leaf - 8;
-    std::int16_t none = 0;
     std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
     for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
       if (octave > kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
@@ -91,10 +95,12 @@ class RangeDecisions {
       if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
       from = end;
     }
-    if (left > 0) {
+    for (std::uint32_t depth = 0; left > 0 && depth < OffsetCells::kDepth; ++depth) {
       --left;
       const std::uint32_t middle = from + (1u << left);
-      if (decide(coder, interval, cells.offset[at.scale * 16 + leaf], none, 0, in >= middle) != 0) from = middle;
+      std::int16_t none = 0;
+      std::int16_t& cell = cells.offset[(depth * kScaleClasses + at.scale) * 16 + leaf];
+      if (decide(coder, interval, cell, none, 0, in >= middle) != 0) from = middle;
     }
     if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
     if (left > 0) {

@@ -160,7 +160,7 @@ inline void find_inputs(const Surroundings& s, std::int16_t* in) {
   put_flags(s.here + 1, in + 58);
   put_flags(s.above - 1, in + 61);
   put_flags(s.below - 1, in + 65);
-  put(Ints{}, in + 69);
+  put(forms.straight(forms.from_base(s.up) + (s.level >> 2)), in + 69);
   if constexpr (kExpects) {
     straight(s.seen - 3, 72);
     straight(s.seen + 1, 76);
@@ -175,7 +175,9 @@ inline void find_inputs(const Surroundings& s, std::int16_t* in) {
     in[101] = in[100];
     in[100] = static_cast<std::int16_t>(sizes(s.miss, 0, 0, 0)[0]);
     put_flags(s.known - 1, in + 102);
-    std::fill(in + 106, in + kInputsExpecting, std::int16_t{0});
+    put(forms.straight((four(s.up) - four(s.seen_above)) << 2), in + 106);
+    const std::int32_t step_below = s.seen_below[1] - s.seen_below[0];
+    put(forms.straight((Ints{s.up[2] - s.seen_above[2], s.up[3] - s.seen_above[3], 0, step_below} << 2) + Ints{0, 0, s.bias >> 2, 0}), in + 108);
   }
 }
 

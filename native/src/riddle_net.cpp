@@ -26,13 +26,19 @@ std::int16_t settled(std::int32_t sum, const Layer& layer) {
   return static_cast<std::int16_t>(std::clamp(sum >> layer.shift, layer.low, layer.high));
 }
 
+// Weights of block after block, for the inputs from `in` on, an even number.
+const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_t in) {
+  return layer.weights.data() + (in / 2 * layer.blocks() + block) * 2 * kBlock;
+}
+
 void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     std::array<std::int32_t, kBlock> sums;
     std::copy_n(layer.bias.data() + block * kBlock, kBlock, sums.begin());
-    const std::int16_t* w = layer.weights.data() + block * kBlock * layer.in;
-    for (std::size_t i = 0; i < layer.in; i += 2, w += 2 * kBlock)
+    for (std::size_t i = 0; i < layer.in; i += 2) {
+      const std::int16_t* const w = weights_at(layer, block, i);
       for (std::size_t o = 0; o < kBlock; ++o) sums[o] += w[2 * o] * in[i] + w[2 * o + 1] * in[i + 1];
+    }
     for (std::size_t o = 0; o < kBlock; ++o) out[block * kBlock + o] = settled(sums[o], layer);
   }
 }
@@ -53,7 +59,6 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
   const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
   const __m256i low = _mm256_set1_epi32(layer.low), high = _mm256_set1_epi32(layer.high);
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
-    const std::int16_t* w = layer.weights.data() + block * kBlock * layer.in;
     const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
     // Odd and even pairs are added up apart, so that additions need not wait for each other.
     __m256i sums[N][4];
@@ -63,10 +68,10 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
       sums[r][1] = _mm256_loadu_si256(bias + 1);
       sums[r][2] = sums[r][3] = _mm256_setzero_si256();
     }
-    for (std::size_t i = 0; i < layer.in; i += 4, w += 4 * kBlock) {
+    for (std::size_t i = 0; i < layer.in; i += 4) {
 #pragma GCC unroll 2
       for (std::size_t odd = 0; odd < 2; ++odd) {
-        const auto* from = reinterpret_cast<const __m256i*>(w + odd * 2 * kBlock);
+        const auto* from = reinterpret_cast<const __m256i*>(weights_at(layer, block, i + 2 * odd));
         const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
 #pragma GCC unroll 2
         for (std::size_t r = 0; r < N; ++r) {
@@ -90,46 +95,56 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
   }
 }
 
-template <std::size_t N>
-__attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void layer_vnni(
-    const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
-  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
-  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
-  for (std::size_t block = 0; block < layer.blocks(); block += 2) {
-    // Two blocks at once, odd and even pairs apart; the last block of an odd number of them twice.
-    const std::size_t other = std::min(block + 1, layer.blocks() - 1);
-    const std::int16_t* w0 = layer.weights.data() + block * kBlock * layer.in;
-    const std::int16_t* w1 = layer.weights.data() + other * kBlock * layer.in;
-    __m512i sums[N][4];
+// Blocks of sums of N returns, from `first` on. Sums of S inputs in turns are added up apart: enough of them at once that
+// none waits for its last product, and few enough for the registers.
+template <std::size_t N, std::size_t Blocks, std::size_t S>
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void blocks_vnni(
+    const Layer& layer, std::size_t first, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+  __m512i sums[N][Blocks][S];
 #pragma GCC unroll 2
-    for (std::size_t r = 0; r < N; ++r) {
-      sums[r][0] = _mm512_loadu_si512(layer.bias.data() + block * kBlock);
-      sums[r][1] = _mm512_loadu_si512(layer.bias.data() + other * kBlock);
-      sums[r][2] = sums[r][3] = _mm512_setzero_si512();
-    }
-    for (std::size_t i = 0; i < layer.in; i += 4) {
+  for (std::size_t r = 0; r < N; ++r)
+#pragma GCC unroll 8
+    for (std::size_t b = 0; b < Blocks; ++b)
+#pragma GCC unroll 4
+      for (std::size_t s = 0; s < S; ++s)
+        sums[r][b][s] = s == 0 ? _mm512_load_si512(layer.bias.data() + (first + b) * kBlock) : _mm512_setzero_si512();
+  for (std::size_t i = 0; i < layer.in; i += 2 * S) {
+#pragma GCC unroll 4
+    for (std::size_t s = 0; s < S; ++s) {
+      const std::int16_t* const w = weights_at(layer, first, i + 2 * s);
+      __m512i x[N];
 #pragma GCC unroll 2
-      for (std::size_t odd = 0; odd < 2; ++odd, w0 += 2 * kBlock, w1 += 2 * kBlock) {
-        const __m512i a = _mm512_loadu_si512(w0), b = _mm512_loadu_si512(w1);
+      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(pair_at(in[r] + i + 2 * s));
+#pragma GCC unroll 8
+      for (std::size_t b = 0; b < Blocks; ++b) {
+        const __m512i pairs = _mm512_load_si512(w + b * 2 * kBlock);
 #pragma GCC unroll 2
-        for (std::size_t r = 0; r < N; ++r) {
-          const __m512i x = _mm512_set1_epi32(pair_at(in[r] + i + 2 * odd));
-          sums[r][2 * odd] = _mm512_dpwssd_epi32(sums[r][2 * odd], x, a);
-          sums[r][2 * odd + 1] = _mm512_dpwssd_epi32(sums[r][2 * odd + 1], x, b);
-        }
-      }
-    }
-#pragma GCC unroll 2
-    for (std::size_t r = 0; r < N; ++r) {
-#pragma GCC unroll 2
-      for (std::size_t v = 0; v < 2; ++v) {
-        const __m512i sum = _mm512_sra_epi32(_mm512_add_epi32(sums[r][v], sums[r][v + 2]), shift);
-        const __m512i done = _mm512_min_epi32(_mm512_max_epi32(sum, low), high);
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + (v == 0 ? block : other) * kBlock),
-                            _mm512_cvtsepi32_epi16(done));
+        for (std::size_t r = 0; r < N; ++r) sums[r][b][s] = _mm512_dpwssd_epi32(sums[r][b][s], x[r], pairs);
       }
     }
   }
+  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
+  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
+#pragma GCC unroll 2
+  for (std::size_t r = 0; r < N; ++r)
+#pragma GCC unroll 8
+    for (std::size_t b = 0; b < Blocks; ++b) {
+      __m512i sum = sums[r][b][0];
+#pragma GCC unroll 4
+      for (std::size_t s = 1; s < S; ++s) sum = _mm512_add_epi32(sum, sums[r][b][s]);
+      const __m512i done = _mm512_min_epi32(_mm512_max_epi32(_mm512_sra_epi32(sum, shift), low), high);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + (first + b) * kBlock), _mm512_cvtsepi32_epi16(done));
+    }
+}
+
+template <std::size_t N>
+void layer_vnni(const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+  const std::size_t blocks = layer.blocks();
+  std::size_t at = 0;
+  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, at, in, out);
+  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, 2>(layer, at, in, out);
+  if (blocks - at == 2) blocks_vnni<N, 2, 4>(layer, at, in, out);
+  if (blocks - at == 1) blocks_vnni<N, 1, 4>(layer, at, in, out);
 }
 
 #endif
@@ -198,12 +213,12 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     layer.shift = l == 0 ? from.shift - 2 : l == 1 ? from.shift : from.shift - 5;
     layer.low = l == 2 ? -32768 : 0;
     layer.high = l == 2 ? 32767 : kMiddleTop;
-    layer.bias.assign(layer.blocks() * kBlock, 0);
-    std::copy_n(from.bias, from.out, layer.bias.begin());
-    layer.weights.assign(layer.blocks() * kBlock * layer.in, 0);
+    layer.bias.assign(layer.blocks() * kBlock);
+    std::copy_n(from.bias, from.out, layer.bias.data());
+    layer.weights.assign(layer.blocks() * kBlock * layer.in);
     for (std::size_t o = 0; o < from.out; ++o)
       for (std::size_t i = 0; i < from.in; ++i)
-        layer.weights[(o / kBlock * from.in + i / 2 * 2) * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
+        layer.weights.data()[(i / 2 * layer.blocks() + o / kBlock) * 2 * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
   }
 }
 

@@ -34,6 +34,23 @@ struct GivenLayer {
   std::uint32_t shift = 0;
 };
 
+// Numbers that begin at a line of the processor's cache.
+template <class Number>
+class Lines {
+ public:
+  void assign(std::size_t count) {
+    lines_.assign((count * sizeof(Number) + sizeof(Line) - 1) / sizeof(Line), Line{});
+  }
+  Number* data() { return reinterpret_cast<Number*>(lines_.data()); }
+  const Number* data() const { return reinterpret_cast<const Number*>(lines_.data()); }
+
+ private:
+  struct alignas(64) Line {
+    std::array<std::byte, 64> bytes;
+  };
+  std::vector<Line> lines_;
+};
+
 class RiddleNet {
  public:
   // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 5 to 13, and no sum can
@@ -50,9 +67,9 @@ class RiddleNet {
     std::size_t in = 0, out = 0;
     std::uint32_t shift = 0;  // of the sums
     std::int32_t low = 0, high = 0;
-    // Blocks of 16 sums; in each, for every two inputs, 16 pairs of weights. Sums beyond `out` are 0.
-    std::vector<std::int16_t> weights;
-    std::vector<std::int32_t> bias;
+    // For every two inputs, blocks of 16 sums with a pair of weights each. Sums beyond `out` are 0.
+    Lines<std::int16_t> weights;
+    Lines<std::int32_t> bias;
     std::size_t blocks() const { return (out + 15) / 16; }
   };
 

@@ -18,7 +18,7 @@ VARIANTS = {
     "pcodec with mask history": contract.from_table("pcodec", mask_history=True),
     "predictive without memory": contract.from_table("predictive", memory=False),
     "predictive with motion": contract.from_table("predictive", motion=True),
-    "riddle at most effort": contract.from_table("riddle", effort=3),
+    "riddle at most effort": contract.from_table("riddle", effort=4),
     "riddle without memory": contract.from_table("riddle", memory=False),
 }
 """Settings of a codec that change what its messages refer to."""

@@ -53,8 +53,8 @@ def decoder():
 def test_every_processor_gives_the_odds_of_the_reference(form: str, expects: bool) -> None:
     rng = np.random.default_rng(4)
     inputs = rng.integers(-128, 128, (301, 112 if expects else 72)).astype(np.int8)
-    for hidden in ((8, 8), (32, 32), (96, 32), (24, 40), (256, 256)):
-        net = riddle_weights.quantised(expects, False, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
+    for hidden in ((8, 8), (32, 32), (96, 32), (24, 40), (192, 48), (152, 64), (256, 256)):
+        net = riddle_weights.quantised(expects, 0, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
         nets = entropy.NativeNets(form)
         nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
         np.testing.assert_array_equal(nets.run(inputs), riddle_weights.run(net, inputs))
@@ -125,7 +125,7 @@ def test_weights_that_nobody_sent_are_asked_for(own_file: Path) -> None:
 def test_effort_and_weights_change_under_way(own_file: Path) -> None:
     encoder, reader = table.make_encoder(settings(), STREAM), decoder()
     own = str(own_file)
-    plans = [settings(), settings(effort=1), settings(effort=3), settings(weights=own), settings(motion=False)]
+    plans = [settings(), settings(effort=1), settings(effort=4), settings(weights=own), settings(motion=False)]
     frame_index = 0
     for plan in plans:
         due = encoder.apply(plan)
@@ -200,5 +200,5 @@ def test_what_ships_may_be_shipped() -> None:
     assert "KITTI" not in str(weights.provenance.get("licence"))
     assert "trained on" in weights.provenance
     assert sum(len(each.data) for each in shipped().values()) < 300_000
-    for effort in (2, 3):
+    for effort in (2, 3, 4):
         native_nets(networks_of(weights, effort))

@@ -38,9 +38,9 @@ def float_layers(inputs: int, hidden: tuple[int, int], seed: int = 1) -> list[tu
 def four_nets() -> list[rw.Net]:
     """A file's usual contents."""
     return [
-        rw.quantised(expects, large, float_layers(112 if expects else 72, (32, 32) if not large else (96, 32)))
+        rw.quantised(expects, size, float_layers(112 if expects else 72, ((32, 32), (96, 32))[size]))
         for expects in (False, True)
-        for large in (False, True)
+        for size in (0, 1)
     ]
 
 
@@ -55,8 +55,8 @@ def test_a_file_comes_back_whole(tmp_path: Path) -> None:
     (tmp_path / "some.weights").write_bytes(data)
     found = rw.read_weights(tmp_path / "some.weights")
     assert dict(found.provenance) == {"licence": "CC0", "steps": 12, "straße": ["ß"]}
-    assert [(net.expects, net.large, net.dims) for net in found.nets] == [
-        (net.expects, net.large, net.dims) for net in nets
+    assert [(net.expects, net.size, net.dims) for net in found.nets] == [
+        (net.expects, net.size, net.dims) for net in nets
     ]
     for net, was in zip(found.nets, nets, strict=True):
         for layer, before in zip(net.layers, was.layers, strict=True):
@@ -77,17 +77,19 @@ def test_the_name_is_that_of_the_bytes() -> None:
     assert rw.unpack_weights(first.data).name == first.name
 
 
-def test_the_size_that_is_missing_is_stood_in_for_by_the_other() -> None:
+def test_the_size_that_is_missing_is_stood_in_for_by_the_nearest() -> None:
     weights = rw.unpack_weights(rw.pack_weights(four_nets()[2:3], {}))
-    assert weights.net(expects=True, large=True).size == "small"
+    assert weights.net(expects=True, size=1).size_name == "small"
     with pytest.raises(UnknownNameError, match="alone"):
-        weights.net(expects=False, large=False)
+        weights.net(expects=False, size=0)
+    both = rw.unpack_weights(rw.pack_weights(four_nets(), {}))
+    assert both.net(expects=False, size=2).size_name == "large"
 
 
 @pytest.mark.parametrize("expects", [False, True])
 def test_whole_numbers_say_what_floats_say(expects: bool) -> None:
     layers = float_layers(112 if expects else 72, (48, 32))
-    net = rw.quantised(expects, True, layers)
+    net = rw.quantised(expects, 1, layers)
     inputs = np.random.default_rng(2).integers(-128, 128, (500, net.inputs)).astype(np.int8)
     values = inputs / 32
     for weights, bias in layers[:-1]:
@@ -125,16 +127,16 @@ def test_sums_that_may_pass_32_bits_are_refused() -> None:
 def test_large_weights_take_a_smaller_shift_and_too_large_ones_are_refused() -> None:
     layers = float_layers(72, (32, 32))
     large = [(layers[0][0] * 100, layers[0][1]), *layers[1:]]
-    assert rw.quantised(False, False, large).layers[0].shift < rw.quantised(False, False, layers).layers[0].shift
+    assert rw.quantised(False, 0, large).layers[0].shift < rw.quantised(False, 0, layers).layers[0].shift
     for wrong in (1e5, np.nan, np.inf):
         with pytest.raises(SettingsError, match="layer 1"):
-            rw.quantised(False, False, [(layers[0][0] * wrong, layers[0][1]), *layers[1:]])
+            rw.quantised(False, 0, [(layers[0][0] * wrong, layers[0][1]), *layers[1:]])
 
 
 @pytest.mark.parametrize("hidden", [(4, 32), (32, 264), (20, 32)])
 def test_only_sizes_that_the_core_knows_are_read(hidden: tuple[int, int]) -> None:
     with pytest.raises(SectionError, match="network of"):
-        rw.quantised(False, False, float_layers(72, hidden))
+        rw.quantised(False, 0, float_layers(72, hidden))
 
 
 def test_files_cut_anywhere_raise_what_is_documented() -> None:
@@ -174,7 +176,8 @@ def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
     head = 4 + 1 + 4 + 2  # magic, version, length of the provenance, {}
     for changed, error in (
         (b"LCRX" + body[4:], HeaderError),
-        (body[:4] + b"\x02" + body[5:], UnsupportedVersionError),
+        (body[:4] + b"\x01" + body[5:], UnsupportedVersionError),  # its inputs were others
+        (body[:4] + b"\x03" + body[5:], UnsupportedVersionError),
         (body[:5] + (2**32 - 1).to_bytes(4, "little") + body[9:], SectionError),
         (body[:5] + (60_000).to_bytes(4, "little") + body[9:], TruncatedError),
         (body[:9] + b"[]" + body[11:], SectionError),

@@ -22,7 +22,7 @@ _WHOLE_SHARE: Final = 65536
 def extracted(
     frame: Frame, step: int, expected: npt.NDArray[np.uint16] | None, rows: int, rng: np.random.Generator
 ) -> Rows:
-    """(n, inputs + 2) int8 of about `rows` returns of a frame, drawn at random: inputs, leaf, first offset bit or -1.
+    """(n, inputs + 4) int8 of about `rows` returns of a frame, drawn at random: inputs, leaf, three offset bits or -1.
 
     step: odd; expected: (64, W) uint16, what to expect, 0 = nothing; None: a frame that expects nothing
     Raises SectionError for a frame whose blocks did not fire where there are returns.
@@ -43,6 +43,6 @@ def extracted(
         share,
         int(rng.integers(1 << 32)),
     )
-    labels = np.stack([leaves.view(np.int8), bits.view(np.int8)], axis=1)  # 255, no bit, becomes -1
+    labels = np.concatenate([leaves.view(np.int8)[:, None], bits.view(np.int8)], axis=1)  # 255, no bit, becomes -1
     found: Rows = np.concatenate([inputs, labels], axis=1)
     return found

@@ -15,7 +15,7 @@ import torch
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.nets import HIDDEN, RiddleLoss, RiddleNet, mean_bits, values_of
-from lidarcodec.training.riddle.samples import Rows, row_bytes
+from lidarcodec.training.riddle.samples import LABELS, Rows, row_bytes
 
 _BETAS: Final = (0.9, 0.98)
 _MOST_NORM: Final = 1.0
@@ -49,7 +49,7 @@ class FitSettings:
     @property
     def dims(self) -> tuple[int, ...]:
         """Inputs, hidden layers, outputs."""
-        return (row_bytes(self.expects) - 2, *self.hidden, 32)
+        return (row_bytes(self.expects) - LABELS, *self.hidden, 32)
 
     def stored(self) -> dict[str, runs.Value]:
         """As a checkpoint keeps them."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from lidarcodec.codecs.riddle_weights import Net, Weights, pack_weights, unpack_weights
+from lidarcodec.codecs.riddle_weights import SIZES, Net, Weights, pack_weights, unpack_weights
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.drives import simulated_drives
@@ -91,7 +91,7 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
             name = f"{kind}-{size}"
             net, state = fit(settings, samples, looked_at, folder / f"{name}.pt", device=chosen,
                              watch=_watcher(name, say), every=every)  # fmt: skip
-            whole, bits = exported(net, size == "large", looked_at)
+            whole, bits = exported(net, SIZES.index(size), looked_at)
             nets.append(whole)
             results.append(
                 _result(name, whole, settings, state, sum(map(len, samples)), mean_bits(net, looked_at), bits)

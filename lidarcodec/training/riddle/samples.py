@@ -30,8 +30,8 @@ from lidarcodec.training.runs import step_rng
 
 STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
 """Quantiser steps, as often as they stand here."""
-LABELS: Final = 2
-"""Bytes behind the inputs in a row: the leaf, and the first offset bit, -1 if there is none."""
+LABELS: Final = 4
+"""Bytes behind the inputs in a row: the leaf, and the first three offset bits, -1 for each that there is not."""
 _WARM: Final = 2
 """Frames of a clip before motion is known."""
 _CLIP_STEPS: Final = 4

@@ -23,8 +23,9 @@ def toy_rows(count: int, seed: int, expects: bool = False) -> Rows:
     """Samples whose leaf follows two of their inputs, with some noise, and whose offset bit follows a third."""
     rng = np.random.default_rng(seed)
     rows = rng.integers(-60, 61, (count, row_bytes(expects))).astype(np.int8)
-    rows[:, -2] = ((rows[:, 3].astype(int) + rows[:, 9] + rng.integers(-10, 11, count)) // 9 + 8).clip(0, 15)
-    rows[:, -1] = np.where(rows[:, 5] > 30, -1, rows[:, 7] > 0)
+    rows[:, -4] = ((rows[:, 3].astype(int) + rows[:, 9] + rng.integers(-10, 11, count)) // 9 + 8).clip(0, 15)
+    rows[:, -3] = np.where(rows[:, 5] > 30, -1, rows[:, 7] > 0)
+    rows[:, -2:] = -1
     return rows
 
 
@@ -68,7 +69,7 @@ def test_whole_numbers_cost_what_floats_cost(tmp_path: Path, expects: bool) -> N
     settings = FitSettings(expects, (16, 8), steps=40, batch=256, rate=1e-2)
     rows = [toy_rows(3000, 1, expects)]
     net, _ = fit(settings, rows, rows, tmp_path / "a.pt", device=CPU, watch=nothing)
-    whole, bits = nets.exported(net, False, rows)
+    whole, bits = nets.exported(net, 0, rows)
     assert abs(bits - nets.mean_bits(net, rows)) < nets.WORST
     assert whole.inputs == (112 if expects else 72)
     assert bits == nets.mean_bits_whole(whole, rows)
@@ -82,21 +83,22 @@ def test_a_network_that_whole_numbers_would_change_is_not_exported(tmp_path: Pat
         net.layers[0].weight[0, 0] = 200.0
         net.layers[1].weight *= 1e3
     with pytest.raises(SettingsError, match="whole numbers"):
-        nets.exported(net, False, [toy_rows(2000, 1)])
+        nets.exported(net, 0, [toy_rows(2000, 1)])
 
 
 def test_the_loss_is_that_of_the_tree(tmp_path: Path) -> None:
-    """Log odds that say one leaf with certainty cost nothing there, and much anywhere else."""
+    """Log odds that say one leaf with certainty cost nothing there, and much anywhere else. Those of its first offset
+    bit count half for the second and a quarter for the third."""
     odds = torch.zeros(1, 32)
     node = 1
     for bit in (1, 0, 1, 1):  # leaf 11
         odds[0, node] = 20.0 if bit else -20.0
         node = 2 * node + bit
     odds[0, 16 + 11] = -20.0  # first offset bit 0
-    rows = np.zeros((3, row_bytes(False)), np.int8)
-    rows[:, -2], rows[:, -1] = (11, 11, 10), (0, 1, -1)
-    costs = nets.RiddleLoss(CPU)(odds.repeat(3, 1), torch.from_numpy(rows))
-    assert costs.tolist() == pytest.approx([0.0, 20.0, 20.0], abs=1e-6)
+    rows = np.zeros((4, row_bytes(False)), np.int8)
+    rows[:, -4:] = [[11, 0, -1, -1], [11, 1, -1, -1], [10, -1, -1, -1], [11, 0, 1, 1]]
+    costs = nets.RiddleLoss(CPU)(odds.repeat(4, 1), torch.from_numpy(rows))
+    assert costs.tolist() == pytest.approx([0.0, 20.0, 20.0, 15.0], abs=0.01)
 
 
 @pytest.mark.parametrize("wrong", [{"steps": 0}, {"batch": 0}, {"rate": 0.0}, {"precision": "half"}])

@@ -33,7 +33,7 @@ def test_a_run_writes_a_file_that_says_what_it_is_and_again_the_same(tmp_path: P
     said: list[str] = []
     weights = train(RUN, tmp_path / "first.lcrw", device="cpu", say=said.append, every=20)
     assert read_weights(tmp_path / "first.lcrw").name == weights.name
-    assert [(net.expects, net.size) for net in weights.nets] == [(False, "small"), (True, "small")]
+    assert [(net.expects, net.size_name) for net in weights.nets] == [(False, "small"), (True, "small")]
     about = weights.provenance
     assert about["trained on"] == ["sim:road?frames=3"]
     assert about["licence"] == "CC0"

@@ -31,15 +31,17 @@ def gathered(tmp_path_factory: pytest.TempPathFactory) -> SampleStore:
     return store
 
 
-def test_samples_are_inputs_a_leaf_and_a_bit(drive: list[Frame]) -> None:
+def test_samples_are_inputs_a_leaf_and_offset_bits(drive: list[Frame]) -> None:
     alone, expecting = clip_samples(drive, 11, 2000, np.random.default_rng(1))
-    assert alone.shape[1] == row_bytes(False) == 74
-    assert expecting.shape[1] == row_bytes(True) == 114
+    assert alone.shape[1] == row_bytes(False) == 76
+    assert expecting.shape[1] == row_bytes(True) == 116
     assert 1700 < len(alone) < 2300  # of one frame
     assert 3400 < len(expecting) < 4600  # of all but the first two
     for rows in (alone, expecting):
-        assert set(np.unique(rows[:, -2])) == set(range(16))
-        assert set(np.unique(rows[:, -1])) == {-1, 0, 1}
+        assert set(np.unique(rows[:, -4])) == set(range(16))
+        bits = rows[:, -3:]
+        assert set(np.unique(bits)) == {-1, 0, 1}
+        assert not ((bits[:, :-1] == -1) & (bits[:, 1:] != -1)).any()  # there is no second bit without a first
     (again, _) = clip_samples(drive, 11, 2000, np.random.default_rng(1))
     assert np.array_equal(again, alone)
 
@@ -47,7 +49,7 @@ def test_samples_are_inputs_a_leaf_and_a_bit(drive: list[Frame]) -> None:
 def test_what_is_expected_is_told(drive: list[Frame]) -> None:
     """What lay further on a turn ago draws ranges to its side."""
     rows = clip_samples(drive, 11, 2000, np.random.default_rng(1))[1]
-    further, leaf = rows[:, 77].astype(int), rows[:, -2].astype(int)
+    further, leaf = rows[:, 77].astype(int), rows[:, -4].astype(int)
     away, near, closer = (leaf[which].mean() for which in (further > 40, np.abs(further) < 8, further < -40))
     assert away > near + 0.3
     assert closer < near - 0.3
