@@ -78,6 +78,24 @@ def ros2(
     _run(RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end), as_json)
 
 
+@app.command()
+def foxglove(
+    streams: StreamNames,
+    host: Annotated[str, option("--host", metavar="H", help="Where to listen.")] = "127.0.0.1",
+    port: Annotated[int, option("--port", min=0, max=65535, metavar="P", help="0 takes a free one.")] = 8765,
+    until_end: UntilEnd = False,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Serve clouds, poses and statistics to Foxglove over a WebSocket, until a signal comes."""
+    from lidarcodec.bridges.foxglove import FoxgloveBridge
+
+    given = endpoints_of((connect or [], listen or [], zenoh_config))
+    _run(FoxgloveBridge(streams, host=host, port=port, endpoints=given, until_end=until_end), as_json)
+
+
 def _domain(given: int | None) -> int:
     text = os.environ.get(DOMAIN_VARIABLE, "")
     if given is not None or not text:
@@ -92,6 +110,9 @@ def _run(bridge: Bridge, as_json: bool) -> None:
     keep_standard_output()
     show = sys.stderr.isatty()
     with stoppable(bridge.interrupt) as stopped, bridge:
+        where = bridge.summary().get("url")
+        if where is not None:  # now, for whoever waits for it; port 0 has become one
+            sys.stderr.write(f"open in Foxglove: {where}\n")
         shown_s = time.monotonic()
         while not bridge.wait(0.2) and not stopped():
             if show and time.monotonic() - shown_s >= EVERY_S:

@@ -1,0 +1,226 @@
+"""FoxgloveBridge: live streams for Foxglove, which connects to a WebSocket and shows cloud, poses and statistics.
+
+    frame of a stream -> foxglove.PointCloud     -> /VEHICLE/SENSOR/points
+    its pose, if any  -> foxglove.FrameTransform -> /VEHICLE/SENSOR/pose
+    once a second     -> JSON                    -> /VEHICLE/SENSOR/statistics
+
+Nothing is made of a stream that nobody looks at. What a slow viewer does not take gives way, oldest first.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.bridges.streams import Streams
+from lidarcodec.errors import MissingExtraError, TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.interop import foxglove as messages
+from lidarcodec.transport import Endpoints, Transport
+from lidarcodec.transport.keys import StreamKeys
+
+if TYPE_CHECKING:
+    from foxglove import Channel
+    from foxglove.websocket import WebSocketServer
+
+HOST: Final = "127.0.0.1"
+PORT: Final = 8765
+WAITING: Final = 4
+"""Messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
+EVERY_S: Final = 1.0
+
+STATISTICS: Final = "lidarcodec.Statistics"
+_NUMBER: Final = {"type": ["number", "null"]}
+STATISTICS_SCHEMA: Final = {
+    "type": "object",
+    "title": STATISTICS,
+    "properties": {
+        "vehicle": {"type": "string"},
+        "sensor": {"type": "string"},
+        "alive": {"type": "boolean", "description": "whether a publisher is there"},
+        "codec": {"type": ["string", "null"]},
+        "kbps": {**_NUMBER, "description": "received since the last statistics"},
+        "target_kbps": {**_NUMBER, "description": "with target_kbps=auto: what the path is given"},
+        "fps": {**_NUMBER, "description": "frames decoded a second"},
+        "latency_ms": {**_NUMBER, "description": "last packet of a frame to the decoded frame, median"},
+        "decode_ms": {**_NUMBER, "description": "median"},
+        "points": {**_NUMBER, "description": "of the last frame"},
+        "frames": {**_NUMBER, "description": "decoded since the start"},
+        "replaced": {**_NUMBER, "description": "frames that gave way to newer ones before they were encoded"},
+        "missing": {**_NUMBER, "description": "frames that did not come here, those replaced among them"},
+        "skipped": {**_NUMBER, "description": "frames decoded here that gave way to newer ones"},
+        "errors": {**_NUMBER, "description": "messages that could not be decoded"},
+    },
+}
+
+
+class _Channels:
+    """What a viewer finds of one stream."""
+
+    def __init__(self, key: StreamKeys, context: Any) -> None:
+        from foxglove import Channel, Schema
+
+        def channel(name: str, schema: messages.Schema) -> Channel:
+            about = Schema(name=schema.name, encoding=messages.ENCODING, data=schema.data)
+            topic = f"/{key.vehicle}/{key.sensor}/{name}"
+            return Channel(topic, schema=about, message_encoding=messages.ENCODING, context=context)
+
+        self.points = channel("points", messages.POINT_CLOUD)
+        self.pose = channel("pose", messages.FRAME_TRANSFORM)
+        about = Schema(name=STATISTICS, encoding="jsonschema", data=json.dumps(STATISTICS_SCHEMA).encode())
+        topic = f"/{key.vehicle}/{key.sensor}/statistics"
+        self.statistics = Channel(topic, schema=about, message_encoding="json", context=context)
+        self.frame_id = f"{key.vehicle}/{key.sensor}"
+        self.returns: int | None = None
+        self.bytes = 0
+        self.measured_s = time.monotonic()
+
+    def close(self) -> None:
+        """Go from every viewer's list."""
+        for one in (self.points, self.pose, self.statistics):
+            one.close()
+
+
+class FoxgloveBridge:
+    """Serves streams until it is closed; a context manager.
+
+    port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[str],
+        *,
+        host: str = HOST,
+        port: int = PORT,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        until_end: bool = False,
+    ) -> None:
+        """host, port: where to listen; port 0 takes a free one. Raises SettingsError, MissingExtraError."""
+        try:
+            import foxglove
+        except ImportError:
+            raise MissingExtraError("the bridge to Foxglove", "bridges") from None
+        self._foxglove = foxglove
+        self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
+        self.host, self.port = host, port
+        self.counts: Counter[str] = Counter()
+        self._counting = threading.Lock()
+        self._context = foxglove.Context()
+        self._channels: dict[StreamKeys, _Channels] = {}
+        self._server: WebSocketServer | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._measure, name="bridge statistics", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Listen, and begin to receive.
+
+        Raises TransportError if nothing can listen there.
+        """
+        try:
+            self._server = self._foxglove.start_server(
+                name="lidarcodec",
+                host=self.host,
+                port=self.port,
+                context=self._context,
+                message_backlog_size=WAITING * len(self._streams.keys),
+            )
+        except (RuntimeError, OSError, ValueError) as error:
+            raise TransportError(f"cannot listen on {self.host}:{self.port}: {error}") from None
+        self.port = self._server.port
+        self._channels = {key: _Channels(key, self._context) for key in self._streams.keys}
+        self._streams.start()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    @property
+    def url(self) -> str:
+        """What to open in Foxglove."""
+        return f"ws://{self.host}:{self.port}"
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether all streams have ended; waits for it, at most `timeout_s`. Raises what ended them."""
+        return self._streams.wait(timeout_s)
+
+    def interrupt(self) -> None:
+        """Have it end soon; for signal handlers."""
+        self._streams.interrupt()
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, where it listens, and how the streams are received."""
+        return {**self.counts, "url": self.url, "streams": self._streams.summary()}
+
+    def close(self) -> None:
+        """End everything, viewers' connections included; harmless when called twice."""
+        self._stop.set()
+        self._streams.close()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for channels in self._channels.values():
+            channels.close()
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop()
+
+    def _take(self, key: StreamKeys, frame: Frame) -> None:
+        channels = self._channels[key]
+        channels.returns = int(frame.valid.sum())
+        stamp = max(0, frame.stamp_ns)
+        if frame.pose is not None and channels.pose.has_sinks():
+            data = messages.frame_transform(frame.stamp_ns, messages.WORLD, channels.frame_id, frame.pose)
+            channels.pose.log(data, log_time=stamp)
+            self._count(transforms=1)
+        if not channels.points.has_sinks():
+            self._count(unwatched=1)
+            return
+        channels.points.log(messages.point_cloud(frame, channels.frame_id), log_time=stamp)
+        self._count(clouds=1)
+
+    def _count(self, **numbers: int) -> None:
+        with self._counting:
+            self.counts.update(numbers)
+
+    def _measure(self) -> None:
+        while not self._stop.wait(EVERY_S):
+            for key, channels in self._channels.items():
+                if channels.statistics.has_sinks():
+                    found = _statistics(key, self._streams.live[key], channels)
+                    channels.statistics.log(json.dumps(found).encode(), log_time=time.time_ns())
+
+
+def _statistics(key: StreamKeys, live: LiveStream, channels: _Channels) -> dict[str, Any]:
+    """What STATISTICS_SCHEMA describes, of this moment."""
+    here, there = live.summary(), live.status or {}
+    now_s, received = time.monotonic(), here.get("bytes", 0)
+    kbps = (received - channels.bytes) * 8e-3 / max(now_s - channels.measured_s, 1e-3)
+    channels.bytes, channels.measured_s = received, now_s
+    settings, rate = there.get("settings"), there.get("rate")
+    codec = settings.get("codec") if isinstance(settings, dict) else None
+    target = rate.get("target_kbps") if isinstance(rate, dict) else None
+    replaced = there.get("replaced")
+    return {
+        "vehicle": key.vehicle,
+        "sensor": key.sensor,
+        "alive": live.alive,
+        "codec": codec if isinstance(codec, str) else None,
+        "kbps": round(kbps, 1),
+        "target_kbps": target if isinstance(target, int | float) else None,
+        "fps": here["fps"],
+        "latency_ms": here["latency_ms"]["p50"],
+        "decode_ms": here["decode_ms"]["p50"],
+        "points": channels.returns,
+        "frames": here.get("frames", 0),
+        "replaced": replaced if isinstance(replaced, int | float) else None,
+        "missing": here.get("missing", 0),
+        "skipped": here["replaced"],
+        "errors": sum(here["errors"].values()),
+    }
