@@ -45,7 +45,7 @@ class Originals:
 
     def declare(self, transport: Transport) -> None:
         """Be there for receivers. Raises TransportError."""
-        self._sender = transport.sender(self._keys.original, Priority.STATUS)
+        self._sender = transport.sender(self._keys.original, Priority.BESIDE)
         self._thread.start()
 
     def offer(self, frame: Frame) -> None:

@@ -37,6 +37,8 @@ class Priority(Enum):
     """Messages none of which is to be dropped: `put` waits for a full link; after 5 s Zenoh begins the link anew."""
     STATUS = "status"
     """Once a second; dropped when the link is full."""
+    BESIDE = "beside"
+    """As large as frames and behind everything else: never blocks the sender, and never takes a frame's place."""
 
 
 class Closeable(Protocol):

@@ -59,6 +59,10 @@ _QOS: dict[Priority, dict[str, Any]] = {
     Priority.FRAMES: {"priority": zenoh.Priority.DATA, "congestion_control": zenoh.CongestionControl.BLOCK_FIRST},
     Priority.EVERY_FRAME: {"priority": zenoh.Priority.DATA, "congestion_control": zenoh.CongestionControl.BLOCK},
     Priority.STATUS: {"priority": zenoh.Priority.DATA_LOW},
+    Priority.BESIDE: {
+        "priority": zenoh.Priority.BACKGROUND,
+        "congestion_control": zenoh.CongestionControl.BLOCK_FIRST,
+    },
 }
 
 

@@ -23,9 +23,9 @@ logger = logging.getLogger(__name__)
 
 KEPT: Final = 16
 """Frames that are kept; a decoded one comes within one or two, one of a group codec within ten."""
-WAIT_S: Final = 0.3
-"""How long a decoded frame waits for its original, where originals come at all."""
-COMING_S: Final = 2.0
+WAIT_S: Final = 1.0
+"""How long a decoded frame waits for its original, where originals come at all; usually it is there before."""
+COMING_S: Final = 5.0
 
 
 class Originals:
@@ -35,6 +35,7 @@ class Originals:
         self._keys, self._loop = keys, loop
         self._transport = transport
         self._frames: dict[tuple[int, int], Ranges] = {}
+        self._newest = (0, -1)
         self._changed = asyncio.Event()
         self._heard = float("-inf")
         self._inbox: Inbox | None = None
@@ -48,6 +49,8 @@ class Originals:
         while (found := self._frames.get((stream_id, index))) is None:
             left = end - self._loop.time()
             if left <= 0 or self._closed or time.monotonic() - self._heard > COMING_S:
+                return None
+            if self._newest[0] == stream_id and self._newest[1] > index:  # they come in order: it never will
                 return None
             self._changed.clear()
             with contextlib.suppress(TimeoutError):
@@ -64,6 +67,7 @@ class Originals:
     def _came(self, key: tuple[int, int], ranges: Ranges) -> None:
         self._heard = time.monotonic()
         self._frames[key] = ranges
+        self._newest = key
         while len(self._frames) > KEPT:
             self._frames.pop(next(iter(self._frames)))
         self._changed.set()

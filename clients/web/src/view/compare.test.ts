@@ -35,13 +35,14 @@ describe("original against decoded", () => {
 test("the scale of errors grows at once and shrinks only after a while, so that colours do not flicker", () => {
   const scale = new ErrorScale();
   expect(scale.update(2)).toBe(false);
-  expect(scale.update(9)).toBe(true);
-  expect(scale.mm).toBe(10);
-  for (let frame = 0; frame < 19; frame++) expect(scale.update(1)).toBe(false);
-  expect(scale.update(9)).toBe(false);
-  for (let frame = 0; frame < 19; frame++) expect(scale.update(1)).toBe(false);
-  expect(scale.update(1)).toBe(true);
-  expect(scale.mm).toBe(2);
+  expect(scale.mm).toBe(20);
+  expect(scale.update(90)).toBe(true);
+  expect(scale.mm).toBe(100);
+  for (let frame = 0; frame < 19; frame++) expect(scale.update(10)).toBe(false);
+  expect(scale.update(90)).toBe(false);
+  for (let frame = 0; frame < 19; frame++) expect(scale.update(10)).toBe(false);
+  expect(scale.update(10)).toBe(true);
+  expect(scale.mm).toBe(20);
 });
 
 test("lengths are written as people say them", () => {

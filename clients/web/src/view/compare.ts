@@ -50,12 +50,13 @@ export function compared(frame: Pick<RangeFrame, "range" | "original" | "rangeSt
   };
 }
 
-const SCALES_MM = [2, 4, 10, 20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000, 40000, 100000, 200000] as const;
+/** From the sensor's own accuracy on: less than that is no alarm. */
+const SCALES_MM = [20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000, 40000, 100000, 200000] as const;
 const PATIENCE = 20;
 
 /** The error at the end of the colours: at once more when one is larger, and less when none was for a while. */
 export class ErrorScale {
-  mm = 2;
+  mm: number = SCALES_MM[0];
   #calm = 0;
 
   /** True if it is another one now. */

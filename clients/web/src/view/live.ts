@@ -20,6 +20,8 @@ import type { StreamName, View, ViewOptions, ViewStats } from "./types";
 
 const STATS_MS = 250;
 const WAIT_FOR_ORIGINALS_MS = 3000;
+/** A comparison stays so long without another original. */
+const PATIENCE_MS = 3000;
 const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
 const LOST = "The graphics card was taken away; the picture comes back with it.";
 const NO_ORIGINALS =
@@ -53,12 +55,14 @@ export class LiveView implements View, Sink {
   #source: FrameSource | null = null;
   #stream: { stream: StreamName; token: string | undefined } | null = null;
   #opened = 0;
+  #pairedAt = 0;
   #last: Waiting | null = null;
   #comparison: Comparison | null = null;
   #heading: number | null = null;
   #request = 0;
   #before = 0;
   #dirty = true;
+  readonly #unseen = () => this.#pending?.unseen();
   #tell: (stats: ViewStats) => void = () => {};
 
   constructor(
@@ -106,6 +110,7 @@ export class LiveView implements View, Sink {
       powerPreference: "high-performance",
     });
     this.#begin();
+    document.addEventListener("visibilitychange", this.#unseen);
     this.#resized = new ResizeObserver(() => this.#wake());
     this.#resized.observe(host);
     this.#timer = window.setInterval(() => this.#report(), STATS_MS);
@@ -147,6 +152,7 @@ export class LiveView implements View, Sink {
     this.close();
     window.clearInterval(this.#timer);
     window.cancelAnimationFrame(this.#request);
+    document.removeEventListener("visibilitychange", this.#unseen);
     this.#resized.disconnect();
     this.#theme.dispose();
     this.#controls.dispose();
@@ -247,19 +253,24 @@ export class LiveView implements View, Sink {
     } else for (const { shown } of acknowledged) shown();
   }
 
-  /** True if there were frames. */
+  /** True if there was a frame to show. */
   #take(now: number): boolean {
+    let taken = false;
     for (const one of this.#waiting) {
       const { frame, sensor } = one;
       if (this.#last && this.#last.frame.streamId !== frame.streamId) this.#clear();
+      // one that came without its original would have the picture jump between two views and one
+      if (this.#comparison && !frame.original && now - this.#pairedAt < PATIENCE_MS) continue;
+      if (frame.original) this.#pairedAt = now;
       this.#renderer?.push(frame, sensor, this.#options.compare ? 0 : this.#options.trail);
       this.#ground.update(frame, sensor);
       this.#motion.take(frame, now);
       this.#last = one;
+      taken = true;
       const aheadMs = this.#source?.clockAheadMs ?? 0;
       this.#tally.shown(frame, this.#renderer?.layers.points ?? frame.returns, now, Date.now() + aheadMs);
     }
-    if (this.#waiting.length === 0 || !this.#last) return false;
+    if (!taken || !this.#last) return false;
     if (this.#motion.known) {
       const heading = headingOf(this.#motion.pose);
       this.#heading ??= heading;
@@ -310,13 +321,18 @@ export class LiveView implements View, Sink {
     const now = performance.now();
     if (this.#renderer) this.#overlay.message(this.#lacksOriginals(now) ? NO_ORIGINALS : "");
     const source = this.#source;
+    const stats = this.#tally.stats(now);
+    const gpuBytes = this.#renderer?.bytes ?? 0;
+    // for measurements from outside: benchmarks/page.py
+    const told = { age: stats.age_ms, frames: this.#tally.frames, pictures: this.#tally.pictures, gpu: gpuBytes };
+    this.#canvas.dataset.told = JSON.stringify(told);
     this.#tell({
-      ...this.#tally.stats(now),
+      ...stats,
       connection: this.#gl ? (source?.connection ?? "closed") : "refused",
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
       alive: source?.alive ?? null,
       comparison: this.#comparison,
-      gpuBytes: this.#renderer?.bytes ?? 0,
+      gpuBytes,
     });
   }
 

@@ -109,7 +109,7 @@ export class Overlay {
     this.root.classList.toggle("lidar-upright", upright);
     if (!figures) return;
     write(this.#left, "original");
-    write(this.#right, "decoded, coloured by its error");
+    write(this.#right, "decoded");
     this.#error.show("error", dark, "error along the ray", "0", millimetres(scale_mm));
     const rows = [
       ["RMSE", millimetres(figures.rmse_mm)],

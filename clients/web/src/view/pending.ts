@@ -3,15 +3,22 @@
 export class Pending {
   #fence: WebGLSync | null = null;
   #since = 0;
+  #unseen = false;
   readonly #shown: (() => void)[] = [];
 
   constructor(private readonly gl: WebGL2RenderingContext) {}
+
+  /** Nobody sees the page: how long this picture takes says nothing. */
+  unseen(): void {
+    this.#unseen = true;
+  }
 
   /** A picture was asked for at `now`; `shown` are called when it is there. */
   begin(now: number, shown: Iterable<() => void>): void {
     const { gl } = this;
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     this.#since = now;
+    this.#unseen = false;
     this.#shown.push(...shown);
     gl.flush();
   }
@@ -27,7 +34,7 @@ export class Pending {
     const lost = gl.isContextLost();
     if (!lost && gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) !== gl.SIGNALED) return null;
     this.end();
-    return lost ? null : now - this.#since;
+    return lost || this.#unseen ? null : now - this.#since;
   }
 
   /** Wait no longer. */

@@ -2,6 +2,7 @@
 
 /** A picture after which the browser asks for the next one later than this was too much. */
 const SLOW_MS = 45;
+const VERY_SLOW_MS = 200;
 const ENOUGH = 10;
 
 /** 2: everything;  1: without shaded edges;  0: and one pixel for four of a fine screen. */
@@ -11,8 +12,8 @@ export class Quality {
 
   /** A picture took so long. True if less is drawn from now on. */
   took(ms: number): boolean {
-    if (ms > 1000) return false; // the page was away, or the machine
-    this.#slow = ms > SLOW_MS ? this.#slow + 1 : Math.max(this.#slow - 2, 0);
+    if (ms > SLOW_MS) this.#slow += ms > VERY_SLOW_MS ? 4 : 1;
+    else this.#slow = Math.max(this.#slow - 2, 0);
     if (this.#slow < ENOUGH || this.level === 0) return false;
     this.#slow = 0;
     this.level = this.level === 2 ? 1 : 0;

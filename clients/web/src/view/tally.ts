@@ -24,6 +24,9 @@ class Rate {
 }
 
 export class Tally {
+  /** Frames shown, and pictures drawn, since the view was made. */
+  frames = 0;
+  pictures = 0;
   #points = 0;
   #index: number | null = null;
   #ageMs: number | null = null;
@@ -38,10 +41,12 @@ export class Tally {
     this.#at = now;
     this.#ageMs = Number.isFinite(frame.latencyMs) ? frame.latencyMs + Math.max(hostNow - frame.decodedMs, 0) : null;
     this.#frames.add(now);
+    this.frames++;
   }
 
   drawn(now: number): void {
     this.#pictures.add(now);
+    this.pictures++;
   }
 
   reset(): void {

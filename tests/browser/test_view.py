@@ -1,0 +1,118 @@
+"""The live view in a browser: what is drawn is what came, and original against decoded tells the truth."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import time
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+from tests.browser.system import LIMIT_S, system
+
+expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
+expect.set_options(timeout=2000 * LIMIT_S)
+pytestmark = pytest.mark.timeout(600)  # a processor draws here what a graphics card does elsewhere
+
+POINTS = re.compile(r"^lidarcodec — [0-9]+ points$")
+COLOURS = ("height", "intensity", "distance", "ring")
+WINDOW = {"width": 1000, "height": 520}
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    with system(tmp_path_factory.mktemp("view")) as running:
+        running.start_vehicle("car-7", "sim:city?frames=20000", "--original", "--poses", "source")
+        yield running
+
+
+@pytest.fixture
+def page(fleet, page_of):
+    shown = page_of(fleet.url, viewport=WINDOW, color_scheme="dark")
+    expect(shown).to_have_title(POINTS)
+    return shown
+
+
+def picture(page) -> np.ndarray:
+    """(height, width, 3) uint8: the canvas as it is on the screen, without what stands over its upper part."""
+    shown = page.locator("canvas.lidar-canvas").screenshot()
+    return cv2.imdecode(np.frombuffer(shown, np.uint8), cv2.IMREAD_COLOR)[150:]
+
+
+def when(ask, holds, what: str):
+    """What is asked for, as soon as it is as it should be."""
+    end = time.monotonic() + 2 * LIMIT_S
+    while not holds(got := ask()):
+        assert time.monotonic() < end, f"{what}: {got}"
+        time.sleep(0.1)
+    return got
+
+
+def lively(image: np.ndarray) -> float:
+    """Part of the picture that has a colour, which ground and background do not have."""
+    return float(np.mean(np.ptp(image.astype(int), axis=2) > 40))
+
+
+def figures(page) -> dict[str, str]:
+    texts = page.locator(".lidar-figures > *").all_inner_texts()
+    return dict(zip(texts[::2], texts[1::2], strict=True))
+
+
+def change(fleet, **settings) -> None:
+    address = f"{fleet.url}/api/v1/streams/car-7/lidar/settings"
+    answer = httpx.patch(address, json=settings, timeout=LIMIT_S)
+    assert answer.status_code == 200, answer.text
+
+
+def test_original_against_decoded_shows_no_error_without_loss_and_one_within_the_bound_with_it(fleet, page):
+    change(fleet, codec="pcodec", max_error_m=0)
+    page.get_by_label("Compare").check()
+    expect(page.locator(".lidar-figures")).to_be_visible()
+    found = when(lambda: figures(page), lambda shown: shown.get("changed") == "0 %", "lossless")
+    assert (found["RMSE"], found["largest"]) == ("0 mm", "0 mm")
+    change(fleet, max_error_m=0.05)
+    found = when(lambda: figures(page), lambda shown: shown.get("largest") == "50 mm", "within 5 cm")
+    assert 10 < float(found["RMSE"].removesuffix(" mm")) < 50
+    change(fleet, reduction="columns:4")
+    found = when(lambda: figures(page), lambda shown: "not sent" in shown, "reduced")
+    assert int(found["not sent"].replace(",", "")) > 50_000
+    page.get_by_label("Compare").uncheck()
+    expect(page.locator(".lidar-figures")).to_be_hidden()
+    change(fleet, reduction="all", max_error_m=0)
+
+
+def test_the_camera_follows_the_keys_and_the_picture_stays_live(page):
+    before = page.title()
+    canvas = page.locator("canvas.lidar-canvas")
+    canvas.focus()
+    for key in ("ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight", "-", "0"):
+        canvas.press(key)
+    expect(page).not_to_have_title(before)
+    assert when(lambda: lively(picture(page)), lambda part: part > 0.02, "points") > 0.02
+
+
+def test_points_are_really_drawn_and_each_colouring_looks_another_way(fleet, page):
+    assert when(lambda: lively(picture(page)), lambda part: part > 0.02, "points") > 0.02
+    # a picture that stands still can be compared; and what is old must still be drawn anew when it is asked for
+    fleet.kill_vehicle()
+    expect(page.locator(".notice")).to_contain_text("last frame")
+    shown: dict[str, np.ndarray] = {}
+    for colour in COLOURS:
+        page.get_by_label("Colour").select_option(colour)
+        last = next(reversed(shown.values()), None)
+        shown[colour] = when(
+            lambda: picture(page),
+            lambda image, last=last: last is None or differing(image, last) > 0.05,
+            f"{colour} looks as the one before",
+        )
+        assert lively(shown[colour]) > 0.02
+    for one, other in itertools.combinations(COLOURS, 2):
+        assert differing(shown[one], shown[other]) > 0.05, (one, other)
+
+
+def differing(one: np.ndarray, other: np.ndarray) -> float:
+    """Part of two pictures that is not alike."""
+    return float(np.mean(np.abs(one.astype(int) - other).max(axis=2) > 30))
