@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -61,6 +62,15 @@ def test_a_stream_is_thinned_and_made_whole_again_by_rest(data_file, tmp_path: P
             assert told["seen_before"] in (True, False)
             fewer = patch(keep_points=4500)
             assert more_than(fewer + 3)
+            changes = [(0, None), (thinned, 9000), (fewer, 4500)]
+            if importlib.util.find_spec("onnxruntime"):  # the extra `poconet`
+                scored = patch(reduction="poconet", keep_points=9000)
+                assert more_than(scored + 10)
+                poconet = {"name": "poconet", "kept": 9000}.items()
+                assert eventually(lambda: poconet <= (status().get("reduction") or {}).items(), 60)
+                assert more_than(patch(reduction="voxel-seen") + 3)
+                assert eventually(lambda: (status().get("reduction") or {}).get("name") == "voxel-seen", 60)
+                changes.append((scored, 9000))
             for wrong in ({"reduction": "voxel-sen"}, {"reduction": "all"}, {"keep_fraction": 0.5}, {"keep_points": 0}):
                 assert client.patch(f"{STREAM}/settings", json=wrong).status_code == 422, wrong
             whole = patch(reduction="all", keep_points=None)
@@ -77,5 +87,5 @@ def test_a_stream_is_thinned_and_made_whole_again_by_rest(data_file, tmp_path: P
     gaps = sum(later - earlier - 1 for earlier, later in pairwise(frames))
     assert gaps <= final["replaced"] + final["flight"]["unreported"]
     for index, points in decoded:
-        expected = 9000 if thinned <= index < fewer else 4500 if fewer <= index < whole else None
+        expected = [kept for first, kept in [*changes, (whole, None)] if first <= index][-1]
         assert points == expected if expected else points > 80_000, index
