@@ -20,7 +20,7 @@ export PYTHON CXX
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults format native web clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults images-check format native web clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -65,6 +65,9 @@ soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing los
 
 faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (4 min)
 	$(BIN)/python -m tests.faults $(ARGS)
+
+images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
+	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)
 
 format: $(STAMPS)/dev ## put every file into the house's form
 	$(BIN)/ruff check --fix .
