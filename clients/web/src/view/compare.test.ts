@@ -45,6 +45,14 @@ test("the scale of errors grows at once and shrinks only after a while, so that 
   expect(scale.mm).toBe(20);
 });
 
+test("a few large errors do not hide how large the others are", () => {
+  const scale = new ErrorScale();
+  scale.take({ max_mm: 2000, rmse_mm: 27 });
+  expect(scale.mm).toBe(100);
+  scale.take({ max_mm: 200, rmse_mm: 190 });
+  expect(scale.mm).toBe(200);
+});
+
 test("lengths are written as people say them", () => {
   expect([0, 0.5, 2, 9.996, 20, 1250].map(millimetres)).toEqual(["0 mm", "0.5 mm", "2 mm", "10 mm", "20 mm", "1.3 m"]);
 });

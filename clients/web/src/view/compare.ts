@@ -54,10 +54,16 @@ export function compared(frame: Pick<RangeFrame, "range" | "original" | "rangeSt
 const SCALES_MM = [20, 40, 100, 200, 400, 1000, 2000, 4000, 10000, 20000, 40000, 100000, 200000] as const;
 const PATIENCE = 20;
 
-/** The error at the end of the colours: at once more when one is larger, and less when none was for a while. */
+/** The error at the end of the colours: at once more when one is larger, and less when none was for a while.
+ *
+ * It is the largest error, or three times the RMSE where a few are so much larger that all others would look alike. */
 export class ErrorScale {
   mm: number = SCALES_MM[0];
   #calm = 0;
+
+  take({ max_mm, rmse_mm }: Pick<Comparison, "max_mm" | "rmse_mm">): boolean {
+    return this.update(Math.min(max_mm, 3 * rmse_mm));
+  }
 
   /** True if it is another one now. */
   update(max_mm: number): boolean {

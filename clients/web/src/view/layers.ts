@@ -9,6 +9,8 @@ const FRAMES_OF_TURN = 64;
 /** One frame on the card. */
 export class Layer {
   frame: RangeFrame;
+  /** What part of a turn it is; 1 for whole turns. */
+  coverage = 1;
   range: Texture;
   azimuth: Texture;
   intensity: Texture;
@@ -34,6 +36,8 @@ export class Layer {
   write(frame: RangeFrame): void {
     const { columns } = frame;
     this.frame = frame;
+    const coverage = coverageOf(frame);
+    this.coverage = coverage > 0.98 || coverage <= 0 ? 1 : coverage;
     this.range.write(frame.range, columns, RINGS);
     this.azimuth.write(frame.azimuth, columns, 2);
     if (frame.intensity) this.intensity.write(frame.intensity, columns, RINGS);

@@ -18,7 +18,7 @@ import { Tally } from "./tally";
 import { ThemeWatch } from "./theme";
 import type { StreamName, View, ViewOptions, ViewStats } from "./types";
 
-const STATS_MS = 250;
+const STATS_MS = 500;
 const WAIT_FOR_ORIGINALS_MS = 3000;
 /** A comparison stays so long without another original. */
 const PATIENCE_MS = 3000;
@@ -267,6 +267,7 @@ export class LiveView implements View, Sink {
       this.#motion.take(frame, now);
       this.#last = one;
       taken = true;
+      if (this.#tally.frames === 0) window.setTimeout(() => this.#report());
       const aheadMs = this.#source?.clockAheadMs ?? 0;
       this.#tally.shown(frame, this.#renderer?.layers.points ?? frame.returns, now, Date.now() + aheadMs);
     }
@@ -277,7 +278,7 @@ export class LiveView implements View, Sink {
       this.#camera.heading = heading - this.#heading;
     } else this.#camera.heading = 0;
     this.#comparison = this.#options.compare ? compared(this.#last.frame) : null;
-    if (this.#comparison) this.#scale.update(this.#comparison.max_mm);
+    if (this.#comparison) this.#scale.take(this.#comparison);
     return true;
   }
 
@@ -337,7 +338,7 @@ export class LiveView implements View, Sink {
   }
 
   #lacksOriginals(now: number): boolean {
-    if (!this.#options.compare || !this.#last || this.#comparison) return false;
+    if (!this.#options.compare || !this.#last || this.#comparison || this.#tally.stats(now).stale) return false;
     return now - this.#opened > WAIT_FOR_ORIGINALS_MS;
   }
 }

@@ -110,7 +110,13 @@ export class Overlay {
     if (!figures) return;
     write(this.#left, "original");
     write(this.#right, "decoded");
-    this.#error.show("error", dark, "error along the ray", "0", millimetres(scale_mm));
+    this.#error.show(
+      "error",
+      dark,
+      "error along the ray",
+      "0",
+      `${figures.max_mm > scale_mm + 1e-3 ? "≥ " : ""}${millimetres(scale_mm)}`,
+    );
     const rows = [
       ["RMSE", millimetres(figures.rmse_mm)],
       ["largest", millimetres(figures.max_mm)],

@@ -216,20 +216,24 @@ export class Renderer {
 
   #drawImage(rect: Rect, scene: Scene, original: boolean, error: boolean): void {
     const { gl } = this;
-    const layer = this.layers.shown[0];
+    const { shown, now } = this.layers;
     this.#frameRect(rect);
     const { none } = scene.theme;
     gl.clearColor(none[0], none[1], none[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    if (!layer || !this.#table) return;
+    if (!this.#table) return;
     const program = this.#image;
     gl.disable(gl.DEPTH_TEST);
     program.use();
     this.#common(program, scene, error);
     this.#colour(program, "u_none", none);
-    gl.uniform1i(program.at("u_columns"), layer.frame.columns);
-    this.#bind(program, layer, original, error);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    for (let number = Math.min(now, shown.length) - 1; number >= 0; number--) {
+      const layer = shown[number] as Layer;
+      gl.uniform1i(program.at("u_columns"), layer.frame.columns);
+      gl.uniform1f(program.at("u_coverage"), layer.coverage);
+      this.#bind(program, layer, original, error);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    }
   }
 
   /** What points and range image have in common. */

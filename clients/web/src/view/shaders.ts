@@ -266,6 +266,7 @@ export const IMAGE_FRAGMENT = `${HEAD}
 uniform usampler2D u_range;
 uniform usampler2D u_original;
 uniform int u_columns;
+uniform float u_coverage;
 uniform bool u_compare;
 uniform vec3 u_none;
 uniform vec3 u_dropped;
@@ -281,8 +282,9 @@ void main() {
   int ring = clamp(int((1.0 - v_at.y) * 64.0), 0, 63);
   float first = float(texelFetch(u_azimuth, ivec2(0, 0), 0).r) / 36000.0;
   float correction = texelFetch(u_sensor, ivec2(2, ring), 0).z / TURN;
-  // a column later is 1 / columns of a turn further to the right
-  float turn = fract(v_at.x - 0.5 + correction - first + 2.0);
+  // a column later is coverage / columns of a turn further to the right
+  float turn = fract(v_at.x - 0.5 + correction - first + 2.0) / u_coverage;
+  if (turn > 1.0) discard;  // not in this part of a turn
   int column = min(int(turn * float(u_columns)), u_columns - 1);
   vec3 colour = u_none;
   for (int i = 0; i < 2; i++) {  // two columns share a pixel of most screens: one with a return is shown
