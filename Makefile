@@ -20,7 +20,7 @@ export PYTHON CXX
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults images-check format native web clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults images-check format native web wasm clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -77,6 +77,9 @@ native: $(NATIVE) ## build the native core into lidarcodec/
 
 web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
 	cd clients/web && npm ci --silent && npm run --silent build
+
+wasm: ## build the decoder that the page runs, from native/, where it is committed; then run `make web` (needs clang, lld and wasi-libc)
+	@sh tools/build-wasm.sh
 
 clean: ## remove the environment and every build
 	rm -rf $(VENV) build lidarcodec/_native*.so clients/*/node_modules clients/typescript/dist

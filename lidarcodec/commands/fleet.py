@@ -94,6 +94,12 @@ def serve(
     max_viewers: Annotated[
         int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
     ] = None,
+    max_viewers_a_client: Annotated[
+        int | None,
+        _option(
+            "--max-viewers-a-client", min=1, metavar="N", help="Those of one client (token, or address); default: 32."
+        ),
+    ] = None,
     recordings: Annotated[
         Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
     ] = None,
@@ -114,7 +120,7 @@ def serve(
         host=host, port=port, database_url=database_url, database_password_file=database_password_file,
         tls_certificate=tls_certificate, tls_key=tls_key,
         insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
-        recordings=recordings,
+        max_viewers_a_client=max_viewers_a_client, recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
     )  # fmt: skip
 

@@ -114,7 +114,9 @@ void code_image(Path path, PredictiveModel& model, const Teaching& teaching, Sla
   };
   switch (path) {
     case Path::Plain:
+#if !defined(__wasm__)  // a page has one path: what is not there need not be fetched
       return code(PlainForms{});
+#endif
     case Path::Vector:
       return code(VectorForms{});
     case Path::Avx2:

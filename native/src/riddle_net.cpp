@@ -9,6 +9,8 @@
 
 #if defined(__x86_64__)
 #include <immintrin.h>
+#elif defined(__wasm__)
+#include "riddle_layer.hpp"
 #endif
 
 namespace lidarcodec {
@@ -31,7 +33,7 @@ const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_
   return layer.weights.data() + (in / 2 * layer.blocks() + block) * 2 * kBlock;
 }
 
-void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
+[[maybe_unused]] void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     std::array<std::int32_t, kBlock> sums;
     std::copy_n(layer.bias.data() + block * kBlock, kBlock, sums.begin());
@@ -150,7 +152,7 @@ void layer_vnni(const Layer& layer, const std::array<const std::int16_t*, N>& in
 #endif
 
 template <std::size_t N>
-void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+void run_layers([[maybe_unused]] NetForm form, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
   std::array<std::array<Middle, 2>, N> middle;
   std::array<const std::int16_t*, N> in;
   std::array<std::int16_t*, N> out;
@@ -169,7 +171,11 @@ void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const
       continue;
     }
 #endif
+#if defined(__wasm__)
+    wasm::layer_by_vectors<N>(layers[l], in, out);
+#else
     for (std::size_t r = 0; r < N; ++r) layer_plainly(layers[l], in[r], out[r]);
+#endif
   }
 }
 

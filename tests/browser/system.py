@@ -70,6 +70,10 @@ class System:
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         return httpx.get(f"{self.url}/api/v1/{path}", headers=headers, timeout=30).raise_for_status().json()
 
+    def change(self, path: str, **values: Any) -> None:
+        """Change something below /api/v1/."""
+        httpx.patch(f"{self.url}/api/v1/{path}", json=values, timeout=30).raise_for_status()
+
     def close(self) -> None:
         """End everything."""
         for process in (*self._vehicles.values(), self._server):

@@ -59,6 +59,28 @@ def test_a_codec_is_changed_by_the_form_that_its_schema_makes_and_is_applied(fle
     expect(page).to_have_title(POINTS)
 
 
+@pytest.mark.timeout(300)
+def test_the_page_decodes_what_it_can_and_says_so_where_the_server_must(fleet, page):
+    """Networks, weights from the server and the policy of the page among it."""
+    sockets = []
+    page.on("websocket", lambda socket: sockets.append(socket.url))
+    fleet.change(SETTINGS, codec="riddle")
+    expect(row_of(page)).to_contain_text("riddle")
+    page.get_by_label("Decode here").check()
+
+    def shown() -> int:
+        page.wait_for_timeout(100)
+        return int(re.search(r"frame (\d+)", page.locator("footer").inner_text())[1])
+
+    assert eventually(lambda: shown() and any("/frames?" in url for url in sockets), LIMIT_S)
+    before = shown()
+    assert eventually(lambda: shown() > before, 2 * LIMIT_S)
+    expect(page).to_have_title(POINTS)
+    fleet.change(SETTINGS, codec="pcodec")
+    expect(page.locator("footer")).to_contain_text("The server decodes this stream")
+    expect(page).to_have_title(POINTS)
+
+
 def test_what_the_server_refuses_is_said_where_it_was_written(fleet, page):
     before = fleet.get(SETTINGS)["applied"]
     page.get_by_label("Target (kbit/s)").fill("0.5")

@@ -316,6 +316,21 @@ async def test_more_viewers_than_allowed_are_refused_and_may_come_later(server, 
         await frame(socket)
 
 
+async def test_one_client_cannot_take_the_places_of_all(server, vehicle, monkeypatch):
+    monkeypatch.setattr(server.hub, "max_viewers_a_client", 2)
+    sockets = [await server.socket(f"{STREAM}/{kind}") for kind in ("cloud?max_points=10", "frames")]
+    with pytest.raises(InvalidStatus) as caught:
+        await server.socket(f"{STREAM}/cloud")
+    assert caught.value.response.status_code == 429
+    assert "127.0.0.1" in json.loads(caught.value.response.body)["detail"]
+    assert server.hub.room_for("another")
+    for socket in sockets:
+        await socket.close()
+    assert eventually(lambda: server.hub.room_for("127.0.0.1"))
+    async with server.socket(f"{STREAM}/cloud") as socket:
+        await frame(socket)
+
+
 async def test_a_page_of_another_site_may_not_look(server, vehicle):
     with pytest.raises(InvalidStatus) as caught:
         await server.socket(f"{STREAM}/cloud", origin="http://elsewhere.example")

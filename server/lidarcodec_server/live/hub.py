@@ -34,7 +34,11 @@ THREADS: Final = 2
 
 
 class TooManyViewersError(Exception):
-    """The limit of viewers is reached."""
+    """The limit of viewers is reached; `own`: that of one client, and not that of all."""
+
+    def __init__(self, message: str, *, own: bool = False) -> None:
+        super().__init__(message)
+        self.own = own
 
 
 class _Place:
@@ -53,7 +57,8 @@ class LiveHub:
     """Belongs to the event loop in which it is made.
 
     transport: gives the open network session, which stays the caller's; raises TransportError while there is none
-    max_viewers: sockets at once;  linger_s: how long a receiver outlives its last viewer
+    max_viewers: sockets at once, and max_viewers_a_client of one client
+    linger_s: how long a receiver outlives its last viewer
     ack_limit_s: how long a viewer may leave a frame without an acknowledgement
     counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
     `sent_bytes` of viewers that are gone, by kind;  pack_ms: time to make a frame ready, once for all viewers
@@ -64,16 +69,19 @@ class LiveHub:
         transport: Callable[[], Transport],
         *,
         max_viewers: int = 64,
+        max_viewers_a_client: int = 32,
         linger_s: float = LINGER_S,
         ack_limit_s: float = ACK_LIMIT_S,
     ) -> None:
-        self.max_viewers, self.linger_s, self.ack_limit_s = max_viewers, linger_s, ack_limit_s
+        self.max_viewers, self.max_viewers_a_client = max_viewers, max_viewers_a_client
+        self.linger_s, self.ack_limit_s = linger_s, ack_limit_s
         self.counts: Counter[str] = Counter()
         self.pack_ms = Timings()
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._places: dict[StreamKeys, _Place] = {}
         self._viewers = 0
+        self._viewers_of: Counter[str] = Counter()
         self._closed = False
         self._workers = ThreadPoolExecutor(THREADS, "lidarcodec live")
         self._painter = ThreadPoolExecutor(1, "lidarcodec picture")
@@ -101,12 +109,19 @@ class LiveHub:
                 place.closer = self._loop.create_task(self._close_later(keys, place))
 
     @contextlib.asynccontextmanager
-    async def viewing(self, keys: StreamKeys, viewer: Viewer) -> AsyncIterator[Watch]:
-        """The same for a viewer, which gets what comes meanwhile. Raises TooManyViewersError, TransportError."""
+    async def viewing(self, keys: StreamKeys, viewer: Viewer, client: str = "") -> AsyncIterator[Watch]:
+        """The same for a viewer, which gets what comes meanwhile. client: who looks.
+
+        Raises TooManyViewersError, TransportError.
+        """
         if self._closed or self._viewers >= self.max_viewers:
             self.counts["refused"] += 1
             raise TooManyViewersError(f"{self._viewers} viewers are connected, as many as are allowed")
+        if not self.room_for(client):
+            self.counts["refused"] += 1
+            raise TooManyViewersError(f"'{client}' has {self._viewers_of[client]} live sockets: the limit", own=True)
         self._viewers += 1
+        self._viewers_of[client] += 1
         self.counts["viewers"] += 1
         try:
             async with self.watching(keys, decode=viewer.decodes) as watch:
@@ -117,8 +132,15 @@ class LiveHub:
                     watch.remove(viewer)
         finally:
             self._viewers -= 1
+            self._viewers_of[client] -= 1
+            if not self._viewers_of[client]:
+                del self._viewers_of[client]
             for name in ("sent", "skipped", "sent_bytes"):
                 self.counts[f"{viewer.kind} {name}"] += getattr(viewer, name)
+
+    def room_for(self, client: str) -> bool:
+        """Whether a client may open one socket more, as far as its own are concerned."""
+        return self._viewers_of[client] < self.max_viewers_a_client
 
     def work(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
         """Run a function in a thread, and note how long it takes."""

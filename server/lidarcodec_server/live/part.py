@@ -23,7 +23,12 @@ async def live(app: FastAPI) -> AsyncIterator[None]:
     """The hub and the recordings of an app, in `app.state`."""
     config: ServerConfig = app.state.config
     service: Service = app.state.service
-    hub = LiveHub(lambda: service.transport, max_viewers=config.max_viewers, ack_limit_s=config.ack_limit_s)
+    hub = LiveHub(
+        lambda: service.transport,
+        max_viewers=config.max_viewers,
+        max_viewers_a_client=config.max_viewers_a_client,
+        ack_limit_s=config.ack_limit_s,
+    )
     shelf = Shelf(config.recordings, max_total_bytes=config.max_recordings_bytes)
     limits = Limits(config.max_recording_s, config.max_recording_bytes)
     recordings = Recordings(shelf, hub, _opener(config, service), limits)

@@ -50,16 +50,17 @@ async def run(
     keys: StreamKeys,
     viewer: CloudViewer | FramesViewer,
     *,
+    client: str = "",
     subprotocol: str | None = None,
     allowed: Callable[[], bool] = lambda: True,
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
-    allowed: whether it may still look; asked in a thread, every few seconds
+    client: who looks; allowed: whether it may still look; asked in a thread, every few seconds
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
-    async with hub.viewing(keys, viewer):
+    async with hub.viewing(keys, viewer, client):
         await websocket.accept(subprotocol)
         tasks = [
             asyncio.create_task(work)

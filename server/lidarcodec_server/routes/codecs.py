@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Annotated
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Path, Response
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Codec
+from lidarcodec.codecs.riddle_shelf import shipped
 from lidarcodec_server.auth import Viewer
+from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.schemas import CodecAnswer, Reach
 
 router = APIRouter(prefix="/api/v1/codecs", tags=["codecs"])
 
+FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+"""Weights are named by their bytes."""
 RETURNS_A_SECOND = 1_100_000
 """Ten frames of KITTI's 82 to 87 % returns of 64 x 2088 directions, rounded."""
 
@@ -21,6 +26,24 @@ RETURNS_A_SECOND = 1_100_000
 def codecs(client: Viewer) -> list[CodecAnswer]:
     """The codecs, with the JSON schemas of their settings, what they can promise and which rates they reach."""
     return [_answer(name) for name in table.names()]
+
+
+@router.get(
+    "/riddle/weights/{name}",
+    response_class=Response,
+    responses={
+        200: {"content": {"application/octet-stream": {}}, "description": "The file."},
+        404: {"description": "No such weights in this version."},
+    },
+)
+def riddle_weights(
+    client: Viewer, name: Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="As messages name them.")]
+) -> Response:
+    """A weight file of codec `riddle` that comes with the package, for programs that decode messages themselves."""
+    found = shipped().get(name)
+    if found is None:
+        raise ProblemError(404, f"there are no weights {name} here: their stream brings them", "weights")
+    return Response(found.data, media_type="application/octet-stream", headers=FOR_EVER)
 
 
 @cache

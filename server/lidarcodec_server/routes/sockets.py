@@ -12,6 +12,7 @@ from lidarcodec_server.live.options import CloudOptions, FramesOptions
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.live import Hub, Known
+from lidarcodec_server.tokens import Client
 
 router = APIRouter(prefix="/api/v1/streams", tags=["live"])
 
@@ -19,16 +20,18 @@ router = APIRouter(prefix="/api/v1/streams", tags=["live"])
 @router.websocket("/{vehicle}/{sensor}/cloud")
 async def cloud(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
     """Decoded frames, the newest only."""
-    await _serve(websocket, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params)))
+    await _serve(websocket, client, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params)))
 
 
 @router.websocket("/{vehicle}/{sensor}/frames")
 async def frames(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
     """Messages as the vehicle sent them, the newest that this viewer can decode."""
-    await _serve(websocket, hub, known.keys, FramesViewer(FramesOptions.of(websocket.query_params)))
+    await _serve(websocket, client, hub, known.keys, FramesViewer(FramesOptions.of(websocket.query_params)))
 
 
-async def _serve(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, viewer: CloudViewer | FramesViewer) -> None:
+async def _serve(
+    websocket: WebSocket, client: Client, hub: LiveHub, keys: StreamKeys, viewer: CloudViewer | FramesViewer
+) -> None:
     def allowed() -> bool:
         try:
             require_viewer(websocket)
@@ -37,6 +40,7 @@ async def _serve(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, viewer: C
         return True
 
     try:
-        await session.run(websocket, hub, keys, viewer, subprotocol=subprotocol_of(websocket), allowed=allowed)
+        protocol = subprotocol_of(websocket)
+        await session.run(websocket, hub, keys, viewer, client=client.name, subprotocol=protocol, allowed=allowed)
     except TooManyViewersError as error:
-        raise ProblemError(503, str(error), "viewers", {"Retry-After": "10"}) from None
+        raise ProblemError(429 if error.own else 503, str(error), "viewers", {"Retry-After": "10"}) from None

@@ -117,6 +117,7 @@ function Footer({ told }: { told: ViewStats | null }) {
       <span>
         <i>frame</i> {told?.frameIndex ?? "–"}
       </span>
+      {told?.note && <span role="status">{told.note}</span>}
       <span class="grow" />
       {row?.codec && <span>{row.codec}</span>}
     </footer>

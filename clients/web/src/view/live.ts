@@ -1,5 +1,6 @@
 /** The view of a stream: frames of a source become pictures. A picture is made when there is something new to see: a
  * frame, a movement, a choice; and at the screen's rate while something moves. */
+import { DecodingSource } from "../decode/source";
 import { Camera } from "./camera";
 import { type Comparison, compared, ErrorScale } from "./compare";
 import { Controls } from "./controls";
@@ -183,7 +184,9 @@ export class LiveView implements View, Sink {
   #connect(): void {
     if (!this.#stream || !this.#gl) return;
     this.#opened = performance.now();
-    this.#source = new CloudSocket({ ...this.#stream, original: this.#options.compare }, this);
+    const { compare, decodeInBrowser } = this.#options;
+    const Source = decodeInBrowser && !compare ? DecodingSource : CloudSocket; // the originals come decoded only
+    this.#source = new Source({ ...this.#stream, original: compare }, this);
   }
 
   #disconnect(): void {
@@ -331,6 +334,7 @@ export class LiveView implements View, Sink {
       ...stats,
       connection: this.#gl ? (source?.connection ?? "closed") : "refused",
       problem: this.#gl ? (source?.problem ?? null) : NO_WEBGL,
+      note: source?.note ?? null,
       alive: source?.alive ?? null,
       comparison: this.#comparison,
       gpuBytes,

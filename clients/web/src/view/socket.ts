@@ -3,7 +3,7 @@
  * A frame is acknowledged when it was drawn, and two may be under way: so a slow page gets fewer frames and none of them
  * late. While nobody sees the page the socket is closed, because nothing would be drawn. */
 import { Backoff } from "./backoff";
-import { parseFrame } from "./frame";
+import { parseFrame, type RangeFrame } from "./frame";
 import { type SensorEvent, type SensorTable, sensorTable } from "./sensor";
 import type { FrameSource, Sink, SourceOptions } from "./source";
 
@@ -15,6 +15,31 @@ interface Told extends Partial<SensorEvent> {
   event: string;
   server_ns?: number;
 }
+
+/** What a socket of a stream is asked for, and how its binary messages become frames. */
+export interface Reception {
+  readonly name: "cloud" | "frames";
+  readonly query: Readonly<Record<string, string>>;
+  /** Whether frames are decoded by the server's clock. */
+  readonly ahead: boolean;
+  /** Gives the frame of a message, now or later, or says why there is none: then the socket is opened again. */
+  take(
+    data: ArrayBuffer,
+    sensor: SensorTable | null,
+    give: (frame: RangeFrame, sensor: SensorTable) => void,
+    fail: (error: Error) => void,
+  ): void;
+  /** No message will be given any more. */
+  end(): void;
+}
+
+const DECODED: Reception = {
+  name: "cloud",
+  query: { form: "range", window: `${WINDOW}` },
+  ahead: true,
+  take: (data, sensor, give) => sensor && give(parseFrame(data), sensor),
+  end: () => {},
+};
 
 export class CloudSocket implements FrameSource {
   connection: FrameSource["connection"] = "opening";
@@ -32,6 +57,7 @@ export class CloudSocket implements FrameSource {
   constructor(
     private readonly options: SourceOptions,
     private readonly sink: Sink,
+    private readonly reception: Reception = DECODED,
   ) {
     const { signal } = this.#ended;
     window.addEventListener("online", () => this.#hurry(), { signal });
@@ -42,6 +68,7 @@ export class CloudSocket implements FrameSource {
   close(): void {
     this.#ended.abort();
     this.#leave();
+    this.reception.end();
     this.connection = "closed";
   }
 
@@ -61,10 +88,9 @@ export class CloudSocket implements FrameSource {
   }
 
   #open(): void {
-    const url = this.#path("/cloud");
+    const url = this.#path(`/${this.reception.name}`);
     url.protocol = url.protocol.replace("http", "ws");
-    url.searchParams.set("form", "range");
-    url.searchParams.set("window", `${WINDOW}`);
+    for (const [option, value] of Object.entries(this.reception.query)) url.searchParams.set(option, value);
     if (this.options.original) url.searchParams.set("attributes", "intensity,original");
     const { token } = this.options;
     const socket = new WebSocket(url, token ? ["lidarcodec", `lidarcodec.token.${token}`] : ["lidarcodec"]);
@@ -89,11 +115,17 @@ export class CloudSocket implements FrameSource {
   }
 
   #frame(socket: WebSocket, data: ArrayBuffer): void {
-    if (!this.#sensor) return;
-    const frame = parseFrame(data);
-    this.#backoff.reset();
-    this.problem = null;
-    this.sink.frame(frame, this.#sensor, () => this.#acknowledge(socket, frame.index));
+    const give = (frame: RangeFrame, sensor: SensorTable) => {
+      if (socket !== this.#socket) return; // it was decoded when nobody waited for it any more
+      this.#backoff.reset();
+      this.problem = null;
+      this.sink.frame(frame, sensor, () => this.#acknowledge(socket, frame.index));
+    };
+    const fail = (error: Error) => {
+      this.problem = error.message;
+      socket.close(); // and a new one begins with a message that needs no other
+    };
+    this.reception.take(data, this.#sensor, give, fail);
   }
 
   #acknowledge(socket: WebSocket, index: number): void {
@@ -106,7 +138,8 @@ export class CloudSocket implements FrameSource {
   #event(text: string): void {
     const told = JSON.parse(text) as Told;
     if (told.event === "sensor") this.#sensor = sensorTable(told);
-    if (told.event === "hello" && told.server_ns) this.clockAheadMs = told.server_ns / 1e6 - Date.now();
+    if (told.event === "hello" && told.server_ns && this.reception.ahead)
+      this.clockAheadMs = told.server_ns / 1e6 - Date.now();
     else if (told.event === "restarted") this.sink.restarted();
     else if (told.event === "alive" || told.event === "gone") {
       this.alive = told.event === "alive";

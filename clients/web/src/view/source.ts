@@ -18,6 +18,8 @@ export interface FrameSource {
   /** Why nothing comes, for people; null while all is well. */
   readonly problem: string | null;
   readonly alive: boolean | null;
+  /** What a viewer should know though all is well; null or nothing otherwise. */
+  readonly note?: string | null;
   /** Milliseconds by which the clock of whoever decodes is ahead of the browser's; 0 where they are one. */
   readonly clockAheadMs: number;
   close(): void;

@@ -49,6 +49,8 @@ export interface ViewStats {
   /** What the socket does. `refused`: the server said no, and `problem` says why; it is not asked again. */
   connection: "closed" | "opening" | "open" | "waiting" | "refused";
   problem: string | null;
+  /** What a viewer should know though all is well: that the server decodes what the page cannot. */
+  note: string | null;
   /** From the socket's events: whether the vehicle's publisher is there; null while it is not known. */
   alive: boolean | null;
   /** Pictures drawn in the last second: as many as frames while nothing moves, up to the screen's rate while it does. */

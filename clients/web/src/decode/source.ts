@@ -1,0 +1,94 @@
+/** Frames that the page decodes itself. Messages of a codec that it cannot decode are asked for decoded, from the server,
+ * until the stream has another codec; `note` says so. */
+
+import { parseFrame } from "../view/frame";
+import { type SensorTable, sensorTable } from "../view/sensor";
+import { CloudSocket, type Reception } from "../view/socket";
+import type { FrameSource, Sink, SourceOptions } from "../view/source";
+import { createDecoder, DECODED_HERE, DecodeFailure } from "./index";
+
+export class DecodingSource implements FrameSource {
+  note: string | null = null;
+  #socket: CloudSocket;
+  #ended = false;
+
+  constructor(
+    private readonly options: SourceOptions,
+    private readonly sink: Sink,
+  ) {
+    this.#socket = this.#here();
+  }
+
+  get connection(): FrameSource["connection"] {
+    return this.#socket.connection;
+  }
+
+  get problem(): string | null {
+    return this.#socket.problem;
+  }
+
+  get alive(): boolean | null {
+    return this.#socket.alive;
+  }
+
+  get clockAheadMs(): number {
+    return this.#socket.clockAheadMs;
+  }
+
+  close(): void {
+    this.#ended = true;
+    this.#socket.close();
+  }
+
+  #here(): CloudSocket {
+    const decoder = createDecoder({ token: this.options.token });
+    let told = "";
+    let table: SensorTable | null = null;
+    const reception: Reception = {
+      name: "frames",
+      query: { window: "2" },
+      ahead: false,
+      take: (data, _, give, fail) => {
+        decoder.push(data).then(
+          ({ data: image, sensor }) => {
+            if (table === null || sensor.hash !== told) table = sensorTable(sensor);
+            told = sensor.hash;
+            give(parseFrame(image), table);
+          },
+          (error: unknown) => {
+            if (error instanceof DecodeFailure && error.code === "version") this.#elsewhere(error.message);
+            else fail(error instanceof Error ? error : new Error(String(error)));
+          },
+        );
+      },
+      end: () => decoder.dispose(),
+    };
+    return new CloudSocket(this.options, this.sink, reception);
+  }
+
+  /** The server decodes, as long as frames are of a codec that is not decoded here. */
+  #elsewhere(why: string): void {
+    if (this.#ended) return;
+    this.#socket.close();
+    this.note = `The server decodes this stream: ${why}.`;
+    const { sink } = this;
+    const watched: Sink = {
+      frame: (frame, sensor, shown) => {
+        if (DECODED_HERE.has(frame.codec)) this.#back();
+        else sink.frame(frame, sensor, shown);
+      },
+      restarted: () => sink.restarted(),
+      changed: () => sink.changed(),
+    };
+    this.#socket = new CloudSocket(this.options, watched);
+    sink.changed();
+  }
+
+  #back(): void {
+    if (this.#ended) return;
+    this.#socket.close();
+    this.note = null;
+    this.#socket = this.#here();
+    this.sink.changed();
+  }
+}

@@ -1,0 +1,95 @@
+/** A decoded frame in the bytes in which the cloud socket sends it (docs/live-sockets.md, form range). */
+
+import { Field, ROWS, rowValues, type Sensor } from "../../../../typescript/src/sensor.js";
+
+const HEADER_BYTES = 96;
+const POSE_BYTES = 96;
+const INTENSITY = 1;
+const POSE = 32;
+
+export interface Image {
+  readonly streamId: bigint;
+  readonly index: bigint;
+  readonly stampNs: bigint;
+  readonly codec: number;
+  readonly width: number;
+  readonly range: Uint16Array;
+  readonly azimuth: Uint16Array;
+  readonly intensity: Uint8Array | null;
+  readonly rangeStep: number;
+  /** 96 bytes, f64, as in the message. */
+  readonly pose: Uint8Array | null;
+}
+
+/** nowMs: when it was decoded, ms since 1970 */
+export function packImage(image: Image, nowMs: number): ArrayBuffer {
+  const { width, range, azimuth, intensity, pose } = image;
+  const header = HEADER_BYTES + (pose ? POSE_BYTES : 0);
+  const cells = ROWS * width;
+  const size = header + 2 * cells + 4 * width + (intensity ? cells : 0);
+  const data = new ArrayBuffer(size);
+  const view = new DataView(data);
+  new Uint8Array(data).set([0x4c, 0x44, 0x43, 0x52]); // LDCR
+  view.setUint16(4, 1, true);
+  view.setUint16(6, header, true);
+  view.setBigUint64(8, image.streamId, true);
+  view.setBigUint64(16, image.index, true);
+  view.setBigInt64(24, image.stampNs, true);
+  view.setBigInt64(32, BigInt(Math.round(nowMs * 1000)) * 1000n, true);
+  view.setUint16(40, image.codec, true);
+  view.setUint16(42, (intensity ? INTENSITY : 0) | (pose ? POSE : 0), true);
+  view.setFloat32(56, Number.NaN, true); // two clocks: whoever shows it knows how far they are apart
+  view.setFloat32(60, image.rangeStep, true);
+  view.setUint16(76, width, true);
+  view.setUint16(78, ROWS, true);
+  view.setUint32(80, size, true);
+  if (pose) new Uint8Array(data).set(pose, HEADER_BYTES);
+  new Uint16Array(data, header, cells).set(range);
+  new Uint16Array(data, header + 2 * cells, 2 * width).set(azimuth);
+  if (intensity) new Uint8Array(data, header + 2 * cells + 4 * width, cells).set(intensity);
+  let returns = 0;
+  for (let i = 0; i < cells; i++) if (range[i] !== 0) returns++;
+  view.setUint32(44, returns, true);
+  view.setUint32(48, returns, true);
+  return data;
+}
+
+/** What the socket's event `sensor` says of a sensor: for each ring its laser, block and calibration. */
+export interface SensorFacts {
+  readonly name: string;
+  readonly hash: string;
+  readonly origin: "message";
+  readonly convention: "ros" | "veloview";
+  readonly range_step_m: number;
+  readonly rings: number;
+  readonly laser: number[];
+  readonly block: number[];
+  readonly rot_correction_rad: number[];
+  readonly vert_correction_rad: number[];
+  readonly dist_correction_m: number[];
+  readonly dist_correction_x_m: number[];
+  readonly dist_correction_y_m: number[];
+  readonly vert_offset_m: number[];
+  readonly horiz_offset_m: number[];
+}
+
+export function factsOf(sensor: Sensor): SensorFacts {
+  const values = (field: number, perUnit: number) => Array.from(rowValues(sensor, field), (steps) => steps / perUnit);
+  return {
+    name: sensor.name,
+    hash: sensor.hash,
+    origin: "message",
+    convention: sensor.convention,
+    range_step_m: sensor.rangeStep,
+    rings: ROWS,
+    laser: [...sensor.laser],
+    block: [...sensor.half],
+    rot_correction_rad: values(Field.rotation, 1e8),
+    vert_correction_rad: values(Field.vertical, 1e8),
+    dist_correction_m: values(Field.distance, 1e7),
+    dist_correction_x_m: values(Field.distanceX, 1e7),
+    dist_correction_y_m: values(Field.distanceY, 1e7),
+    vert_offset_m: values(Field.verticalOffset, 1e7),
+    horiz_offset_m: values(Field.horizontalOffset, 1e7),
+  };
+}

@@ -1,0 +1,176 @@
+/** What a viewer would lose: the same frame as from the server, whatever codec, and a page that goes on, whatever bytes. */
+
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import { beforeAll, describe, expect, it, vi } from "vitest";
+import { crc32c } from "../../../../typescript/src/crc32c.js";
+import { DecodeError } from "../../../../typescript/src/errors.js";
+import { zstdReady } from "../../../../typescript/src/zstd.js";
+import { digest, type Expected, type Vector, vectors } from "../../../../typescript/test/vectors.js";
+import { parseFrame } from "../../view/frame";
+import { sensorTable } from "../../view/sensor";
+import { DECODED_HERE } from "../index";
+import { DECODES, type Decoded, StreamDecoder } from "./stream";
+
+const FOLDER = import.meta.dirname;
+const WEIGHTS = join(FOLDER, "../../../../../lidarcodec/codecs/weights/riddle-sim.lcrw");
+const NOW = 1_700_000_000_000;
+const ALL = vectors(/./);
+
+vi.setConfig({ testTimeout: 120_000, hookTimeout: 120_000 }); // of a busy machine
+
+let module: WebAssembly.Module;
+let fetched: string[] = [];
+
+beforeAll(async () => {
+  await zstdReady();
+  module = await WebAssembly.compile(new Uint8Array(readFileSync(join(FOLDER, "decoder.wasm"))));
+});
+
+function decoder(): StreamDecoder {
+  fetched = [];
+  const weights = async (name: string) => {
+    fetched.push(name);
+    return new Uint8Array(readFileSync(WEIGHTS));
+  };
+  return new StreamDecoder(module, weights, () => NOW);
+}
+
+function vector(name: string): Vector {
+  return ALL.find((one) => one.name === name) as Vector;
+}
+
+function check({ data, sensor }: Decoded, expected: Expected): void {
+  const columns = new DataView(data).getUint16(76, true);
+  expect(columns).toBe(expected.width);
+  expect([sensor.name, sensor.hash, sensor.convention, sensor.range_step_m]).toEqual(expected.sensor);
+  expect(sensorTable(sensor).values.length).toBe(64 * 12);
+  if (columns === 0) return; // nothing to show, and no frame for the view
+  const frame = parseFrame(data);
+  expect(BigInt(`0x${frame.streamId}`)).toBe(BigInt(expected.stream));
+  expect(frame.index).toBe(Number(expected.index));
+  expect(frame.stampMs).toBeCloseTo(Number(expected.stamp_ns) / 1e6, 1);
+  expect(frame.decodedMs).toBe(NOW);
+  expect(frame.returns).toBe(expected.returns);
+  expect(digest(frame.range)).toBe(expected.range);
+  expect(digest(frame.azimuth)).toBe(expected.azimuth);
+  expect(digest(frame.intensity ?? new Uint8Array(64 * columns))).toBe(expected.intensity);
+  expect(frame.pose && [...frame.pose]).toEqual(expected.pose);
+}
+
+describe("messages of every codec that is decoded here", () => {
+  it.each(ALL.map(({ name }) => name))("%s", async (name) => {
+    const { messages, expected } = vector(name);
+    const one = decoder();
+    for (const [i, message] of messages.entries()) check(await one.decode(message), expected[i]);
+    expect(fetched.length).toBeLessThan(2); // weights are asked for once
+  });
+
+  it("are those that the page asks for", () => {
+    const found = new Set(
+      ALL.map(({ messages }) => new DataView(messages[0].buffer, messages[0].byteOffset).getUint16(12, true)),
+    );
+    expect(found).toEqual(DECODED_HERE);
+    expect(new Set(Object.keys(DECODES).map(Number))).toEqual(DECODED_HERE);
+  });
+});
+
+async function failure(one: StreamDecoder, message: Uint8Array): Promise<string> {
+  try {
+    await one.decode(message);
+    return "";
+  } catch (error) {
+    expect(error).toBeInstanceOf(DecodeError);
+    return (error as DecodeError).code;
+  }
+}
+
+/** A copy with changed bytes, and a checksum that fits them. */
+function changed(message: Uint8Array, change: (bytes: Uint8Array) => void): Uint8Array {
+  const bytes = message.slice();
+  change(bytes);
+  const view = new DataView(bytes.buffer);
+  view.setUint32(8, bytes.length, true);
+  view.setUint32(bytes.length - 4, crc32c(bytes.subarray(0, -4)), true);
+  return bytes;
+}
+
+describe("what is lost or hostile", () => {
+  it("a message that builds on a lost one says so, and decoding goes on with the next that needs none", async () => {
+    const { messages, expected } = vector("golden_v1_riddle_lossless");
+    const one = decoder();
+    expect(await failure(one, messages[1])).toBe("reference");
+    check(await one.decode(messages[0]), expected[0]);
+    expect(await failure(one, messages[2])).toBe("reference");
+    check(await one.decode(messages[1]), expected[1]);
+    check(await one.decode(messages[3]), expected[3]); // a key message
+    check(await one.decode(messages[4]), expected[4]);
+  });
+
+  it("a damaged message costs the frames up to the next key message, and no more", async () => {
+    const { messages, expected } = vector("golden_v1_predictive_coarse");
+    const one = decoder();
+    check(await one.decode(messages[0]), expected[0]);
+    const damaged = changed(messages[1], (bytes) => bytes.fill(0xff, bytes.length - 200, bytes.length - 100));
+    expect(await failure(one, damaged)).not.toBe("");
+    expect(await failure(one, messages[2])).toBe("reference");
+    check(await one.decode(messages[3]), expected[3]);
+  });
+
+  it("a codec that is not decoded here is named", async () => {
+    const other = changed(vector("zstd").messages[0], (bytes) => bytes.set([3, 0], 12));
+    await expect(decoder().decode(other)).rejects.toThrow("codec 3");
+    expect(await failure(decoder(), other)).toBe("version");
+  });
+
+  it("weights that the server has not are asked for with a key message", async () => {
+    const one = new StreamDecoder(
+      module,
+      async () => null,
+      () => NOW,
+    );
+    expect(await failure(one, vector("golden_v1_riddle_lossless").messages[0])).toBe("reference");
+  });
+
+  it.each(["zstd_modelled", "golden_v1_png_lossless", "golden_v1_predictive_slabs_motion", "golden_v1_riddle_coarse"])(
+    "mutated messages of %s are errors or frames, and whole ones are decoded after them",
+    async (name) => {
+      const { messages, expected } = vector(name);
+      let state = 20261121;
+      const random = (below: number) => {
+        state ^= state << 13;
+        state ^= state >>> 17;
+        state ^= state << 5;
+        return (state >>> 0) % below;
+      };
+      const one = decoder();
+      let refused = 0;
+      for (let i = 0; i < 150; i++) {
+        const at = random(messages.length);
+        const hostile = changed(messages[at], (bytes) => {
+          for (let times = 1 + random(3); times > 0; times--)
+            bytes[56 + random(bytes.length - 60)] = random(2) ? random(256) : 0xff;
+        });
+        refused += (await failure(one, hostile)) === "" ? 0 : 1;
+        if (i % 15 === 0) check(await one.decode(messages[0]), expected[0]);
+      }
+      expect(refused).toBeGreaterThan(60);
+    },
+    120_000,
+  );
+
+  it("a message that is cut is an error", async () => {
+    const one = decoder();
+    const { messages } = vector("golden_v1_riddle_lossless");
+    for (let size = 0; size < messages[0].length; size += 211) {
+      expect(await failure(one, messages[0].slice(0, size))).not.toBe("");
+      if (size > 60)
+        expect(
+          await failure(
+            one,
+            changed(messages[0].slice(0, size), () => {}),
+          ),
+        ).not.toBe("");
+    }
+  });
+});

@@ -1,0 +1,109 @@
+/** Weight files of codec riddle (docs/wire-format-riddle-weights.md), by name: those a stream brings, and the server's. */
+
+import { crc32c } from "../../../../typescript/src/crc32c.js";
+import { DecodeError, damaged } from "../../../../typescript/src/errors.js";
+import { sha256 } from "../../../../typescript/src/sha256.js";
+import type { Network } from "./native.js";
+
+const OUTPUTS = 32;
+const INPUTS = [72, 112];
+const KEPT = 4;
+
+export interface WeightNetwork extends Network {
+  /** 0 small, 1 large, 2 largest. */
+  readonly size: number;
+}
+
+export interface Weights {
+  readonly name: string;
+  readonly networks: readonly WeightNetwork[];
+}
+
+export function hex(bytes: Uint8Array): string {
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** The networks of a file's bytes. What its numbers are is looked at where they are used. */
+export function readWeights(data: Uint8Array): Weights {
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
+  if (data[4] !== 2) throw new DecodeError("version", `weights of version ${data[4]}`);
+  const end = data.length - 4;
+  if (view.getUint32(end, true) !== crc32c(data.subarray(0, end)))
+    throw new DecodeError("checksum", "the checksum of the weights does not match");
+  let at = 9 + view.getUint32(5, true);
+  if (at >= end) throw new DecodeError("truncated", "weights end within their provenance");
+  const count = data[at++];
+  if (count < 1 || count > 6) throw damaged(`weights of ${count} networks`);
+  const networks = Array.from({ length: count }, (): WeightNetwork => {
+    if (end - at < 14) throw new DecodeError("truncated", "weights end within a network");
+    const [expects, size, layers] = data.subarray(at, at + 3);
+    const [inputs, first, second, outputs] = [3, 5, 7, 9].map((by) => view.getUint16(at + by, true));
+    const [shift1, shift2, shift3] = data.subarray(at + 11, at + 14);
+    if (
+      expects > 1 ||
+      size > 2 ||
+      layers !== 3 ||
+      inputs !== INPUTS[expects] ||
+      outputs !== OUTPUTS ||
+      first > 256 ||
+      second > 256
+    )
+      throw damaged("a network of other than the known kinds");
+    const weights = [inputs * first, first * second, second * outputs].reduce((sum, n) => sum + 2 * n, 0);
+    const bytes = weights + 4 * (first + second + outputs);
+    at += 14;
+    if (bytes > end - at) throw new DecodeError("truncated", "weights end within a network");
+    const taken = data.slice(at, at + bytes);
+    at += bytes;
+    return {
+      layers: taken,
+      hidden: [first, second],
+      shifts: [shift1, shift2, shift3],
+      expects: expects === 1,
+      size,
+    };
+  });
+  if (at !== end) throw damaged("weights with bytes too many");
+  return { name: hex(sha256(data).subarray(0, 8)), networks };
+}
+
+/** The networks for an effort, of both kinds: of its size, or of the nearest there is, of two the smaller. */
+export function networksOf(weights: Weights, effort: number): WeightNetwork[] {
+  const apart = ({ size }: WeightNetwork) => Math.abs(size - (effort - 2));
+  return [false, true].map((expects) => {
+    const kind = weights.networks.filter((network) => network.expects === expects);
+    const found = kind.sort((a, b) => apart(a) - apart(b) || a.size - b.size)[0];
+    if (found === undefined) throw damaged(`weights ${weights.name} have no network for frames of one kind`);
+    return found;
+  });
+}
+
+/** Weights by name. fetched: asks the server for those that a stream does not bring; null if it has none of that name */
+export class Shelf {
+  readonly #brought = new Map<string, Weights>();
+  readonly #shipped = new Map<string, Weights>();
+  readonly #fetched: (name: string) => Promise<Uint8Array | null>;
+
+  constructor(fetched: (name: string) => Promise<Uint8Array | null>) {
+    this.#fetched = fetched;
+  }
+
+  put(weights: Weights): void {
+    this.#brought.delete(weights.name);
+    this.#brought.set(weights.name, weights);
+    if (this.#brought.size > KEPT) this.#brought.delete(this.#brought.keys().next().value as string);
+  }
+
+  async find(name: string): Promise<Weights> {
+    const known = this.#brought.get(name) ?? this.#shipped.get(name);
+    if (known) return known;
+    const data = await this.#fetched(name);
+    const weights = data && readWeights(data);
+    if (weights?.name !== name)
+      throw new DecodeError("reference", `weights ${name} are not here: they come with a key message, ask for one`);
+    if (this.#shipped.size >= KEPT) this.#shipped.clear();
+    this.#shipped.set(name, weights);
+    return weights;
+  }
+}
