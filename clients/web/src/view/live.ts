@@ -23,6 +23,8 @@ const STATS_MS = 500;
 const WAIT_FOR_ORIGINALS_MS = 3000;
 /** A comparison stays so long without another original. */
 const PATIENCE_MS = 3000;
+/** A graphics card has drawn by then. */
+const QUICK_MS = 40;
 const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
 const LOST = "The graphics card was taken away; the picture comes back with it.";
 const NO_ORIGINALS =
@@ -158,6 +160,7 @@ export class LiveView implements View, Sink {
     this.#theme.dispose();
     this.#controls.dispose();
     this.#renderer?.delete();
+    this.#renderer = this.#pending = null;
     this.#gl?.getExtension("WEBGL_lose_context")?.loseContext();
     this.#canvas.remove();
     this.#overlay.root.remove();
@@ -232,7 +235,14 @@ export class LiveView implements View, Sink {
     const took = this.#pending?.done(now) ?? null;
     if (took !== null && this.#quality.took(took)) this.#dirty = true;
     if (!this.#pending?.drawing) this.#next(now);
-    if (this.#dirty || this.#pending?.drawing || this.#waiting.length > 0) this.#again();
+    if (this.#pending?.drawing) this.#wait(now);
+    else if (this.#dirty || this.#waiting.length > 0) this.#again();
+  }
+
+  /** Look again with the next picture of the browser, or less often for a card that takes its time. */
+  #wait(now: number): void {
+    if (now - this.#before < QUICK_MS) this.#again();
+    else window.setTimeout(() => this.#again(), QUICK_MS / 2);
   }
 
   /** Draw what is new. */
