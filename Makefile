@@ -14,6 +14,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-inp
 EDITABLE := --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
 NATIVE := build/native/.built
 WEB := $(STAMPS)/web
+# By the lock file, as it is. `npm ci` refuses one in which builds for other systems are missing, and a registry may lack those.
+NPM_INSTALL := npm install --no-save --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
 JOBS ?= 2
 export PYTHON CXX
@@ -76,7 +78,7 @@ format: $(STAMPS)/dev ## put every file into the house's form
 native: $(NATIVE) ## build the native core into lidarcodec/
 
 web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
-	cd clients/web && npm ci --silent && npm run --silent build
+	cd clients/web && $(NPM_INSTALL) && npm run --silent build
 
 wasm: ## build the decoder that the page runs, from native/, where it is committed; then run `make web` (needs clang, lld and wasi-libc)
 	@sh tools/build-wasm.sh
@@ -109,7 +111,7 @@ $(STAMPS)/dev: $(STAMPS)/base
 $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json
 	@if command -v npm >/dev/null; then echo "Installing what the tests of the page and of the TypeScript decoder need ..."; \
 	  for folder in clients/web clients/typescript; do \
-	    (cd $$folder && npm ci --silent) || echo "npm could not: tests of the sources of $$folder are skipped"; done; fi
+	    (cd $$folder && $(NPM_INSTALL)) || echo "npm could not: tests of the sources of $$folder are skipped"; done; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)
