@@ -94,11 +94,16 @@ def points_of(frame: Frame) -> npt.NDArray[np.void]:
 
 def point_cloud(frame: Frame, frame_id: str) -> bytes:
     """A frame as `foxglove.PointCloud`. Cost: 7 ms for 120,000 points, most of it for the cloud itself."""
-    fields = Fields().data(1, _time(frame.stamp_ns)).text(2, frame_id).data(3, _IDENTITY)
+    return cloud_message(frame.stamp_ns, frame_id, points_of(frame))
+
+
+def cloud_message(stamp_ns: int, frame_id: str, points: npt.NDArray[np.void]) -> bytes:
+    """(N,) POINT_DTYPE, whatever they are of, as `foxglove.PointCloud`."""
+    fields = Fields().data(1, _time(stamp_ns)).text(2, frame_id).data(3, _IDENTITY)
     fields.fixed32(4, POINT_DTYPE.itemsize)
     for element in _ELEMENTS:
         fields.data(5, element)
-    return fields.data(6, points_of(frame).tobytes()).done()
+    return fields.data(6, points.tobytes()).done()
 
 
 def frame_transform(stamp_ns: int, parent: str, child: str, T_parent_child: npt.NDArray[np.float64]) -> bytes:

@@ -93,7 +93,7 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
     def run() -> None:
         try:
             close()
-        except zenoh.ZError as error:
+        except (zenoh.ZError, RuntimeError) as error:  # borrowed by a put: the session ends it
             logger.debug("closing %s: %s", what, _reason(error))
 
     thread = threading.Thread(target=run, name=f"close {what}", daemon=True)
