@@ -74,6 +74,7 @@ OURS = (
     Ours("`riddle effort=2`, after the frame before", "riddle", {}, after=True),
     Ours("`riddle effort=3`, after the frame before", "riddle", {"effort": 3}, after=True),
     Ours("the same, networks trained on 0001, 0013, `sfnd`", "riddle", {"effort": 3, "weights": OF_KITTI}, after=True),
+    Ours("the same with `effort=4`", "riddle", {"effort": 4, "weights": OF_KITTI}, after=True),
     Ours("`pcodec`", "pcodec", {}),
     Ours("`zstd`", "zstd", {}),
     Ours("`jxl`", "jxl", {}),

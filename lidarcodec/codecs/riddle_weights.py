@@ -170,6 +170,7 @@ def quantised(
 ) -> Net:
     """The network in integers: each layer shifted by as much as fits. layers: weights (out, in) and bias (out,), float.
 
+    A first layer that is exact in 8 bits is kept in them: it takes half the time where processors multiply bytes.
     Raises SettingsError for weights that are not finite or too large.
     """
     made = []
@@ -179,7 +180,7 @@ def quantised(
         wanted = np.asarray(weights, np.float64) * scale, np.asarray(bias, np.float64) * scale
         if not all(np.isfinite(values).all() and np.abs(values).max(initial=0) < 2**24 for values in wanted):
             raise SettingsError(f"layer {number + 1} has weights that are not finite, or far too large")
-        for shift in reversed(SHIFTS):
+        for shift in [*_exact_in_bytes(wanted[0], number), *reversed(SHIFTS)]:
             w, b = (np.rint(values * 2.0**shift * times).astype(np.int64)
                     for values, times in zip(wanted, (1, unit), strict=True))  # fmt: skip
             if np.abs(w).max() <= 32767 and _largest_sum(w, b, largest) <= _INT32:
@@ -188,6 +189,14 @@ def quantised(
         else:
             raise SettingsError(f"the weights of layer {number + 1} are too large for whole numbers")
     return Net(expects, size, tuple(made))
+
+
+def _exact_in_bytes(weights: npt.NDArray[np.float64], layer: int) -> list[int]:
+    """The smallest shift at which the weights of the first layer are whole numbers of 8 bits, if there is one."""
+    if layer > 0:
+        return []
+    scaled = [(shift, weights * 2.0**shift) for shift in SHIFTS]
+    return [n for n, w in scaled if w.min() >= -128 and w.max() <= 127 and np.array_equal(w, np.rint(w))][:1]
 
 
 def run(net: Net, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:

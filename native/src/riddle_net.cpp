@@ -47,11 +47,11 @@ const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_
 
 #if defined(__x86_64__)
 
-// Two neighbouring values, to be multiplied with pairs of weights.
-inline std::int32_t pair_at(const std::int16_t* in) {
-  std::int32_t pair;
-  std::memcpy(&pair, in, sizeof pair);
-  return pair;
+// Two neighbouring values, or four that are bytes, to be multiplied with as many weights.
+inline std::int32_t four_bytes_at(const void* in) {
+  std::int32_t bytes;
+  std::memcpy(&bytes, in, sizeof bytes);
+  return bytes;
 }
 
 // N returns at once, two blocks of sums each.
@@ -77,7 +77,7 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
         const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
 #pragma GCC unroll 2
         for (std::size_t r = 0; r < N; ++r) {
-          const __m256i x = _mm256_set1_epi32(pair_at(in[r] + i + 2 * odd));
+          const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + i + 2 * odd));
           sums[r][2 * odd] = _mm256_add_epi32(sums[r][2 * odd], _mm256_madd_epi16(x, w0));
           sums[r][2 * odd + 1] = _mm256_add_epi32(sums[r][2 * odd + 1], _mm256_madd_epi16(x, w1));
         }
@@ -97,11 +97,14 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
   }
 }
 
-// Blocks of sums of N returns, from `first` on. Sums of S inputs in turns are added up apart: enough of them at once that
-// none waits for its last product, and few enough for the registers.
-template <std::size_t N, std::size_t Blocks, std::size_t S>
+// Blocks of sums of N returns, from `first` on: of 16-bit values, or of bytes. Sums of S steps in turns are added up apart:
+// enough of them at once that none waits for its last product, and few enough for the registers.
+template <std::size_t N, std::size_t Blocks, std::size_t S, bool kBytes, class Value>
 __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void blocks_vnni(
-    const Layer& layer, std::size_t first, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+    const Layer& layer, std::size_t first, const std::array<const Value*, N>& in, const std::array<std::int16_t*, N>& out) {
+  constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
+  const std::int32_t* const bias = (kBytes ? layer.byte_bias.data() : layer.bias.data()) + first * kBlock;
+  const auto* w = reinterpret_cast<const std::byte*>(kBytes ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data()) + first * 64;
   __m512i sums[N][Blocks][S];
 #pragma GCC unroll 2
   for (std::size_t r = 0; r < N; ++r)
@@ -109,19 +112,19 @@ __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void blocks_vnni
     for (std::size_t b = 0; b < Blocks; ++b)
 #pragma GCC unroll 4
       for (std::size_t s = 0; s < S; ++s)
-        sums[r][b][s] = s == 0 ? _mm512_load_si512(layer.bias.data() + (first + b) * kBlock) : _mm512_setzero_si512();
-  for (std::size_t i = 0; i < layer.in; i += 2 * S) {
+        sums[r][b][s] = s == 0 ? _mm512_load_si512(bias + b * kBlock) : _mm512_setzero_si512();
+  for (std::size_t i = 0; i < layer.in; i += kAtOnce * S) {
 #pragma GCC unroll 4
-    for (std::size_t s = 0; s < S; ++s) {
-      const std::int16_t* const w = weights_at(layer, first, i + 2 * s);
+    for (std::size_t s = 0; s < S; ++s, w += layer.blocks() * 64) {
       __m512i x[N];
 #pragma GCC unroll 2
-      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(pair_at(in[r] + i + 2 * s));
+      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(four_bytes_at(in[r] + i + kAtOnce * s));
 #pragma GCC unroll 8
       for (std::size_t b = 0; b < Blocks; ++b) {
-        const __m512i pairs = _mm512_load_si512(w + b * 2 * kBlock);
+        const __m512i of = _mm512_load_si512(w + b * 64);
 #pragma GCC unroll 2
-        for (std::size_t r = 0; r < N; ++r) sums[r][b][s] = _mm512_dpwssd_epi32(sums[r][b][s], x[r], pairs);
+        for (std::size_t r = 0; r < N; ++r)
+          sums[r][b][s] = kBytes ? _mm512_dpbusd_epi32(sums[r][b][s], x[r], of) : _mm512_dpwssd_epi32(sums[r][b][s], x[r], of);
       }
     }
   }
@@ -139,14 +142,39 @@ __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void blocks_vnni
     }
 }
 
-template <std::size_t N>
-void layer_vnni(const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+template <std::size_t N, bool kBytes, class Value>
+void all_blocks_vnni(const Layer& layer, const std::array<const Value*, N>& in, const std::array<std::int16_t*, N>& out) {
   const std::size_t blocks = layer.blocks();
   std::size_t at = 0;
-  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, at, in, out);
-  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, 2>(layer, at, in, out);
-  if (blocks - at == 2) blocks_vnni<N, 2, 4>(layer, at, in, out);
-  if (blocks - at == 1) blocks_vnni<N, 1, 4>(layer, at, in, out);
+  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1, kBytes>(layer, at, in, out);
+  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, 2, kBytes>(layer, at, in, out);
+  if (blocks - at == 2) blocks_vnni<N, 2, kBytes ? 2 : 4, kBytes>(layer, at, in, out);
+  if (blocks - at == 1) blocks_vnni<N, 1, kBytes ? 2 : 4, kBytes>(layer, at, in, out);
+}
+
+// Inputs larger by 128, as bytes.
+struct alignas(64) Shifted {
+  std::array<std::uint8_t, kInputsExpecting + 16> of;
+};
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni"))) void shift_vnni(const std::int16_t* in, std::size_t count, Shifted& to) {
+  const __m256i by = _mm256_set1_epi8(-128);
+  for (std::size_t i = 0; i < count; i += 32) {
+    const auto here = static_cast<__mmask32>(count - i >= 32 ? 0xffffffffu : (1u << (count - i)) - 1u);
+    const __m256i bytes = _mm256_xor_si256(_mm512_cvtepi16_epi8(_mm512_maskz_loadu_epi16(here, in + i)), by);
+    _mm256_store_si256(reinterpret_cast<__m256i*>(to.of.data() + i), bytes);
+  }
+}
+
+template <std::size_t N>
+void layer_vnni(const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+  if (!layer.in_bytes) return all_blocks_vnni<N, false>(layer, in, out);
+  std::array<Shifted, N> shifted;
+  std::array<const std::uint8_t*, N> from;
+  for (std::size_t r = 0; r < N; ++r) {
+    shift_vnni(in[r], layer.in, shifted[r]);
+    from[r] = shifted[r].of.data();
+  }
+  all_blocks_vnni<N, true>(layer, from, out);
 }
 
 #endif
@@ -176,6 +204,23 @@ void run_layers([[maybe_unused]] NetForm form, const std::array<Layer, kNetLayer
 #else
     for (std::size_t r = 0; r < N; ++r) layer_plainly(layers[l], in[r], out[r]);
 #endif
+  }
+}
+
+// The first layer's weights once more as bytes, if they fit.
+void put_in_bytes(const GivenLayer& from, Layer& layer) {
+  layer.in_bytes = std::all_of(from.weights, from.weights + from.in * from.out, [](std::int16_t w) { return w >= -128 && w <= 127; });
+  if (!layer.in_bytes) return;
+  layer.byte_weights.assign(layer.blocks() * kBlock * from.in);
+  layer.byte_bias.assign(layer.blocks() * kBlock);
+  for (std::size_t o = 0; o < from.out; ++o) {
+    auto bias = static_cast<std::uint32_t>(from.bias[o]);
+    for (std::size_t i = 0; i < from.in; ++i) {
+      const std::int16_t w = from.weights[o * from.in + i];
+      bias -= static_cast<std::uint32_t>(128 * w);
+      layer.byte_weights.data()[(i / 4 * layer.blocks() + o / kBlock) * 4 * kBlock + o % kBlock * 4 + i % 4] = static_cast<std::int8_t>(w);
+    }
+    layer.byte_bias.data()[o] = static_cast<std::int32_t>(bias);
   }
 }
 
@@ -225,6 +270,7 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     for (std::size_t o = 0; o < from.out; ++o)
       for (std::size_t i = 0; i < from.in; ++i)
         layer.weights.data()[(i / 2 * layer.blocks() + o / kBlock) * 2 * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
+    if (l == 0) put_in_bytes(from, layer);
   }
 }
 

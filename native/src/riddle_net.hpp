@@ -70,6 +70,11 @@ class RiddleNet {
     // For every two inputs, blocks of 16 sums with a pair of weights each. Sums beyond `out` are 0.
     Lines<std::int16_t> weights;
     Lines<std::int32_t> bias;
+    // Of the first layer, where its weights fit 8 bits: for every four inputs, blocks of 16 sums with four weights each, for
+    // inputs that are larger by 128, and biases that are smaller by as much as that makes. Modulo 2^32, as all sums are.
+    bool in_bytes = false;
+    Lines<std::int8_t> byte_weights;
+    Lines<std::int32_t> byte_bias;
     std::size_t blocks() const { return (out + 15) / 16; }
   };
 

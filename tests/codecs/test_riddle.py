@@ -60,6 +60,23 @@ def test_every_processor_gives_the_odds_of_the_reference(form: str, expects: boo
         np.testing.assert_array_equal(nets.run(inputs), riddle_weights.run(net, inputs))
 
 
+def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
+    """Their products are those of other instructions, with inputs larger by 128."""
+    rng = np.random.default_rng(6)
+    for inputs, hidden in ((72, (24, 40)), (112, (192, 48)), (112, (48, 8)), (72, (32, 32)), (112, (152, 64))):
+        drawn = float_layers(inputs, hidden, seed=hidden[0])
+        first = rng.integers(-128, 128, drawn[0][0].shape)
+        first[0], first[1] = -128, 127
+        net = riddle_weights.quantised(inputs == 112, 2, [(first / 64, drawn[0][1]), *drawn[1:]])
+        assert net.layers[0].shift == 6  # kept as it is: exact in 8 bits
+        given = rng.integers(-128, 128, (33, inputs)).astype(np.int8)
+        given[0], given[1] = -128, 127
+        for form in fast.net_forms():
+            nets = entropy.NativeNets(form)
+            nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
+            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(net, given))
+
+
 @pytest.mark.parametrize("step", [1, 11, 501])
 def test_every_path_writes_the_same_with_networks(step: int) -> None:
     width = 400
