@@ -7,7 +7,9 @@ import { type Planes, firedCells } from "./planes.js";
 import { ROWS, type Sensor } from "./sensor.js";
 
 function words(data: Uint8Array): Uint16Array {
-  return Uint16Array.from({ length: data.length >> 1 }, (_, i) => data[2 * i] | (data[2 * i + 1] << 8));
+  const found = new Uint16Array(data.length >> 1);
+  for (let i = 0; i < found.length; i++) found[i] = data[2 * i] | (data[2 * i + 1] << 8);
+  return found;
 }
 
 function sized(data: Uint8Array, size: number, what: string): Uint8Array {
@@ -32,7 +34,8 @@ export function readRaw(message: Message, sensor: Sensor): Planes & { range: Uin
   });
   const sent = message.section(Section.INTENSITY);
   const intensity = sent === null ? new Uint8Array(cells) : sized(sent, cells, "intensities").slice();
-  const mask = Uint8Array.from(range, (value) => (value ? 1 : 0));
+  const mask = new Uint8Array(cells);
+  for (let i = 0; i < cells; i++) mask[i] = range[i] ? 1 : 0;
   const there = firedCells({ width, azimuth, fired }, sensor);
   for (let i = 0; i < cells; i++)
     if (!there[i] && (mask[i] || intensity[i])) throw damaged("returns in cells that were not fired");
