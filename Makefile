@@ -32,7 +32,7 @@ endif
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "  make %-14s %s\n", $$1, $$2 }'
 
-demo: $(STAMPS)/base $(NATIVE) ## drive through a simulated town, live: publisher and subscriber as two processes (20 s)
+demo: $(STAMPS)/server $(NATIVE) ## drive through a simulated town, live on a page in the browser (ARGS="--no-browser --seconds 20")
 	@$(BIN)/lidarcodec demo $(ARGS)
 
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
@@ -99,6 +99,11 @@ $(STAMPS)/build: constraints.txt
 $(STAMPS)/base: $(STAMPS)/build pyproject.toml
 	@echo "Installing what lidarcodec needs ..."
 	@$(PIP) $(EDITABLE) -e .
+	@touch $@
+
+$(STAMPS)/server: $(STAMPS)/base
+	@echo "Installing what its server needs ..."
+	@$(PIP) $(EDITABLE) -e '.[server]'
 	@touch $@
 
 $(STAMPS)/dev: $(STAMPS)/base

@@ -322,20 +322,23 @@ app.command()(fleet.health)
 
 @app.command()
 def demo(
-    seconds: Annotated[float, _option("--seconds", min=1, metavar="N", help="How long.")] = 20.0,
+    seconds: Annotated[
+        float | None, _option("--seconds", min=1, metavar="N", help="How long: on a terminal until Ctrl-C, else 20.")
+    ] = None,
     source: Annotated[str, _option("--source", metavar="SOURCE", help="What the vehicle sees.")] = "sim:city",
     codec: CodecName = None,
     pairs: Pairs = None,
     calibration: CalibrationFile = None,
-    no_browser: Annotated[bool, _option("--no-browser", hidden=True)] = False,
-    port: Annotated[int | None, _option("--port", hidden=True)] = None,
+    no_browser: Annotated[bool, _option("--no-browser", help="Only say where the page is.")] = False,
+    port: Annotated[
+        int | None, _option("--port", min=1, max=65535, metavar="P", help="Of the page: 8080, or one that is free.")
+    ] = None,
 ) -> None:
-    """Drive through a simulated town, live: a publisher and a subscriber, a table, and a picture at the end."""
-    del no_browser, port
+    """Drive through a simulated town, live on a page in the browser: a vehicle, a server, and a summary at the end."""
     from lidarcodec.commands import demo as command
 
     keep_standard_output()
-    command.run(seconds, source, codec, pairs or [], calibration)
+    command.run(seconds, source, codec, pairs or [], calibration, port=port, browser=not no_browser)
 
 
 def run(arguments: list[str]) -> int:

@@ -1,12 +1,12 @@
-"""The whole system on one machine: a vehicle's process publishes over loopback, this one decodes and shows.
+"""The whole system on one machine: a vehicle's process publishes over loopback, a server's shows it on a page, and this
+one decodes and counts.
 
 A table on a terminal, plain lines elsewhere; at the end a summary, and a picture of the last frame.
 """
 
 from __future__ import annotations
 
-import os
-import socket
+import math
 import subprocess
 import sys
 import time
@@ -17,9 +17,11 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 
+from lidarcodec.apps.demo_browser import show as show_in_browser
+from lidarcodec.apps.demo_processes import PageServer, free_port, vehicle
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.codecs import table
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints
@@ -31,19 +33,8 @@ FIRST_FRAME_S = 30.0
 """Longest wait for the first frame."""
 REDRAW_S = 0.25
 LINE_S = 2.0
-END_S = 5.0
-NOT_FOR_THE_VEHICLE = {
-    f"LIDARCODEC_{option}"
-    for option in ("LISTEN", "ZENOH_CONFIG", "SENSOR", "RATE", "RECORD", "RECORD_AS", "RECORD_GB", "SET", "CODEC")
-}
-"""Options of `publish` that a user may have set for good; the demonstration says itself what its vehicle does."""
-
-
-def free_port() -> int:
-    """A TCP port of loopback that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+SECONDS = 20.0
+"""How long it takes where nobody sits before it."""
 
 
 def number(value: float | None, digits: int, unit: str = "") -> str:
@@ -98,14 +89,24 @@ class Figures:
 class Demo:
     """Runs the demonstration.
 
-    source: what the vehicle sees; seconds: from the first frame on; settings: of the stream
-    words: further options of `publish`; picture: where the last frame is drawn
+    source: what the vehicle sees; seconds: from the first frame on, None: on a terminal until interrupted, else 20
+    settings: of the stream; words: further options of `publish`; picture: where the last frame is drawn
+    port: of the page, None for 8080 or any that is free; browser: whether to open the page
     """
 
     def __init__(
-        self, source: str, seconds: float, settings: StreamSettings, words: list[str], picture: Path = PICTURE
+        self,
+        source: str,
+        seconds: float | None,
+        settings: StreamSettings,
+        words: list[str],
+        picture: Path = PICTURE,
+        *,
+        port: int | None = None,
+        browser: bool = True,
     ) -> None:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
+        self._port, self._browser = port, browser
         self._fidelity = "packets come back byte for byte"
         if not table.codec(settings.codec).bounded:
             self._fidelity = "lossy, without a bound"
@@ -128,23 +129,47 @@ class Demo:
     def run(self) -> Figures:
         """Show everything, save the picture, print the summary.
 
-        Raises SourceError when no frame came.
+        Raises SourceError when no frame came, TransportError when the port that was asked for is taken.
         """
-        port = free_port()
-        endpoint = f"tcp/127.0.0.1:{port}"
-        with (  # this side listens: it is there when the vehicle's process calls
+        meeting_port = free_port()
+        with (
             TemporaryFile() as complaints,
-            LiveStream(STREAM, endpoints=Endpoints.of(listen=[endpoint])) as live,
-            _vehicle(self._source, endpoint, self._words, complaints) as vehicle,
+            PageServer(self._port, meeting_port) as server,
+            vehicle(self._source, VEHICLE, meeting_port, self._words, complaints) as car,
+            LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port)) as live,
         ):
             self._live = live
-            self._wait_for_first(live, vehicle, complaints)
-            self._watch(live, vehicle)
+            page = self._open_page(server)
+            self._wait_for_first(live, car, complaints)
+            self._watch(live, car, self._limit_s(page=page))
             figures = self.figures(live)
         self._summarise(figures)
         return figures
 
-    def _wait_for_first(self, live: LiveStream, vehicle: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
+    def _open_page(self, server: PageServer) -> bool:
+        """Say where the page is, and show it where there is a browser. False: there is none, and why was said."""
+        try:
+            address = server.address()
+        except TransportError as error:
+            if self._port is not None and not self._interrupted:
+                raise
+            if not self._interrupted:
+                print(f"{error}.", flush=True)
+            return False
+        opened = self._browser and show_in_browser(address)
+        print(f"The page is at {address}{' and opens in the browser' if opened else ''}", flush=True)
+        return True
+
+    def _limit_s(self, *, page: bool) -> float:
+        """How long to go on."""
+        if self._seconds is not None:
+            return self._seconds
+        if not page or not sys.stdout.isatty():
+            return SECONDS
+        print("Ctrl-C ends the demonstration.", flush=True)
+        return math.inf
+
+    def _wait_for_first(self, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
         end = time.monotonic() + FIRST_FRAME_S
         while not self._interrupted:
             frame = live.next(REDRAW_S)
@@ -152,20 +177,20 @@ class Demo:
                 self._take(frame)
                 self._started = time.monotonic()
                 return
-            if vehicle.poll() is not None or time.monotonic() > end:
+            if car.poll() is not None or time.monotonic() > end:
                 complaints.seek(0)
                 said = complaints.read().decode(errors="replace").strip().removeprefix("lidarcodec: ")
                 why = said or f"no frame in {FIRST_FRAME_S:g} s"
                 raise SourceError(f"the publisher of {self._source} sent nothing: {why}")
 
-    def _watch(self, live: LiveStream, vehicle: subprocess.Popen[bytes]) -> None:
-        end = self._started + self._seconds
+    def _watch(self, live: LiveStream, car: subprocess.Popen[bytes], limit_s: float) -> None:
+        end = self._started + limit_s
         with _display(self._source) as show:
             while time.monotonic() < end and not self._interrupted:
                 frame = live.next(max(0.0, min(REDRAW_S, end - time.monotonic())))
                 if frame is not None:
                     self._take(frame)
-                elif vehicle.poll() is not None:
+                elif car.poll() is not None:
                     break
                 show(self, live)
 
@@ -202,7 +227,7 @@ class Demo:
         return figures
 
     def _summarise(self, figures: Figures) -> None:
-        print(f"\n{self._source}, {figures.seconds:.0f} s, two processes over loopback:")
+        print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver over loopback:")
         for name, value in figures.rows():
             print(f"  {name:<20} {value}")
         if self._last is not None:
@@ -217,37 +242,6 @@ class Demo:
                 print(f"  {'last frame':<20} not saved: {error.strerror or error}")
             else:
                 print(f"  {'last frame':<20} {self._picture}")
-
-
-@contextmanager
-def _vehicle(source: str, endpoint: str, words: list[str], complaints: IO[bytes]) -> Iterator[subprocess.Popen[bytes]]:
-    """The publisher, in a process of its own."""
-    command = [
-        sys.executable,
-        "-m",
-        "lidarcodec.cli",
-        "publish",
-        source,
-        "--vehicle",
-        STREAM.split("/", maxsplit=1)[0],
-        *words,
-    ]
-    process = subprocess.Popen(
-        [*command, "--connect", endpoint],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=complaints,
-        env={name: value for name, value in os.environ.items() if name not in NOT_FOR_THE_VEHICLE},
-    )
-    try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
 
 @contextmanager

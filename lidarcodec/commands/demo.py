@@ -1,4 +1,4 @@
-"""`lidarcodec demo`: the whole system on this machine, for twenty seconds."""
+"""`lidarcodec demo`: the whole system on this machine, with its page."""
 
 from __future__ import annotations
 
@@ -9,11 +9,20 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
 
 
-def run(seconds: float, source: str, codec: str | None, pairs: list[str], calibration: Path | None) -> None:
+def run(
+    seconds: float | None,
+    source: str,
+    codec: str | None,
+    pairs: list[str],
+    calibration: Path | None,
+    *,
+    port: int | None,
+    browser: bool,
+) -> None:
     """Show it, and end with a summary."""
     settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process
     words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
     words += ["--calibration", str(calibration)] if calibration else []
-    demo = Demo(source, seconds, settings, words)
+    demo = Demo(source, seconds, settings, words, port=port, browser=browser)
     with stoppable(demo.interrupt):
         demo.run()

@@ -1,16 +1,12 @@
-import { useEffect } from "preact/hooks";
 import { Banner } from "./parts/banner";
 import { FleetList } from "./parts/fleet";
 import { Header } from "./parts/header";
 import { Panel } from "./parts/panel";
 import { SignIn } from "./parts/signin";
 import { Viewer } from "./parts/viewer";
-import { awaySince, begin, chosen, gate } from "./state";
+import { awaySince, chosen, gate } from "./state";
 
 export function App() {
-  useEffect(() => {
-    void begin();
-  }, []);
   if (gate.value === "closed") return <SignIn />;
   if (gate.value === "asking") {
     return (

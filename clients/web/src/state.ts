@@ -10,6 +10,8 @@ import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
 const TOKEN = "lidarcodec.token";
 const OPTIONS = "lidarcodec.view";
 const FLEET_MS = 1000;
+/** While no stream is there: a vehicle that has just been started is to be seen at once. */
+const EMPTY_MS = 300;
 
 export const token = signal<string | null>(sessionStorage.getItem(TOKEN));
 export const session = signal<Session | null>(null);
@@ -116,7 +118,7 @@ function open(answer: Session): void {
   session.value = answer;
   gate.value = "open";
   fleet?.stop();
-  fleet = poll(FLEET_MS, askFleet);
+  fleet = poll(() => (rows.value?.length === 0 ? EMPTY_MS : FLEET_MS), askFleet);
 }
 
 async function askFleet(): Promise<void> {

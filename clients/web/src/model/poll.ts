@@ -16,7 +16,7 @@ export interface Poller {
 }
 
 /** Calls `ask` every so often until stopped; a rejection counts as a failure. */
-export function poll(everyMs: number, ask: () => Promise<void>): Poller {
+export function poll(everyMs: number | (() => number), ask: () => Promise<void>): Poller {
   let timer: ReturnType<typeof setTimeout> | undefined;
   let failures = 0;
   let busy = false;
@@ -39,7 +39,8 @@ export function poll(everyMs: number, ask: () => Promise<void>): Poller {
     }
     busy = false;
     if (stopped) return;
-    const wait = again ? 0 : waitOf(everyMs, failures, document.visibilityState === "hidden");
+    const every = typeof everyMs === "number" ? everyMs : everyMs();
+    const wait = again ? 0 : waitOf(every, failures, document.visibilityState === "hidden");
     again = false;
     timer = setTimeout(() => void run(), wait);
   }

@@ -76,7 +76,9 @@ export function Recordings() {
               one={one}
               disabled={disabled}
               play={async () => {
-                const playing = (await act("POST", `api/v1/recordings/${one.id}/play`)) as Playing | null;
+                const playing = (await act("POST", `api/v1/recordings/${one.id}/play`, {
+                  loop: true,
+                })) as Playing | null;
                 if (playing) choose(`${playing.vehicle}/${playing.sensor}`);
               }}
               stop={() => act("DELETE", `api/v1/recordings/${one.id}/play`)}

@@ -1,0 +1,156 @@
+"""The other processes of a demonstration: the vehicle that publishes, and the server that shows the page."""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, Final
+
+from lidarcodec.errors import TransportError
+from lidarcodec.transport.endpoints import PORT_VARIABLE
+
+COMMAND: Final = (sys.executable, "-m", "lidarcodec.cli")
+PAGE_PORT: Final = 8080
+"""Where the page is, unless that is taken."""
+START_S: Final = 30.0
+"""Longest wait for the server to say where it is."""
+END_S: Final = 5.0
+NOT_FOR_THE_VEHICLE: Final = {
+    f"LIDARCODEC_{option}"
+    for option in ("LISTEN", "CONNECT", "ZENOH_CONFIG", "SENSOR", "RATE", "RECORD", "RECORD_AS", "RECORD_GB", "SET")
+} | {"LIDARCODEC_CODEC", "LIDARCODEC_HEALTH_FILE"}
+"""Options of `publish` that a user may have set for good; the demonstration says itself what its vehicle does."""
+ADDRESS: Final = re.compile(r"https?://[^ ]+")
+
+
+def free_port() -> int:
+    """A TCP port of loopback that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def vehicle(
+    source: str, name: str, meeting_port: int, words: list[str], complaints: IO[bytes]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """The publisher. meeting_port: of loopback, where its system meets;  complaints: takes what it says on stderr"""
+    environment = {name: value for name, value in os.environ.items() if name not in NOT_FOR_THE_VEHICLE}
+    process = subprocess.Popen(
+        # The page compares what was sent with the originals, which come only while somebody does.
+        [*COMMAND, "publish", source, "--vehicle", name, "--original", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=complaints,
+        env=environment | {PORT_VARIABLE: str(meeting_port)},
+    )
+    try:
+        yield process
+    finally:
+        _end(process)
+
+
+class PageServer:
+    """A server of its own for the page, with nothing kept: its database and recordings go with it.
+
+    port: of the page; None for 8080, or another one where that is taken;  meeting_port: as the vehicle's
+    """
+
+    def __init__(self, port: int | None, meeting_port: int) -> None:
+        self._port, self._meeting_port = port, meeting_port
+        self._folder = TemporaryDirectory(prefix="lidarcodec-demo-", ignore_cleanup_errors=True)
+        self._process = self._started(PAGE_PORT if port is None and _is_free(PAGE_PORT) else port or 0)
+
+    def address(self) -> str:
+        """Where the page is, as soon as it can be asked for.
+
+        Raises TransportError when the server cannot be: its reason.
+        """
+        try:
+            return self._address(self._process)
+        except TransportError:
+            if self._port is not None:
+                raise
+        self._process = self._started(0)  # somebody else took the port meanwhile, or it cannot be at all
+        return self._address(self._process)
+
+    def close(self) -> None:
+        """End the server."""
+        _end(self._process)
+        self._folder.cleanup()
+
+    def __enter__(self) -> PageServer:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _started(self, port: int) -> subprocess.Popen[bytes]:
+        folder = Path(self._folder.name)
+        words = ["--host", "127.0.0.1", "--port", str(port), "--database-url", f"sqlite:///{folder / 'server.db'}"]
+        clean = {name: value for name, value in os.environ.items() if not name.startswith("LIDARCODEC_")}
+        return subprocess.Popen(
+            [*COMMAND, "serve", *words, "--recordings", str(folder / "recordings")],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=clean | {PORT_VARIABLE: str(self._meeting_port)},
+        )
+
+    def _address(self, process: subprocess.Popen[bytes]) -> str:
+        lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        assert process.stdout is not None
+        assert process.stderr is not None
+        # Read to the end: a server whose pipe is full would wait for ever.
+        threading.Thread(target=_pass_on, args=(process.stdout, lines), daemon=True).start()
+        complaints: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        threading.Thread(target=_pass_on, args=(process.stderr, complaints), daemon=True).start()
+        try:
+            found = ADDRESS.search(lines.get(timeout=START_S).decode(errors="replace"))
+        except queue.Empty:
+            found = None
+        if found:
+            return found[0]
+        try:
+            said = complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")
+        except queue.Empty:
+            said = ""
+        raise TransportError(f"there is no page: {said or f'its server did not start in {START_S:g} s'}")
+
+
+def _pass_on(pipe: IO[bytes], lines: queue.SimpleQueue[bytes]) -> None:
+    with pipe:
+        for line in pipe:
+            if lines.qsize() < 100:
+                lines.put(line)
+    lines.put(b"")
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+        return True
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    end = time.monotonic() + END_S
+    try:
+        process.wait(max(0.0, end - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,134 @@
+"""The demonstration as a user runs it: its page shows the vehicle, and nothing is left when it ends."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import signal
+import socket
+import subprocess
+from pathlib import Path
+
+import httpx
+import pytest
+
+from lidarcodec.apps.demo_browser import SCREENS, browser, show
+from tests.command_line import COMMAND, environment, run, the_one_line
+from tests.transport.test_contract import eventually
+
+LIMIT_S = 60.0
+
+
+@pytest.fixture
+def demo(tmp_path):
+    """Function that starts a demonstration in a folder of its own; gives the process, and where its page is."""
+    started = []
+
+    def start(*words: str, stdout=subprocess.PIPE, **variables: str):
+        process = subprocess.Popen(
+            [*COMMAND, "demo", *words],
+            cwd=tmp_path,
+            env=environment(TMPDIR=str(tmp_path), **variables),
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=LIMIT_S)
+
+
+def script(path: Path, line: str) -> str:
+    """A program that does one thing."""
+    path.write_text(f"#!/bin/sh\n{line}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def address_in(text: str) -> str:
+    return re.search(r"The page is at (http://127\.0\.0\.1:\d+)", text)[1]
+
+
+def alive(url: str) -> bool:
+    try:
+        return [row["vehicle"] for row in httpx.get(f"{url}/api/v1/fleet", timeout=5).json() if row["alive"]] == [
+            "demo"
+        ]
+    except httpx.HTTPError:
+        return False
+
+
+def gone(url: str) -> bool:
+    try:
+        httpx.get(f"{url}/healthz", timeout=5)
+    except httpx.ConnectError:
+        return True
+    return False
+
+
+def test_the_page_shows_the_vehicle_and_changes_it_and_goes_with_the_demonstration(demo, tmp_path):
+    program = script(tmp_path / "browser", f"touch {tmp_path}/opened")
+    process = demo("--no-browser", "--seconds", "60", BROWSER=program)
+    url = address_in(process.stdout.readline().decode())
+    assert eventually(lambda: alive(url), LIMIT_S)
+    assert httpx.get(url, timeout=30).headers["content-type"].startswith("text/html")
+    settings = f"{url}/api/v1/streams/demo/lidar/settings"
+    assert httpx.patch(settings, json={"codec": "zstd"}, timeout=30).json()["applied"]["codec"] == "zstd"
+    process.send_signal(signal.SIGTERM)
+    said, complaints = process.communicate(timeout=LIMIT_S)
+    assert (process.returncode, complaints) == (0, b"")
+    assert b"frames" in said
+    assert gone(url)
+    assert list(tmp_path.glob("lidarcodec-demo-*")) == []
+    assert not (tmp_path / "opened").exists()
+
+
+def test_a_browser_is_opened_where_there_is_one(demo, tmp_path):
+    program = script(tmp_path / "browser", f'echo "$1" > {tmp_path}/new; mv {tmp_path}/new {tmp_path}/opened')
+    process = demo("--seconds", "2", BROWSER=f"{program} %s")
+    said = process.communicate(timeout=LIMIT_S)[0].decode()
+    assert "opens in the browser" in said
+    assert eventually((tmp_path / "opened").is_file, LIMIT_S)
+    assert (tmp_path / "opened").read_text().strip() == address_in(said)
+
+
+def test_no_browser_is_looked_for_where_nobody_would_see_it(monkeypatch):
+    for name in ("BROWSER", *SCREENS):
+        monkeypatch.delenv(name, raising=False)
+    assert browser() is None
+    assert not show("http://127.0.0.1:8080")
+
+
+def test_a_port_that_is_asked_for_and_taken_is_refused_in_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        result = run("demo", "--seconds", "1", "--port", str(taken.getsockname()[1]))
+    assert result.returncode == 1
+    assert "cannot listen" in the_one_line(result)
+
+
+def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
+    screen, theirs = pty.openpty()
+    process = demo("--no-browser", stdout=theirs)
+    os.close(theirs)
+    said = b""
+    with os.fdopen(screen, "rb", buffering=0) as terminal:
+        while b"Ctrl-C ends" not in said:
+            said += terminal.read(4096)
+        url = address_in(said.decode(errors="replace"))
+        assert eventually(lambda: alive(url), LIMIT_S)
+        process.send_signal(signal.SIGINT)
+        try:
+            while chunk := terminal.read(4096):
+                said += chunk
+        except OSError:  # how a terminal ends
+            pass
+    assert process.wait(LIMIT_S) == 0
+    assert b"bits per point" in said
+    assert gone(url)
