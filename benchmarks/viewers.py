@@ -80,6 +80,7 @@ def serve(port: int) -> None:
             database_url=f"sqlite:///{folder}/server.db",
             recordings=Path(folder) / "recordings",
             max_viewers=1000,
+            max_viewers_a_client=1000,
             endpoints=Endpoints(),
         )
         uvicorn.run(

@@ -112,8 +112,9 @@ function readSections(body: Uint8Array, view: DataView, from: number, count: num
       throw new DecodeError("truncated", `section ${number} announces ${length} bytes, ${body.length - at} are left`);
     if (KNOWN_SECTIONS.has(type)) {
       if (ordinal >= frames) throw damaged(`a section of frame ${ordinal} of ${frames}`);
-      if (found.has(type * 256 + ordinal)) throw damaged(`two sections of type ${type}`);
-      found.set(type * 256 + ordinal, body.subarray(at, at + length));
+      const twice = found.has(type * 256 + ordinal);
+      if (twice && type !== Section.WEIGHTS) throw damaged(`two sections of type ${type}`);
+      if (!twice) found.set(type * 256 + ordinal, body.subarray(at, at + length));
     }
     at += length;
   }

@@ -26,6 +26,7 @@ export function hex(bytes: Uint8Array): string {
 /** The networks of a file's bytes. What its numbers are is looked at where they are used. */
 export function readWeights(data: Uint8Array): Weights {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  if (hex(data.subarray(0, 4)) === "4c435255") throw new DecodeError("version", "it goes on learning while it drives");
   if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
   if (data[4] !== 2) throw new DecodeError("version", `weights of version ${data[4]}`);
   const end = data.length - 4;
