@@ -18,6 +18,7 @@ from lidarcodec.commands.arguments import (
     CodecName,
     Connect,
     FrameCount,
+    LearnSteps,
     Listen,
     Pairs,
     PosesFile,
@@ -96,12 +97,13 @@ def encode(
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
+    learn: LearnSteps = 0,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn)
 
 
 @app.command()
@@ -189,13 +191,14 @@ def bench(
     peers: Annotated[
         bool, _option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
     ] = False,
+    learn: LearnSteps = 0,
     as_json: AsJson = False,
 ) -> None:
     """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers)
+    command.run(source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers, learn)
 
 
 @app.command()

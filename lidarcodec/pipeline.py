@@ -13,7 +13,7 @@ from typing import Any
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
-from lidarcodec.codecs.base import Decoder, Encoder, Steered
+from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -122,6 +122,26 @@ class StreamEncoder:
         """Messages of frames that were held back."""
         held, self._held = self._held, []
         return held + self._flushed()
+
+    def learn(self, steps: int, budget_ms: float | None = None) -> int:
+        """Have a codec that can learn from what it has coded take at most so many steps, none of them begun after so
+        long; how many it took. Another thread may call it. Without such calls nothing is learned: the same frames and
+        the same calls give the same bytes."""
+        encoder = self._encoder
+        return encoder.learn(steps, budget_ms) if isinstance(encoder, Learning) else 0
+
+    @property
+    def learn_ms(self) -> float:
+        """Milliseconds a frame that a live application may spend on `learn`, by the codec's settings; 0: none."""
+        encoder = self._encoder
+        return encoder.learn_ms if isinstance(encoder, Learning) else 0.0
+
+    @property
+    def learned(self) -> dict[str, Any] | None:
+        """What was learned: `steps`, `samples`, `updates` (times that weights were sent), `update_bytes` of
+        the last one, and the bits a return that it saves (`gain_bits`); None before `learn` is called."""
+        encoder = self._encoder
+        return encoder.learned if isinstance(encoder, Learning) else None
 
     @property
     def rate(self) -> dict[str, Any] | None:

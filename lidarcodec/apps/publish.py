@@ -21,6 +21,7 @@ from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied, settings_with
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
+from lidarcodec.apps.learning import SpareLearning
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.originals import Originals, check_local
@@ -131,6 +132,7 @@ class Publisher:
             check_local(endpoints or Endpoints())
             self._originals = Originals(self.keys, self._encoder.stream_id, self._once)
         self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
+        self._learning = SpareLearning(self._encoder, self._once)
         self._sending = Sending(
             self._encoder,
             self._mailbox,
@@ -140,6 +142,7 @@ class Publisher:
             self._board,
             self._once,
             self._stop,
+            self._learning,
             every=self._every,
             originals=self._originals,
         )
@@ -225,6 +228,7 @@ class Publisher:
         waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
         for thread in waiting:
             thread.join(LAST_FRAME_S)
+        self._learning.close()
         self._isolation.close()
         for thread in waiting:
             thread.join(JOIN_S)
@@ -245,6 +249,7 @@ class Publisher:
             settings=self.settings,
             rate=self._encoder.rate,
             reduction=self._encoder.reduction,
+            learning=self._learning.state(),
             path=self._sending.adapting.report(),
             feed=self._feed,
             flight=self._flight.state(),

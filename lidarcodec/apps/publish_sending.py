@@ -8,6 +8,7 @@ import time
 from lidarcodec.apps.adapting import Adapting
 from lidarcodec.apps.flight import Flight
 from lidarcodec.apps.isolation import Isolation
+from lidarcodec.apps.learning import SpareLearning
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.originals import Originals
@@ -44,6 +45,7 @@ class Sending:
         board: StatusBoard,
         once: Once,
         stop: threading.Event,
+        learning: SpareLearning,
         *,
         every: bool,
         originals: Originals | None = None,
@@ -51,7 +53,7 @@ class Sending:
         self._originals = originals
         self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
         self._isolation, self._board, self._once = isolation, board, once
-        self._stop, self._every = stop, every
+        self._stop, self._every, self._learning = stop, every, learning
         self._encoding = threading.Lock()
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
@@ -123,6 +125,7 @@ class Sending:
             self.request_key()
             return
         self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
+        self._learning.encoded()
         if any(message.key for message in messages):
             self._last_key = now
         for number, (message, packed) in enumerate(data):

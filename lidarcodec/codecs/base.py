@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -40,6 +40,22 @@ class Steered(Protocol):
 
     def steer(self, steering: Steering | None) -> None:
         """Ask this from now on; None: the settings say it."""
+
+
+@runtime_checkable
+class Learning(Protocol):
+    """An encoder that can go on learning from what it has coded. It does so only when told to."""
+
+    def learn(self, steps: int, budget_ms: float | None = None) -> int:
+        """Take at most so many steps, none begun after so long; how many it took. Another thread may call it."""
+
+    @property
+    def learn_ms(self) -> float:
+        """Milliseconds a frame that a live application may spend on it, by its settings."""
+
+    @property
+    def learned(self) -> dict[str, Any] | None:
+        """What was learned so far; None before `learn` is called."""
 
 
 class Decoder(Protocol):

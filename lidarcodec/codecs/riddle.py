@@ -8,13 +8,16 @@ or a sensor, the contexts learn. With `memory` and `motion`, both on by default,
 time each way.
 `weights` names a file of one's own (docs/codecs.md says how to train it); it then travels with the key messages.
 
+With `learn_ms` a live publisher goes on training the network on what it sends, on a spare core; what it became travels
+as an update in a message, and with the key messages. The encoder itself trains only when it is told to (`learn`).
+
 A RANGE section is the step u16, the effort u8, the name of the weights (8 bytes, zeros for none), then the bytes of
-docs/wire-format-riddle.md. A WEIGHTS section holds a weight file.
+docs/wire-format-riddle.md. A WEIGHTS section holds a weight file, or an update.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +30,10 @@ from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
 from lidarcodec.codecs.planes import Planes
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
+from lidarcodec.codecs.riddle_learner import Learner
 from lidarcodec.codecs.riddle_shelf import EFFORTS, Shelf, native_nets, networks_of, shipped, weights_of
-from lidarcodec.codecs.riddle_weights import Weights, unpack_weights
+from lidarcodec.codecs.riddle_update import Update, weights_with
+from lidarcodec.codecs.riddle_weights import Weights
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
 from lidarcodec.frame import Frame
@@ -40,6 +45,7 @@ Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
 _NAME_BYTES: Final = 8
+MOST_LEARN_MS: Final = 1000
 
 
 class RiddleSettings(CodecSettings):
@@ -53,6 +59,8 @@ class RiddleSettings(CodecSettings):
     """Whether it also expects what was seen a turn ago, moved as the sensor moved; only with `memory`."""
     weights: str = ""
     """A weight file on the encoder's machine; by default the one in the package."""
+    learn_ms: float = Field(0, ge=0, le=MOST_LEARN_MS)
+    """Milliseconds a frame that a live publisher may train the network on what it sends, on a spare core; 0: none."""
 
     @property
     def expects(self) -> bool:
@@ -61,14 +69,15 @@ class RiddleSettings(CodecSettings):
 
 
 class LearnedCoder:
-    """The coder of ranges with networks that can be changed; doing so forgets what it learned."""
+    """The coder of ranges with networks that can be changed."""
 
     def __init__(self) -> None:
         self._coder = entropy.PredictiveCoder()
         self._used: tuple[str, int] | None = None
 
-    def use(self, weights: Weights | None, effort: int) -> bool:
-        """Code with these from now on; None: without a network. Whether they are others than before.
+    def use(self, weights: Weights | None, effort: int, *, goes_on: bool = False) -> bool:
+        """Code with these from now on; None: without a network. Whether that forgets what was learned: not where a
+        stream goes on with other weights for the same effort.
 
         Raises UnknownNameError if the weights have no network for a kind of frame.
         """
@@ -76,9 +85,13 @@ class LearnedCoder:
         if self._used == wanted:
             return False
         nets = None if weights is None else native_nets(networks_of(weights, effort))
-        self._coder = entropy.PredictiveCoder(nets=nets)
+        kept = goes_on and nets is not None and self._used is not None and self._used[0] and self._used[1] == effort
+        if kept and nets is not None:
+            self._coder.change(nets)
+        else:
+            self._coder = entropy.PredictiveCoder(nets=nets)
         self._used = wanted
-        return True
+        return not kept
 
     def reset(self) -> None:
         """Forget what was learned."""
@@ -99,17 +112,47 @@ class RiddleEncoder(ExpectingEncoder):
         self._own = own_settings(RiddleSettings, settings)
         self._weights = _weights_for(self._own)
         self._memory.use(self._weights, self._own.effort)
+        self._learner: Learner | None = None
+        self._update: Update | None = None
+        self._untold = False
 
     def apply(self, settings: StreamSettings) -> bool:
-        """Takes new settings; other weights, or another effort, begin with a key message."""
+        """Takes new settings; other weights, or another effort, begin with a key message. What was learned in the
+        stream is kept as long as the same network is in use."""
         own = own_settings(RiddleSettings, settings)
+        weights, begins = self._weights, False
         if (own.weights, own.effort) != (self._own.weights, self._own.effort):
             weights = _weights_for(own)
-            if self._memory.use(weights, own.effort):
-                self._since_key = None
-            self._weights = weights
-        self._own = own
+            begins = self._memory.use(weights, own.effort)
+        if begins or own.expects != self._own.expects:
+            self._learner, self._update, self._untold = None, None, False
+            self._memory.use(weights, own.effort, goes_on=True)
+        self._weights, self._own = weights, own
+        if begins:
+            self._since_key = None
         return super().apply(settings)
+
+    def learn(self, steps: int, budget_ms: float | None = None) -> int:
+        """Train the network on the frames that were coded since this was called first; steps taken. One other thread
+        may call it. None without a network, and while there are too few samples."""
+        weights, own, learner = self._weights, self._own, self._learner
+        if weights is None:
+            return 0
+        if learner is None:
+            learner = self._learner = Learner(weights, networks_of(weights, own.effort), expects=own.expects)
+        learner.key_interval = self.settings.key_interval
+        return learner.learn(steps, budget_ms)
+
+    @property
+    def learn_ms(self) -> float:
+        """Milliseconds a frame that whoever runs this live may have it learn."""
+        return 0.0 if self._weights is None else self._own.learn_ms
+
+    @property
+    def learned(self) -> dict[str, Any] | None:
+        """What was learned in the stream; None before `learn` is called."""
+        learner = self._learner
+        return None if learner is None else learner.report()
 
     def _remembers(self) -> bool:
         return self._own.memory
@@ -118,30 +161,51 @@ class RiddleEncoder(ExpectingEncoder):
         return self._own.expects
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
+        self._take_offer()
         sections, needs = super()._sections(frame, key)
         if key and self._weights is not None and self._weights.name not in shipped():
             sections.append(Section(SectionType.WEIGHTS, self._weights.data))
+        if (key or self._untold) and self._update is not None:
+            sections.append(Section(SectionType.WEIGHTS, self._update.data))
+        self._untold = False
         return sections, needs
 
+    def _take_offer(self) -> None:
+        learner, weights, own = self._learner, self._weights, self._own
+        if learner is None or weights is None:
+            return
+        if learner.of != (weights.name, networks_of(weights, own.effort)[0].size, own.expects):
+            self._learner = None  # another thread made it while settings changed: it learns something else
+            return
+        if (offer := learner.offered()) is not None:
+            self._memory.use(offer.weights, self._own.effort, goes_on=True)
+            self._update, self._untold = offer.update, True
+
     def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
-        step = self.settings.step
+        step, learner = self.settings.step, self._learner
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
-        coded = self._memory.coder.encode(*given, turn=turn, expected=expected, slab_after=edge)
-        name = bytes(_NAME_BYTES) if self._weights is None else bytes.fromhex(self._weights.name)
+        samples = None if learner is None else learner.samples_of(frame, expects=expected is not None)
+        coded = self._memory.coder.encode(*given, turn=turn, expected=expected, slab_after=edge, samples=samples)
+        if learner is not None and samples is not None:
+            learner.take(samples, frame.points)
+        name = bytes(_NAME_BYTES)
+        if self._weights is not None:
+            name = bytes.fromhex((self._weights if self._update is None else self._update.weights).name)
         return with_step(step, bytes([self._own.effort]) + name + coded)
 
 
 def _weights_for(own: RiddleSettings) -> Weights | None:
-    """Weights with networks for all frames, None where settings ask for none. Raises SettingsError."""
+    """Weights with networks for all frames, None where settings ask for none; of a file that is in no package only what
+    is used, which is sent. Raises SettingsError."""
     if own.effort == EFFORTS[0]:
         return None
     try:
         weights = weights_of(own.weights)
-        networks_of(weights, own.effort)
+        nets = networks_of(weights, own.effort)
     except LidarCodecError as error:
         raise SettingsError(str(error), "codec_settings.weights") from None
-    return weights
+    return weights if weights.name in shipped() else weights_with(nets)
 
 
 class RiddleDecoder(ExpectingDecoder):
@@ -154,8 +218,9 @@ class RiddleDecoder(ExpectingDecoder):
         self._begins, self._frame = False, 0
 
     def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
-        if message.has(SectionType.WEIGHTS):
-            self._shelf.put(unpack_weights(message.section(SectionType.WEIGHTS)))
+        for section in message.sections:
+            if section.type == SectionType.WEIGHTS:
+                self._shelf.take(section.data, message.frame_index)
         self._begins, self._frame = message.needs is None, message.frame_index
         return super()._ranges(message, planes, sensor)
 
@@ -168,11 +233,11 @@ class RiddleDecoder(ExpectingDecoder):
         step, effort, name, coded = _split(data)
         weights = None if effort == EFFORTS[0] else self._shelf.find(name, self._frame)
         try:
-            changed = self._memory.use(weights, effort)
+            forgets = self._memory.use(weights, effort, goes_on=not self._begins)
         except UnknownNameError as error:
             raise SectionError(str(error)) from None
-        if changed and not self._begins:
-            raise SectionError("other weights than those of the frame before, which it goes on from")
+        if forgets and not self._begins:
+            raise SectionError("another effort than that of the frame before, which it goes on from")
         given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
         return self._memory.coder.decode(coded, *given, expected=expected, slab_after=edge)
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec import entropy
-from lidarcodec.codecs.riddle_weights import Net, Weights, read_weights
+from lidarcodec.codecs.riddle_update import applied, is_update, names_of
+from lidarcodec.codecs.riddle_weights import Net, Weights, read_weights, unpack_weights
 from lidarcodec.errors import MissingReferenceError
 
 DEFAULT: Final = "riddle-sim"
@@ -58,8 +59,21 @@ class Shelf:
     def __init__(self) -> None:
         self._brought: OrderedDict[str, Weights] = OrderedDict()
 
+    def take(self, data: bytes, frame: int) -> Weights:
+        """Takes a WEIGHTS section of a frame's message: a file, or an update of weights that are here; what it gives.
+
+        Raises MissingReferenceError, or as `unpack_weights` and `applied` do.
+        """
+        if not is_update(data):
+            found = unpack_weights(data)
+        else:
+            known = self._brought.get(names_of(data)[1])
+            found = known or applied(data, lambda name: self.find(name, frame))
+        self.put(found)
+        return found
+
     def put(self, weights: Weights) -> None:
-        """Takes weights out of a stream; the oldest give way."""
+        """Takes weights out of a stream; those that were not used for longest give way."""
         self._brought[weights.name] = weights
         self._brought.move_to_end(weights.name)
         while len(self._brought) > _FROM_STREAM:
@@ -68,6 +82,8 @@ class Shelf:
     def find(self, name: str, frame: int) -> Weights:
         """The weights of a name, for a frame. Raises MissingReferenceError."""
         found = self._brought.get(name) or shipped().get(name)
+        if name in self._brought:
+            self._brought.move_to_end(name)
         if found is None:
             raise MissingReferenceError(f"weights {name} are not here: they come with a key frame, ask for one", frame)
         return found

@@ -235,7 +235,7 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
     return body + int(crc32c(body)).to_bytes(4, "little")
 
 
-class _Reader:
+class Reader:
     """Takes bytes one after the other, never more than there are."""
 
     def __init__(self, data: bytes) -> None:
@@ -264,7 +264,7 @@ def unpack_weights(data: bytes) -> Weights:
         raise SectionError(f"weights of {len(data)} bytes: {MAX_FILE} are possible")
     if data[: len(MAGIC)] != MAGIC:
         raise HeaderError("not a weight file")
-    reader = _Reader(data[:-4])
+    reader = Reader(data[:-4])
     reader.take(len(MAGIC))
     if (version := reader.number(1)) != VERSION:
         raise UnsupportedVersionError(f"weights of version {version}: this build reads {VERSION}", len(MAGIC))
@@ -282,7 +282,7 @@ def unpack_weights(data: bytes) -> Weights:
     return Weights(nets, provenance, hashlib.sha256(data).hexdigest()[:16], bytes(data))
 
 
-def _provenance(reader: _Reader) -> Mapping[str, Any]:
+def _provenance(reader: Reader) -> Mapping[str, Any]:
     size = reader.number(4)
     if size > MAX_PROVENANCE:
         raise SectionError(f"a provenance of {size} bytes: {MAX_PROVENANCE} are possible", reader.at)
@@ -295,7 +295,7 @@ def _provenance(reader: _Reader) -> Mapping[str, Any]:
     return MappingProxyType(found)
 
 
-def _net(reader: _Reader) -> Net:
+def _net(reader: Reader) -> Net:
     expects, size, layers = reader.take(3)
     if expects > 1 or size >= len(SIZES) or layers != _LAYERS:
         raise SectionError(f"a network of kind {expects}, size {size} and {layers} layers", reader.at)

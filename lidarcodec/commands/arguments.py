@@ -30,6 +30,12 @@ SkipCount = Annotated[int, option("--skip", min=0, max=MAX_FRAMES, metavar="N", 
 WithClouds = Annotated[
     bool, option("--with-clouds", help="Also keep the decoded points, for viewers such as Foxglove: 18 MB/s.")
 ]
+LearnSteps = Annotated[
+    int,
+    option(
+        "--learn", min=0, max=1_000_000, metavar="N", help="Train after each frame: N steps; for codecs that learn."
+    ),
+]
 AsJson = Annotated[bool, option("--json", help="Print JSON.")]
 Connect = Annotated[
     list[str] | None,

@@ -45,6 +45,7 @@ def run(
     metrics: str = "usual",
     as_curve: bool = False,
     peers: bool = False,
+    learn: int = 0,
 ) -> None:
     """Measure each setting and print the results; when stopped, those that were finished."""
     if metrics not in METRICS:
@@ -53,7 +54,7 @@ def run(
         raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
     if plot is not None:
         check_plot()
-    jobs = _codec_jobs(codecs, pairs, as_curve, poses) + _peer_jobs(codecs, peers)
+    jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn) + _peer_jobs(codecs, peers)
     check_finite(source, frames)
     given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
     results = []
@@ -72,7 +73,7 @@ def run(
         (plot_curves if as_curve else plot_bits)(results, plot)
 
 
-def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None) -> list[Job]:
+def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int) -> list[Job]:
     """What to measure of our own codecs: all that `--codec` names beside peers."""
     own = codecs
     if codecs:
@@ -82,7 +83,7 @@ def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Pat
                 raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names nothing else")
             return []
     settings = (curve if as_curve else sweep)(own, pairs)
-    return [Job(chosen.codec, partial(bench, settings=chosen, poses=poses)) for chosen in settings]
+    return [Job(chosen.codec, partial(bench, settings=chosen, poses=poses, learn=learn)) for chosen in settings]
 
 
 def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:

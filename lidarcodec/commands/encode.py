@@ -26,11 +26,14 @@ def run(
     calibration: Path | None,
     poses: Path | None,
     clouds: bool = False,
+    learn: int = 0,
 ) -> None:
     """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
+    if learn:
+        encoder.learn(0)
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
     with (
@@ -52,6 +55,8 @@ def run(
             try:
                 for frame in chain((first,), chosen):
                     coded.write(frame)
+                    if learn:
+                        encoder.learn(learn)
                     tick()
                     if stopped():
                         break

@@ -12,6 +12,7 @@ from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
+from lidarcodec.entropy.net_trainer import NetTrainer, ReturnSamples, TrainSettings
 from lidarcodec.entropy.predictive_coder import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
@@ -19,8 +20,11 @@ __all__ = [
     "GivenLayer",
     "KnownColumns",
     "NativeNets",
+    "NetTrainer",
     "PredictiveCoder",
+    "ReturnSamples",
     "RotationRuns",
+    "TrainSettings",
     "columns_in_turn",
     "decode_azimuth",
     "decode_intensity",

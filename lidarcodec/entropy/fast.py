@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
+from lidarcodec.entropy.net_trainer import ReturnSamples
 
 
 def encode_numbers(streams: Sequence[npt.NDArray[np.uint64]]) -> bytes:
@@ -180,6 +181,10 @@ class NativePredictiveCoder:
         """Forget everything."""
         self._coder.reset()
 
+    def change(self, nets: NativeNets) -> None:
+        """Go on with other networks. Raises SectionError where there were none."""
+        self._coder.change(nets.native)
+
     def encode(
         self,
         ranges: npt.NDArray[np.uint16],
@@ -192,11 +197,12 @@ class NativePredictiveCoder:
         turn: int,
         expected: npt.NDArray[np.uint16],
         known: int,
+        samples: ReturnSamples | None = None,
     ) -> bytes:
         """Bytes of (64, W) ranges. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
         given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, known)
-        return cast(bytes, self._coder.encode(*given))
+        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native))
 
     def decode(
         self,

@@ -25,6 +25,7 @@ import numpy.typing as npt
 from lidarcodec.entropy import fast
 from lidarcodec.entropy.intensity_coder import check_returns, check_turn
 from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.entropy.net_trainer import ReturnSamples
 from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
@@ -87,6 +88,10 @@ class PredictiveCoder:
         """Forget everything."""
         self._native.reset()
 
+    def change(self, nets: fast.NativeNets) -> None:
+        """Go on with other networks, where there were some; what contexts learned stays."""
+        self._native.change(nets)
+
     def encode(
         self,
         ranges: npt.NDArray[np.uint16],
@@ -99,6 +104,7 @@ class PredictiveCoder:
         turn: int | None = None,
         expected: npt.NDArray[np.uint16] | None = None,
         slab_after: KnownColumns | None = None,
+        samples: ReturnSamples | None = None,
     ) -> bytes:
         """Bytes of the ranges of the cells set in `returns`; 9 ms for 120,000 of them, less in longer steps.
 
@@ -106,6 +112,7 @@ class PredictiveCoder:
         step: odd, range steps in a cell; levels: (64,) int32, what is added to each row, 0 to 1000 range steps
         turn: columns in a full turn (`columns_in_turn`), 1 to 65535; by default found from the returns
         expected: (64, W) uint16, what to expect, 0 where nothing; decoding needs it; 3 ms more
+        samples: takes some of the returns to train a network on, where there is one
 
         Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
         """
@@ -120,7 +127,7 @@ class PredictiveCoder:
             returns, fired, expected = _with(slab_after, returns, fired, expected)
         geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
         given = (np.ascontiguousarray(ranges), np.ascontiguousarray(returns), step, _levels(levels), *geometry)
-        return self._native.encode(*given, turn or 0, expected, known)
+        return self._native.encode(*given, turn or 0, expected, known, samples)
 
     def decode(
         self,

@@ -50,20 +50,26 @@ def bench(
     calibration: Path | None = None,
     poses: Path | None = None,
     metrics: Metrics = "usual",
+    learn: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The object that `lidarcodec bench --json` prints for one setting; its fields are in DESIGN 3.6.
 
     frames: how many, None for all; skip: frames left out before them; metrics: `all` adds error quantiles by range and
-    the distances of the clouds (0.4 s a frame); tick: called after each frame.
+    the distances of the clouds (0.4 s a frame); learn: steps of training after each frame, of codecs that learn; what
+    that took and brought is `learned`, and not in the times; tick: called after each frame.
     Raises SettingsError, UnknownNameError, SourceError, and DecodeError when the codec fails on what it wrote itself.
     """
     encoder = StreamEncoder(settings)
+    if learn:
+        encoder.learn(0)
     run = _Run(encoder, StreamDecoder(), more=MoreErrors() if metrics == "all" else None)
     with open_source(spec, calibration=calibration, poses=poses) as source:
         cut = frames_and_payloads(source.packets(), source.sensor, encoder.settings.framing)
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
             run.frame(posed(frame, source.poses if poses else None), payloads)
+            if learn:
+                encoder.learn(learn)
             tick()
         run.flush()
         found = {"origin": source.sensor.origin, "hash": source.sensor.hash}
@@ -227,4 +233,5 @@ class _Run:
             "encode_ms": times_ms(self.encoding.seconds),
             "decode_ms": times_ms(self.decoding.seconds),
             **({} if self.more is None else self.more.result()),
+            **({} if self.encoder.learned is None else {"learned": self.encoder.learned}),
         }

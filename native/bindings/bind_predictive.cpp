@@ -25,13 +25,16 @@ void bind_predictive(nb::module_& m) {
              new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), std::move(nets));
            },
            nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
+      .def(
+          "change", [](PredictiveCoder& coder, std::shared_ptr<lidarcodec::RiddleNets> nets) { coder.change(std::move(nets)); },
+          nb::arg("nets"), "Go on with other networks; what contexts learned stays.")
       .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
       .def(
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
              In<std::int32_t, 1> rotation, std::uint32_t turn, In<std::uint16_t, 2> expected,
-             std::int64_t known) {
+             std::int64_t known, lidarcodec::RiddleSamples* samples) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
@@ -40,14 +43,14 @@ void bind_predictive(nb::module_& m) {
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen, known);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen, known, samples);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
           nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("expected").noconvert(), nb::arg("known"),
-          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
+          nb::arg("samples").none() = nb::none(), "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

@@ -8,12 +8,12 @@
 #include "geometry.hpp"
 #include "predictive_coder.hpp"
 #include "range_images.hpp"
+#include "riddle_layers.hpp"
 
 namespace {
 
 using lidarcodec::Error;
 using lidarcodec::ErrorCode;
-using lidarcodec::GivenLayer;
 using lidarcodec::NetForm;
 using lidarcodec::NetValues;
 using lidarcodec::RiddleNet;
@@ -29,11 +29,6 @@ NetForm form_named(const std::string& name) {
   for (const NetForm form : here)
     if (name == name_of(form)) return form;
   throw Error(ErrorCode::Settings, "this processor cannot run networks in such a form");
-}
-
-GivenLayer layer_of(const In<std::int16_t, 2>& weights, const In<std::int32_t, 1>& bias, std::uint32_t shift) {
-  if (bias.shape(0) != weights.shape(0)) throw Error(ErrorCode::Section, "a layer with other biases than sums");
-  return {weights.shape(1), weights.shape(0), weights.data(), bias.data(), shift};
 }
 
 }  // namespace

@@ -12,6 +12,7 @@ NB_MODULE(_native, m) {
   bind_motion(m);
   bind_intensity(m);
   bind_riddle(m);
+  bind_riddle_train(m);
   bind_predictive(m);
   bind_entropy(m);
   bind_simulator(m);

@@ -40,6 +40,7 @@ void bind_motion(nb::module_& m);
 void bind_intensity(nb::module_& m);
 void bind_predictive(nb::module_& m);
 void bind_riddle(nb::module_& m);
+void bind_riddle_train(nb::module_& m);
 void bind_entropy(nb::module_& m);
 void bind_receiver(nb::module_& m);
 void bind_reduction(nb::module_& m);

@@ -171,6 +171,11 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
              {layout, returned, cells, expected, geometry.width, 0, turn}, false, halves, ranges);
 }
 
+void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
+  if ((nets == nullptr) != (nets_ == nullptr)) throw Error(ErrorCode::Section, "networks in the middle of a stream without");
+  nets_ = std::move(nets);
+}
+
 void PredictiveCoder::reset() {
   model_.reset();
   *states_ = {};
@@ -179,8 +184,11 @@ void PredictiveCoder::reset() {
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& cells, const MaskGeometry& geometry,
                                                   std::uint32_t turn, const std::uint16_t* expected,
-                                                  KnownColumns known) {
+                                                  KnownColumns known, RiddleSamples* samples) {
   check(cells, geometry, known);
+  const std::size_t inputs = expected != nullptr ? kInputsExpecting : kInputsAlone;
+  if (samples != nullptr && samples->size() != 0 && samples->inputs != inputs)
+    throw Error(ErrorCode::Section, "samples of frames of two kinds");
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
   const std::size_t width = geometry.width, past = known < 0 ? 0 : static_cast<std::size_t>(known);
   const MaskLayout layout(geometry);
@@ -188,8 +196,10 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (returns_behind(returned, returns, width, past) == 0) return {};
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   const RiddleNet* const net = net_of(expected != nullptr);
+  if (net == nullptr) samples = nullptr;
+  if (samples != nullptr) samples->inputs = inputs;
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_image(path_, model_, {net, nullptr}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
+  code_image(path_, model_, {net, samples}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;

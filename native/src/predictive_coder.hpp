@@ -47,10 +47,14 @@ class PredictiveCoder {
   void reset();
 
   // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`:
-  // columns in a full turn, up to 65535; 0: found from the mask. `known`: of W, columns that are known already. Raises Section if a cell is set in a block that did not fire, or has no range.
+  // columns in a full turn, up to 65535; 0: found from the mask. `known`: of W, columns that are known already. `samples`: takes some of the returns, where there is a network. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                                    const MaskGeometry& geometry, std::uint32_t turn,
-                                   const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame);
+                                   const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
+                                   RiddleSamples* samples = nullptr);
+
+  // Goes on with other networks, or with none; what was learned stays. Raises Section if there were none or are none now.
+  void change(std::shared_ptr<const RiddleNets> nets);
 
   // (64, W), within half a step, 0 outside of `returns`. `before`: (64, known), ranges of a slab's known columns. Raises
   // Section or Truncated.

@@ -130,10 +130,6 @@ class PredictiveRows : RangeDecisions<Coder> {
           teaching_.net->run(place[0].net.values);
         }
       }
-      if (teaching_.samples != nullptr) {
-        for (std::size_t h = 0; h < N; ++h)
-          teaching_.samples->take(place[h].net.values, leaf[h], first_offsets(place[h].scale, leaf[h], away[h]));
-      }
       for (Place& p : place)
         Forms::template add_up<kExpects, true>(model_.cells(), p.slots, p.net.values.out.data(), p.chances);
     }
@@ -159,6 +155,10 @@ class PredictiveRows : RangeDecisions<Coder> {
       const bool down = came < 8;
       const std::uint32_t in = offset(half, interval[h], rows[h]->about, place[h], down ? 7 - came : came - 8, down, away[h]);
       half.interval = interval[h];
+      if constexpr (kLearned && !kReads) {
+        if (teaching_.samples != nullptr && teaching_.samples->next_is_taken())
+          teaching_.samples->take(place[h].net.values, came, first_offsets(place[h].scale, came, in), place[h].chances.of.data(), of_cells_);
+      }
       const auto d = static_cast<std::int32_t>(in);
       const std::int32_t range = place[h].base + (down ? -1 - d : d);
       if constexpr (kReads) {
@@ -289,6 +289,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + (likeliest == 1 ? 0 : 2);
       std::int16_t& a = cells.near[(says * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(place.scale * 8 + leaf) * 4 + depth];
+      if constexpr (kLearned && !kReads) of_cells_[depth] = a + b;
       if (decide(half.coder, interval, a, b, said(place, leaf, down, depth), away >= middle, kLearned ? kLearnedOffsetRate : kOffsetRate) != 0) {
         begin = middle;
         from_begin = from_middle;
@@ -362,6 +363,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::uint32_t start_;
   std::int32_t first_;
   Halves& halves_;
+  std::array<std::int32_t, RiddleSamples::kOffsets> of_cells_{};  // what contexts said of a return's offset bits
 };
 
 }  // namespace lidarcodec

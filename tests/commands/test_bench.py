@@ -11,7 +11,7 @@ from lidarcodec.commands.curve import POINTS, curve, knob_of
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.evaluation import plots
 
-SOURCE = "sim:city?frames=1"
+SOURCE = "sim:city?frames=3"
 
 
 def bench(capsys, codecs, pairs=(), **more):
@@ -29,6 +29,15 @@ def test_every_codec_that_can_trade_bits_for_error_has_a_curve(name):
     assert {chosen.intensity for chosen in settings} == {"off"}
     if name != "raw":
         assert knob is not None
+
+
+def test_a_codec_that_learns_is_measured_while_it_does(capsys):
+    """What training in a stream costs and brings is told without a vehicle, and the same again."""
+    first, again = (bench(capsys, "riddle", ["intensity=off"], frames=3, learn=7, as_json=True)[0][0] for _ in range(2))
+    assert first["learned"]["steps"] == 14
+    assert first["bits_per_point"] == again["bits_per_point"]
+    assert "learned" not in bench(capsys, "riddle", frames=1)[0][0]
+    assert "learned" not in bench(capsys, "zstd", frames=1, learn=7)[0][0]
 
 
 def test_codecs_with_different_knobs_run_in_one_command_and_are_drawn(capsys, tmp_path, monkeypatch):

@@ -92,13 +92,14 @@ def targets() -> dict[str, Target]:
     """Everything that is fuzzed, by name."""
     from tests.fuzz.files import capture_target, recording_target, rosbag_target  # they need the readers; kept apart
     from tests.fuzz.images import image_targets
+    from tests.fuzz.weights import weights_target
 
     found: dict[str, Target] = {"packets": packet_target, "packet lengths": length_target}
     for codec in table.names():
         found[f"{codec} messages"] = message_target(codec, resealed=False)
         found[f"{codec} messages, checksum made right"] = message_target(codec, resealed=True)
     files = {"captures": capture_target(), "recordings": recording_target(), "bags": rosbag_target()}
-    return found | image_targets() | files
+    return found | image_targets() | files | {"riddle weights": weights_target()}
 
 
 def peak_mib() -> int:

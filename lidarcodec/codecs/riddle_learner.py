@@ -1,0 +1,146 @@
+"""What goes on learning while a stream is coded: a network of `riddle`, trained on returns of frames just coded.
+
+The encoder leaves samples of each frame, and asks before each frame whether there are better weights; whoever has a
+spare core calls `learn`, from another thread if he likes. Of every eighth frame no sample is learned from: on those
+it is measured what weights would save, and they are offered only when that is more than they cost to send. All is
+drawn from the frames and counted in steps, so the same frames and the same calls give the same weights.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Final
+
+from lidarcodec.codecs.riddle_shelf import native_nets
+from lidarcodec.codecs.riddle_update import Update, update_of
+from lidarcodec.codecs.riddle_weights import Net, Weights, quantised
+from lidarcodec.entropy import NativeNets, NetTrainer, ReturnSamples, TrainSettings
+from lidarcodec.errors import SectionError, SettingsError
+from lidarcodec.frame import Frame
+
+TRAINING: Final = TrainSettings(
+    rate=1e-3, settle=1000, mean=0.998, beside=0.5, pull=0.03, batch=256, room=1 << 18, held_room=1 << 15
+)
+SAMPLES: Final = 12000
+"""Of each frame."""
+HELD_EVERY: Final = 8
+"""Of so many frames one is measured on instead."""
+WAITING: Final = 8
+"""Frames whose samples wait to be learned from; older ones are left out."""
+CHECK_STEPS: Final = 400
+"""Steps from one look at what they brought to the next."""
+LEAST_HELD: Final = 6000
+"""Samples to measure on, before anything is offered."""
+GRAINS: Final = ((5, 5, 5), (6, 6, 6), (7, 6, 6))
+"""How finely differences to the weights before are sent; what saves most in the end is taken."""
+PAID_BACK: Final = 300
+"""Frames in which an update has to save what it costs to send."""
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Weights to be used from the next frame on. update: how they are sent; None: the ones that it all began with."""
+
+    weights: Weights
+    nets: NativeNets
+    update: Update | None
+    gain: float
+
+
+class Learner:
+    """Trains the network that most frames are coded with. One thread encodes, and one may learn at the same time.
+
+    base: weights that decoders have; nets: those in use; expects: which of them most frames are coded with
+    of: names what it was made for; key_interval: frames from one key message to the next
+    """
+
+    def __init__(self, base: Weights, nets: list[Net], *, expects: bool) -> None:
+        self.of = base.name, nets[0].size, expects
+        self._base, self._nets = base, {net.expects: net for net in nets}
+        self._net = self._nets[expects]
+        self.key_interval = 50
+        self._trainer = NetTrainer([(la.weights, la.bias, la.shift) for la in self._net.layers], TRAINING, seed=1)
+        self._waiting: deque[tuple[ReturnSamples, bool]] = deque(maxlen=WAITING)
+        self._beginning = Offer(base, native_nets(nets), None, 0.0)
+        self._now = self._beginning  # what the encoder uses, or is about to use
+        self._offered: Offer | None = None
+        self._frames = self._returns = 0
+        self._checked_at = self._updates = 0
+
+    def samples_of(self, frame: Frame, *, expects: bool) -> ReturnSamples | None:
+        """What is to take samples while a frame is coded; None where it is coded by another network."""
+        if expects != self._net.expects or not frame.points:
+            return None
+        return ReturnSamples(SAMPLES / frame.points, seed=frame.index * 2654435761 + 1)
+
+    def take(self, samples: ReturnSamples, returns: int) -> None:
+        """Samples of a frame that was coded, of so many returns."""
+        self._frames += 1
+        self._returns = returns
+        self._waiting.append((samples, self._frames % HELD_EVERY == 0))
+
+    def offered(self) -> Offer | None:
+        """Weights that are better than those in use; each is given once."""
+        offer, self._offered = self._offered, None
+        return offer
+
+    def learn(self, steps: int, budget_ms: float | None = None) -> int:
+        """Take at most so many steps, none of them begun after so long; how many it took. Now and then looks at what
+        they brought, which takes up to 50 ms more; with a budget it then comes back."""
+        while self._waiting:
+            samples, held = self._waiting.popleft()
+            self._trainer.add(samples, held=held)
+        done = 0
+        while done < steps:
+            until = CHECK_STEPS - (self._trainer.steps - self._checked_at)
+            took = self._trainer.train(min(until, steps - done), budget_ms)
+            done += took
+            if self._trainer.steps - self._checked_at >= CHECK_STEPS:
+                self._checked_at = self._trainer.steps
+                self._check()
+            if took < until or budget_ms is not None:
+                break
+        return done
+
+    def report(self) -> dict[str, Any]:
+        """For the status: what was learned, what was sent and what it brings."""
+        return {
+            "steps": self._trainer.steps,
+            "samples": self._trainer.samples,
+            "updates": self._updates,
+            "update_bytes": 0 if self._now.update is None else len(self._now.update.data),
+            "gain_bits": round(self._now.gain, 4),
+        }
+
+    def _check(self) -> None:
+        """Offer what saves most, sending counted, if that is not what is in use already."""
+        if self._trainer.held < LEAST_HELD or self._offered is not None:
+            return
+        before, now = self._trainer.cost(self._beginning.nets), self._trainer.cost(self._now.nets)
+        best, most = self._now, self._saved(self._now, before - now, sent=True)
+        for offer in [self._beginning, *self._trained(before)]:
+            saved = self._saved(offer, offer.gain, sent=offer.update is None)
+            if offer is not self._now and saved > most:
+                best, most = offer, saved
+        if best is not self._now:
+            self._updates += best.update is not None
+            self._now = self._offered = best
+
+    def _trained(self, before: float) -> list[Offer]:
+        found = []
+        for grains in GRAINS:
+            try:
+                net = quantised(self._net.expects, self._net.size, self._trainer.layers())
+                nets = [net if old.expects == net.expects else old for old in self._nets.values()]
+                update = update_of(self._base, nets, grains)
+                native = native_nets(list(update.weights.nets))
+            except (SectionError, SettingsError):  # weights that whole numbers cannot hold: those in use stay
+                continue
+            found.append(Offer(update.weights, native, update, before - self._trainer.cost(native)))
+        return found
+
+    def _saved(self, offer: Offer, gain: float, *, sent: bool) -> float:
+        """Bits of a frame that weights save, without those of sending them with each key message, and once before."""
+        size = 0 if offer.update is None else 8 * len(offer.update.data)
+        return gain * self._returns - size / self.key_interval - (0 if sent else size / PAID_BACK)

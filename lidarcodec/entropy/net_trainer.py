@@ -1,0 +1,100 @@
+"""Training of the networks of codec `riddle` in the native core: samples of returns, and steps of Adam on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec import _native
+
+if TYPE_CHECKING:
+    from lidarcodec.entropy.fast import GivenLayer, NativeNets
+
+FloatLayer = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+_ALL: Final = 65536
+_NO_LIMIT: Final = -1.0
+_LAYERS: Final = 3
+
+
+class ReturnSamples:
+    """Some returns of a frame, drawn at random while it is coded: inputs, what came, and what contexts said of it."""
+
+    def __init__(self, share: float, seed: int) -> None:
+        """share: of the returns, 0 to 1."""
+        self.native = _native.RiddleSamples(min(_ALL, max(0, round(share * _ALL))), seed & 0xFFFFFFFF)
+
+    def __len__(self) -> int:
+        return len(self.native)
+
+    @property
+    def inputs(self) -> int:
+        """Numbers that the network was told of each, 72 or 112."""
+        return int(self.native.inputs)
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """How a network is trained.
+
+    rate: of Adam; settle: steps after which it is 0.7 of that, and less with their square root
+    mean: how much of the running mean stays at each step; beside: how much of what contexts said counts
+    pull: towards the network that it began with; batch: samples in a step
+    room: samples to learn from, of which newer ones take the places; held_room: newest ones that are measured on
+    """
+
+    rate: float = 1e-3
+    settle: float = 1000.0
+    mean: float = 0.99
+    beside: float = 1.0
+    pull: float = 0.0
+    batch: int = 256
+    room: int = 1 << 16
+    held_room: int = 1 << 14
+
+
+class NetTrainer:
+    """Goes on training a network. The same samples, seed and steps give the same network on every machine.
+
+    Raises SectionError for layers that are no network, SettingsError for settings out of range.
+    """
+
+    def __init__(self, layers: Sequence[GivenLayer], settings: TrainSettings, seed: int) -> None:
+        self._native = _native.RiddleTrainer(
+            *(part for layer in layers for part in layer), *astuple(settings), seed & 0xFFFFFFFF
+        )
+
+    def add(self, samples: ReturnSamples, *, held: bool) -> None:
+        """Takes samples; held: to measure on, never to learn from. Raises SectionError for those of another network."""
+        self._native.add(samples.native, held)
+
+    def train(self, steps: int, budget_ms: float | None = None) -> int:
+        """Steps taken: so many at most, and none begun after so long; none while there are too few samples."""
+        return int(self._native.train(steps, _NO_LIMIT if budget_ms is None else max(0.0, budget_ms)))
+
+    def layers(self) -> list[FloatLayer]:
+        """Weights (out, in) and biases (out,) of each layer: the mean of the last steps."""
+        return [self._native.layer(number) for number in range(_LAYERS)]
+
+    def cost(self, nets: NativeNets) -> float:
+        """Bits of a held sample under a network, beside the contexts; mean."""
+        return float(self._native.cost(nets.native))
+
+    @property
+    def samples(self) -> int:
+        """To learn from."""
+        return int(self._native.samples)
+
+    @property
+    def held(self) -> int:
+        """To measure on."""
+        return int(self._native.held)
+
+    @property
+    def steps(self) -> int:
+        """Taken so far."""
+        return int(self._native.steps)

@@ -1,0 +1,86 @@
+#include <nanobind/stl/shared_ptr.h>
+
+#include <chrono>
+#include <memory>
+
+#include "bindings.hpp"
+#include "error.hpp"
+#include "predictive_coder.hpp"
+#include "riddle_layers.hpp"
+#include "riddle_train.hpp"
+
+using lidarcodec::Error;
+using lidarcodec::ErrorCode;
+using lidarcodec::RiddleNet;
+using lidarcodec::RiddleNets;
+using lidarcodec::RiddleSamples;
+using lidarcodec::RiddleTrainer;
+using lidarcodec::TrainSettings;
+
+void bind_riddle_train(nb::module_& m) {
+  nb::class_<RiddleSamples>(m, "RiddleSamples")
+      .def("__init__",
+           [](RiddleSamples* samples, std::uint32_t share, std::uint32_t seed) {
+             new (samples) RiddleSamples();
+             samples->share = share;
+             samples->seed = seed;
+           },
+           nb::arg("share"), nb::arg("seed"), "share: of 65536 returns, how many are taken.")
+      .def("__len__", &RiddleSamples::size)
+      .def_prop_ro("inputs", [](const RiddleSamples& samples) { return samples.inputs; });
+  nb::class_<RiddleTrainer>(m, "RiddleTrainer")
+      .def("__init__",
+           [](RiddleTrainer* trainer, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1,
+              In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int16_t, 2> w3,
+              In<std::int32_t, 1> b3, std::uint32_t s3, float rate, float settle, float mean, float beside, float pull,
+              std::size_t batch, std::size_t room, std::size_t held_room, std::uint32_t seed) {
+             const std::array<lidarcodec::GivenLayer, 3> layers = {layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)};
+             const RiddleNet checked(layers);
+             const TrainSettings settings{rate, settle, mean, beside, pull, batch, room, held_room};
+             new (trainer) RiddleTrainer(layers, settings, seed);
+           },
+           nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("w2").noconvert(),
+           nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"),
+           nb::arg("rate"), nb::arg("settle"), nb::arg("mean"), nb::arg("beside"), nb::arg("pull"), nb::arg("batch"), nb::arg("room"),
+           nb::arg("held_room"), nb::arg("seed"))
+      .def(
+          "add",
+          [](RiddleTrainer& trainer, const RiddleSamples& samples, bool held) {
+            nb::gil_scoped_release release;
+            trainer.add(samples, held);
+          },
+          nb::arg("samples"), nb::arg("held"), "Take samples; held: to measure on, never to learn from.")
+      .def(
+          "train",
+          [](RiddleTrainer& trainer, std::size_t steps, double budget_ms) {
+            nb::gil_scoped_release release;
+            const auto begin = std::chrono::steady_clock::now();
+            return trainer.train(steps, [&] {
+              return budget_ms < 0 || std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count() < budget_ms;
+            });
+          },
+          nb::arg("steps"), nb::arg("budget_ms"), "Steps taken: so many at most, none begun after so long (negative: no limit).")
+      .def(
+          "layer",
+          [](const RiddleTrainer& trainer, std::size_t which) {
+            if (which >= lidarcodec::kNetLayers) throw Error(ErrorCode::Settings, "a network has three layers");
+            const RiddleTrainer::Layer& layer = trainer.layers()[which];
+            std::vector<float> weights(layer.weights.size()), bias = layer.bias;
+            for (std::size_t i = 0; i < layer.in; ++i)
+              for (std::size_t o = 0; o < layer.out; ++o) weights[o * layer.in + i] = layer.weights[i * layer.out + o];
+            return nb::make_tuple(give(std::move(weights), {layer.out, layer.in}), give(std::move(bias), {layer.out}));
+          },
+          nb::arg("which"), "Weights (out, in) and biases (out,) of a layer, the running mean, in natural units.")
+      .def(
+          "cost",
+          [](const RiddleTrainer& trainer, const RiddleNets& nets) {
+            const auto& net = nets.expecting && nets.expecting->inputs() == trainer.inputs() ? nets.expecting : nets.alone;
+            if (!net) throw Error(ErrorCode::Section, "no network for such samples");
+            nb::gil_scoped_release release;
+            return trainer.cost(*net);
+          },
+          nb::arg("nets"), "Bits of a held sample under a network, beside the contexts; mean.")
+      .def_prop_ro("samples", &RiddleTrainer::samples)
+      .def_prop_ro("held", &RiddleTrainer::held)
+      .def_prop_ro("steps", &RiddleTrainer::steps);
+}

@@ -1,0 +1,222 @@
+#include "riddle_train.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "error.hpp"
+#include "riddle_products.hpp"
+
+namespace lidarcodec {
+namespace {
+
+constexpr float kInputUnit = 32.0f, kMiddleUnit = 128.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
+constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
+constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
+constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
+
+// The probability of what did not come is (1 - u)^3 / 2 where it was the less likely, u being its log odds of six.
+struct Paid {
+  float slope;  // of the natural units paid, by the log odds of a one
+  float bits;
+};
+Paid paid(float odds, bool one) {
+  const float u = std::min(std::fabs(odds) / 6.0f, 1.0f), left = std::max(1.0f - u, kLeastLeft);
+  const float rare = 0.5f * left * left * left;
+  const bool rare_came = (odds >= 0.0f) != one;
+  const float size = rare_came ? 0.5f / left : 0.25f * left * left / (1.0f - rare);
+  return {one ? -size : size, std::log2(rare_came ? rare : 1.0f - rare) * -1.0f};
+}
+
+// A decision of a return: the output that speaks of it, how much of its log odds counts, and whether it came as a one.
+struct Decision {
+  std::size_t output = 0;
+  float share = 1.0f;
+  bool one = false;
+};
+
+// Those of a return, `count` of them.
+struct Decisions {
+  std::array<Decision, RiddleSamples::kDecisions> of;
+  std::size_t count = 4;
+
+  Decisions(std::uint32_t leaf, const std::uint8_t* offsets) {
+    for (std::uint32_t level = 0; level < 4; ++level)
+      of[level] = {(16 + leaf) >> (4 - level), 1.0f, (leaf >> (3 - level) & 1u) != 0};
+    float share = 1.0f;
+    for (std::size_t i = 0; i < RiddleSamples::kOffsets && offsets[i] != RiddleSamples::kNone; ++i, share *= 0.5f)
+      of[count++] = {16 + leaf, share, offsets[i] == 1};
+  }
+};
+
+RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
+  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size())};
+}
+
+}  // namespace
+
+void SampleRoom::put(const RiddleSamples& from, std::size_t i, std::size_t at) {
+  if (at == size()) {
+    in_.resize((at + 1) * inputs_);
+    said_.resize((at + 1) * RiddleSamples::kDecisions);
+    offsets_.resize((at + 1) * RiddleSamples::kOffsets);
+    leaf_.push_back(0);
+  }
+  std::copy_n(from.in.data() + i * inputs_, inputs_, in_.data() + at * inputs_);
+  constexpr std::size_t kDecisions = RiddleSamples::kDecisions, kOffsets = RiddleSamples::kOffsets;
+  std::copy_n(from.said.data() + i * kDecisions, kDecisions, said_.data() + at * kDecisions);
+  std::copy_n(from.offset.data() + i * kOffsets, kOffsets, offsets_.data() + at * kOffsets);
+  leaf_[at] = from.leaf[i];
+}
+
+RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, const TrainSettings& settings, std::uint32_t seed)
+    : settings_(settings), seed_(seed), learned_(given[0].in, settings.room), held_(given[0].in, settings.held_room) {
+  const auto within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
+  if (!within(settings.rate, 0.0f, 1.0f) || !within(settings.settle, 1.0f, 1e9f) || !within(settings.mean, 0.0f, 1.0f) || !within(settings.beside, 0.0f, 1.0f) ||
+      !within(settings.pull, 0.0f, 1.0f) || !within(settings.batch, 8u, 4096u) || !within(settings.room, 1u, 1u << 20) ||
+      !within(settings.held_room, 1u, 1u << 20))
+    throw Error(ErrorCode::Settings, "training with settings out of range");
+  values_[0].resize(settings.batch * given[0].in);
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    Layer& layer = layers_[l];
+    layer.in = given[l].in;
+    layer.out = given[l].out;
+    const float unit = 1.0f / static_cast<float>(1u << given[l].shift), scale = l + 1 == kNetLayers ? unit / kOutputScale : unit;
+    layer.weights.resize(layer.in * layer.out);
+    for (std::size_t o = 0; o < layer.out; ++o) {
+      for (std::size_t i = 0; i < layer.in; ++i)
+        layer.weights[i * layer.out + o] = static_cast<float>(given[l].weights[o * layer.in + i]) * scale;
+      layer.bias.push_back(static_cast<float>(given[l].bias[o]) * scale / (l == 0 ? kInputUnit : kMiddleUnit));
+    }
+    gradient_[l] = of_zeros(layer);
+    moments_[l] = {{{std::vector<float>(layer.weights.size()), std::vector<float>(layer.weights.size())},
+                    {std::vector<float>(layer.out), std::vector<float>(layer.out)}}};
+    values_[l + 1].resize(settings.batch * layer.out);
+    slopes_[l + 1].resize(settings.batch * layer.out);
+  }
+  base_ = mean_ = layers_;
+  drawn_.resize(settings.batch);
+}
+
+void RiddleTrainer::add(const RiddleSamples& samples, bool held) {
+  if (samples.size() == 0) return;
+  if (samples.inputs != inputs()) throw Error(ErrorCode::Section, "samples of other inputs than the network's");
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (held) {
+      held_.put(samples, i, next_held_);
+      next_held_ = (next_held_ + 1) % held_.room();
+    } else {
+      learned_.put(samples, i, learned_.size() < learned_.room() ? learned_.size() : random() % learned_.room());
+    }
+  }
+}
+
+std::uint32_t RiddleTrainer::random() {
+  seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
+  return static_cast<std::uint32_t>(seed_ >> 33);
+}
+
+std::size_t RiddleTrainer::train(std::size_t steps, const std::function<bool()>& go_on) {
+  std::size_t done = 0;
+  for (; done < steps && learned_.size() >= settings_.batch && go_on(); ++done) step();
+  return done;
+}
+
+void RiddleTrainer::step() {
+  const std::size_t inputs = layers_[0].in;
+  for (std::size_t b = 0; b < settings_.batch; ++b) {
+    drawn_[b] = random() % learned_.size();
+    const std::int8_t* const in = learned_.in(drawn_[b]);
+    for (std::size_t i = 0; i < inputs; ++i) values_[0][b * inputs + i] = static_cast<float>(in[i]) * (1.0f / kInputUnit);
+  }
+  forward();
+  backward();
+  ++steps_;
+  left_first_ *= kFirstDecay;
+  left_second_ *= kSecondDecay;
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    update(layers_[l].weights, gradient_[l].weights, moments_[l][0], base_[l].weights, mean_[l].weights);
+    update(layers_[l].bias, gradient_[l].bias, moments_[l][1], base_[l].bias, mean_[l].bias);
+  }
+}
+
+void RiddleTrainer::forward() {
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    const Layer& layer = layers_[l];
+    std::vector<float>& out = values_[l + 1];
+    for (std::size_t b = 0; b < settings_.batch; ++b) std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
+    add_product(settings_.batch, layer.out, layer.in, {values_[l].data(), layer.in, 1}, layer.weights.data(), out.data());
+    if (l + 1 < kNetLayers)
+      for (float& value : out) value = std::clamp(value, 0.0f, kTop);
+  }
+}
+
+void RiddleTrainer::backward() {
+  std::vector<float>& last = slopes_[kNetLayers];
+  std::fill(last.begin(), last.end(), 0.0f);
+  const float share = 1.0f / static_cast<float>(settings_.batch);
+  for (std::size_t b = 0; b < settings_.batch; ++b) {
+    const std::size_t sample = drawn_[b];
+    const Decisions decisions(learned_.leaf(sample), learned_.offsets(sample));
+    const std::int16_t* const said = learned_.said(sample);
+    for (std::size_t d = 0; d < decisions.count; ++d) {
+      const Decision& of = decisions.of[d];
+      const std::size_t at = b * kNetOutputs + of.output;
+      const float beside = settings_.beside * static_cast<float>(said[d]) * (1.0f / kOutputUnit);
+      last[at] += paid(values_[kNetLayers][at] * of.share + beside, of.one).slope * of.share * share;
+    }
+  }
+  for (std::size_t l = kNetLayers; l-- > 0;) {
+    const Layer& layer = layers_[l];
+    const std::vector<float>& slopes = slopes_[l + 1];
+    Layer& gradient = gradient_[l];
+    std::fill(gradient.weights.begin(), gradient.weights.end(), 0.0f);
+    std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
+    add_product(layer.in, layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
+    for (std::size_t b = 0; b < settings_.batch; ++b)
+      for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += slopes[b * layer.out + o];
+    if (l == 0) break;
+    turned_.resize(layer.weights.size());
+    for (std::size_t i = 0; i < layer.in; ++i)
+      for (std::size_t o = 0; o < layer.out; ++o) turned_[o * layer.in + i] = layer.weights[i * layer.out + o];
+    std::vector<float>& before = slopes_[l];
+    std::fill(before.begin(), before.end(), 0.0f);
+    add_product(settings_.batch, layer.in, layer.out, {slopes.data(), layer.out, 1}, turned_.data(), before.data());
+    for (std::size_t i = 0; i < before.size(); ++i)
+      before[i] = values_[l][i] > 0.0f && values_[l][i] < kTop ? before[i] : 0.0f;
+  }
+}
+
+void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments,
+                           const std::vector<float>& base, std::vector<float>& mean) {
+  const float rate = settings_.rate / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle);
+  const float first = 1.0f / (1.0f - left_first_), second = 1.0f / (1.0f - left_second_);
+  const float stays = std::min(settings_.mean, 1.0f - 1.0f / static_cast<float>(steps_));  // at first all steps alike
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const float by = gradient[i];
+    moments.first[i] += (1.0f - kFirstDecay) * (by - moments.first[i]);
+    moments.second[i] += (1.0f - kSecondDecay) * (by * by - moments.second[i]);
+    const float move = moments.first[i] * first / (std::sqrt(moments.second[i] * second) + kLeast);
+    values[i] -= rate * (move + settings_.pull * (values[i] - base[i]));
+    mean[i] += (1.0f - stays) * (values[i] - mean[i]);
+  }
+}
+
+double RiddleTrainer::cost(const RiddleNet& net) const {
+  if (net.inputs() != inputs()) throw Error(ErrorCode::Section, "a network of other inputs");
+  double bits = 0;
+  NetValues values;
+  for (std::size_t i = 0; i < held_.size(); ++i) {
+    std::copy_n(held_.in(i), inputs(), values.in.begin());
+    net.run(values);
+    const Decisions decisions(held_.leaf(i), held_.offsets(i));
+    for (std::size_t d = 0; d < decisions.count; ++d) {
+      const Decision& of = decisions.of[d];
+      const float odds = static_cast<float>(values.out[of.output]) * of.share + static_cast<float>(held_.said(i)[d]);
+      bits += static_cast<double>(paid(odds * (1.0f / kOutputUnit), of.one).bits);
+    }
+  }
+  return held_.size() == 0 ? 0.0 : bits / static_cast<double>(held_.size());
+}
+
+}  // namespace lidarcodec

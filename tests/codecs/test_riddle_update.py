@@ -1,0 +1,139 @@
+"""If these fail, a receiver codes on with other weights than the vehicle, or a hostile update takes it down."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidarcodec.codecs import riddle_update as ru
+from lidarcodec.codecs import riddle_weights as rw
+from lidarcodec.codecs.riddle_shelf import Shelf, weights_of
+from lidarcodec.errors import (
+    ChecksumError,
+    DecodeError,
+    MissingReferenceError,
+    SectionError,
+    TruncatedError,
+    UnsupportedVersionError,
+)
+from tests.codecs.test_riddle_weights import four_nets, with_sum
+
+GRAINS = (5, 6, 7)
+
+
+def base() -> rw.Weights:
+    return ru.weights_with(four_nets())
+
+
+def near(net: rw.Net, seed: int = 3, size: float = 40.0) -> rw.Net:
+    """A network whose weights are a little others."""
+    rng = np.random.default_rng(seed)
+    layers = []
+    for layer in net.layers:
+        weights = layer.weights + rng.normal(0, size, layer.weights.shape).astype(np.int16)
+        bias = layer.bias + rng.normal(0, 64 * size, layer.bias.shape).astype(np.int32)
+        layers.append(rw.Layer(weights, bias, layer.shift))
+    return rw.Net(net.expects, net.size, tuple(layers))
+
+
+def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
+    weights = base()
+    wanted = [near(net) for net in weights.nets[:2]]
+    update = ru.update_of(weights, wanted, GRAINS)
+    found = ru.applied(update.data, {weights.name: weights}.__getitem__)
+    assert (found.name, found.data) == (update.weights.name, update.weights.data)
+    assert ru.names_of(update.data) == (weights.name, found.name)
+    assert len(found.nets) == 2
+    for net, target in zip(found.nets, wanted, strict=True):
+        for layer, want, grain in zip(net.layers, target.layers, GRAINS, strict=True):
+            assert np.abs(layer.weights.astype(int) - want.weights).max() <= 1 << (grain - 1)
+    assert len(update.data) < len(found.data) / 3
+
+
+def test_networks_on_another_shift_are_met_as_well() -> None:
+    """A network that grew is quantised on a smaller shift; in steps of what decoders have it means the same."""
+    weights = base()
+    net = weights.nets[0]
+    halved = tuple(
+        rw.Layer((la.weights // 2).astype(np.int16), (la.bias // 2).astype(np.int32), la.shift - 1) for la in net.layers
+    )
+    update = ru.update_of(weights, [rw.Net(net.expects, net.size, halved)], (0, 0, 0))
+    for layer, was in zip(update.weights.nets[0].layers, net.layers, strict=True):
+        assert layer.shift == was.shift
+        assert np.abs(layer.weights.astype(int) - was.weights).max() <= 1
+
+
+def test_weights_at_the_end_of_their_range_stay_within_it() -> None:
+    weights = base()
+    layers = list(weights.nets[0].layers)
+    edge = layers[0].weights.copy()
+    edge[0, :8] = 32767
+    layers[0] = rw.Layer(edge, layers[0].bias, layers[0].shift)
+    net = rw.Net(False, 0, tuple(layers))
+    found = ru.update_of(ru.weights_with([net]), [near(net, size=300)], GRAINS).weights.nets[0]
+    assert found.layers[0].weights.max() <= 32767
+
+
+def test_a_shelf_asks_for_what_an_update_begins_with() -> None:
+    weights = base()
+    update = ru.update_of(weights, [near(net) for net in weights.nets], GRAINS)
+    shelf = Shelf()
+    with pytest.raises(MissingReferenceError, match=weights.name):
+        shelf.take(update.data, 9)
+    shelf.put(weights)
+    for _ in range(3):  # key messages bring it again and again
+        assert shelf.take(update.data, 9).name == update.weights.name
+    assert shelf.find(update.weights.name, 9).data == update.weights.data
+
+
+def test_many_updates_do_not_push_out_what_they_begin_with() -> None:
+    weights, shelf = base(), Shelf()
+    shelf.put(weights)
+    for seed in range(9):
+        shelf.take(ru.update_of(weights, [near(weights.nets[0], seed)], GRAINS).data, seed)
+    assert shelf.find(weights.name, 9) is weights
+
+
+def test_updates_that_cannot_be_are_refused() -> None:
+    weights = base()
+    update = ru.update_of(weights, [near(weights.nets[0])], GRAINS)
+    find = {weights.name: weights}.__getitem__
+    data = update.data[:-4]
+    head = 21
+    for error, body in (
+        (UnsupportedVersionError, data[:4] + b"\2" + data[5:]),
+        (SectionError, data[:head] + b"\0" + data[head + 1 :]),  # no network
+        (SectionError, data[:head] + b"\4" + data[head + 1 : head + 6] * 4),  # one network four times
+        (SectionError, data[: head + 1] + b"\7" + data[head + 2 :]),  # of an unknown kind
+        (SectionError, data[: head + 3] + b"\xff" + data[head + 4 :]),  # a grain of 255 bits
+        (SectionError, data[:13] + bytes(8) + data[head:]),  # gives something else than it says
+        (DecodeError, data[: len(data) // 2]),
+    ):
+        with pytest.raises(error):
+            ru.applied(with_sum(body), find)
+    with pytest.raises(ChecksumError):
+        ru.applied(data + bytes(4), find)
+    for size in (0, 4, 5, 12, 20):
+        with pytest.raises((TruncatedError, UnsupportedVersionError, ChecksumError)):
+            ru.applied(data[:size], find)
+    only = ru.weights_with([weights.nets[0]])
+    with pytest.raises(SectionError, match="do not have"):
+        ru.update_of(only, [weights.nets[1]], GRAINS)
+
+
+def test_damaged_updates_raise_only_errors_of_decoding() -> None:
+    weights = weights_of("")
+    update = ru.update_of(weights, [near(weights.net(expects=True, size=0))], GRAINS)
+    rng, refused = np.random.default_rng(8), 0
+    for i in range(300):
+        broken = bytearray(update.data[: int(rng.integers(len(update.data)))] if i % 3 == 0 else update.data)
+        for at in rng.integers(0, max(len(broken), 1), 3) if broken else ():
+            broken[at] ^= int(rng.integers(1, 256))
+        data = with_sum(bytes(broken[:-4])) if i % 2 and len(broken) > 4 else bytes(broken)
+        try:
+            found = Shelf().take(data, i)
+        except DecodeError:
+            refused += 1
+        else:
+            assert found.name == update.weights.name
+    assert refused > 290

@@ -1,0 +1,34 @@
+"""Damaged weights of codec `riddle`: files, and updates of files that the reader has."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import numpy as np
+
+from lidarcodec._native import crc32c
+from lidarcodec.codecs.riddle_shelf import Shelf, weights_of
+from lidarcodec.codecs.riddle_update import update_of, weights_with
+from lidarcodec.codecs.riddle_weights import Layer, Net
+from tests.fuzz.mutations import mutated
+
+
+def weights_target() -> Callable[[random.Random], tuple[bytes, Callable[[bytes], object]]]:
+    """Damaged WEIGHTS sections, half of them with a checksum that is right again."""
+    base = weights_of("")
+    net, numbers = base.net(expects=True, size=0), np.random.default_rng(3)
+    layers = [
+        Layer((la.weights + numbers.normal(0, 30, la.weights.shape)).astype(np.int16), la.bias, la.shift)
+        for la in net.layers
+    ]
+    update = update_of(base, [Net(True, 0, (layers[0], layers[1], layers[2]))], (5, 6, 6))
+    clean = (update.data, weights_with([net]).data)
+
+    def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
+        data = mutated(rng.choice(clean), rng)
+        if rng.random() < 0.5 and len(data) > 4:
+            data = data[:-4] + int(crc32c(data[:-4])).to_bytes(4, "little")
+        return data, lambda given: Shelf().take(given, 1)
+
+    return case
