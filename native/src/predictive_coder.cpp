@@ -3,38 +3,11 @@
 #include "error.hpp"
 #include "mask_align.hpp"
 #include "mask_rows.hpp"
-#include "predictive_avx2.hpp"
-#include "predictive_stage.hpp"
+#include "predictive_image.hpp"
 
-#include <type_traits>
 #include <utility>
 
 namespace lidarcodec {
-
-// What is known of each row where the last slab ends, in cells of so many range steps; 0: nothing.
-struct SlabStates {
-  std::array<RowEnd, kMaskRows> of;
-  std::uint32_t step = 0;
-
-  // Brings it to the steps of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
-  void begin(std::uint32_t to, std::uint32_t start, bool goes_on) {
-    constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
-    for (RowEnd& state : of) {
-      if (step == 0 || !goes_on) {
-        state = {RowState::at_start(start), {}};
-      } else if (step != to) {
-        const auto scaled = [&](auto& x) {
-          x = static_cast<std::remove_reference_t<decltype(x)>>(std::clamp(std::int64_t{x} * step / to, -kMost, kMost));
-        };
-        for (std::int32_t& range : state.last) scaled(range);
-        for (std::uint32_t* size : {&state.size1, &state.size2, &state.mean, &state.miss}) scaled(*size);
-        scaled(state.level);
-        scaled(state.bias);
-      }
-    }
-    step = to;
-  }
-};
 
 namespace {
 
@@ -42,8 +15,6 @@ constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this f
 constexpr std::uint8_t kSlab = 2;                  // added to either: of a slab
 constexpr std::uint8_t kLearnedKind = 4;           // added to any: a network says what is likely to begin with
 constexpr std::size_t kHeadBytes = 7;              // kind, turn u16, bytes of the first stream u32; of a slab also known u8
-constexpr std::int32_t kMaxLevel = 1000;
-constexpr std::int32_t kMaxRange = 65535;
 
 void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
   if (known < kWholeFrame || known > std::min<KnownColumns>(255, static_cast<KnownColumns>(geometry.width)))
@@ -51,39 +22,6 @@ void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns k
   if (cells.step % 2 == 0 || cells.step > 65535) throw Error(ErrorCode::Section, "a step that is not odd, or too long");
   for (const std::int32_t level : cells.level)
     if (level < 0 || level > kMaxLevel) throw Error(ErrorCode::Section, "a row's level beyond the limits");
-}
-
-// Codes all rows of an image, (64, W); only returns are looked at, or written.
-template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
-void code_rows(PredictiveModel& model, const Teaching& teaching, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves,
-               Image* image) {
-  using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
-  const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(model, teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
-  RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    coder.code(stage.begin(row, image));
-    stage.end(image);
-  }
-}
-
-// Codes a slab: the columns behind those that are known. Rows of the upper and the lower half of the image in turns.
-template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
-void code_slab(PredictiveModel& model, const Teaching& teaching, const RowSource& source, SlabStates& states,
-               std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
-  using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
-  constexpr std::size_t kBoth = kMaskRows / 2;
-  const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(model, teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
-  states.begin(source.cells.step, coder.start(), source.past != 0);
-  RowStage<Rows::kReads, kExpects, kLearned> upper(source, 0, coder.start(), coder.first());
-  RowStage<Rows::kReads, kExpects, kLearned> lower(source, kBoth, coder.start(), coder.first());
-  for (std::size_t row = 0; row < kBoth; ++row) {
-    const RowWork a = upper.begin(row, image), b = lower.begin(row + kBoth, image);
-    coder.code(a, states.of[row], b, states.of[row + kBoth]);
-    upper.end(image);
-    lower.end(image);
-  }
 }
 
 void put(std::vector<std::uint8_t>& out, std::size_t value, int bytes) {
@@ -94,38 +32,6 @@ std::size_t take(const std::uint8_t* from, int bytes) {
   std::size_t value = 0;
   for (int i = bytes - 1; i >= 0; --i) value = value << 8 | from[i];
   return value;
-}
-
-// Codes a whole frame or a slab on a path, with or without what is expected.
-template <class Coder, class Image>
-void code_image(Path path, PredictiveModel& model, const Teaching& teaching, SlabStates& states, const RowSource& source, bool slab,
-                std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
-  const auto code = [&]<class Forms>(const Forms&) {
-    const auto with = [&](auto expects, auto learned) {
-      slab ? code_slab<Forms, expects.value, learned.value>(model, teaching, source, states, halves, image)
-           : code_rows<Forms, expects.value, learned.value>(model, teaching, source, halves, image);
-    };
-    const bool learned = teaching.net != nullptr || teaching.samples != nullptr;
-    if (source.expected != nullptr) {
-      learned ? with(std::true_type{}, std::true_type{}) : with(std::true_type{}, std::false_type{});
-    } else {
-      learned ? with(std::false_type{}, std::true_type{}) : with(std::false_type{}, std::false_type{});
-    }
-  };
-  switch (path) {
-    case Path::Plain:
-#if !defined(__wasm__)  // a page has one path: what is not there need not be fetched
-      return code(PlainForms{});
-#endif
-    case Path::Vector:
-      return code(VectorForms{});
-    case Path::Avx2:
-#if defined(__x86_64__)
-      return code(Avx2Forms{});
-#else
-      return code(VectorForms{});
-#endif
-  }
 }
 
 std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net) {
@@ -167,8 +73,8 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
   PredictiveModel model(true);
   SlabStates states;
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_image(quickest_path(), model, {nullptr, &samples}, states,
-             {layout, returned, cells, expected, geometry.width, 0, turn}, false, halves, ranges);
+  write_image({quickest_path(), model, {nullptr, &samples}, states, false},
+              {layout, returned, cells, expected, geometry.width, 0, turn}, halves, ranges);
 }
 
 void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
@@ -199,7 +105,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (net == nullptr) samples = nullptr;
   if (samples != nullptr) samples->inputs = inputs;
   std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  code_image(path_, model_, {net, samples}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, ranges);
+  write_image({path_, model_, {net, samples}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, halves, ranges);
   const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
   const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
   std::vector<std::uint8_t> out;
@@ -241,7 +147,7 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
       PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
       PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
   for (auto& half : halves) half.interval = half.coder.start();
-  code_image(path_, model_, {net, nullptr}, *states_, {layout, returned, cells, expected, width, past, turn}, known >= 0, halves, image.data());
+  read_image({path_, model_, {net, nullptr}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, halves, image.data());
   for (const auto& half : halves) half.coder.finish(half.interval);
   return image;
 }

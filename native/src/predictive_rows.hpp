@@ -52,7 +52,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     Forms::run([&] {
       for (std::size_t i = half; i < n; ++i) step<2>(row, row);
-      if (n % 2 != 0) step<1>(row, row);
+      if (n % 2 != 0) step_one(row);
     });
   }
 
@@ -66,8 +66,8 @@ class PredictiveRows : RangeDecisions<Coder> {
     const std::size_t both = std::min(a.count, b.count);
     Forms::run([&] {
       for (std::size_t i = 0; i < both; ++i) step<2>(a, b);
-      for (std::size_t i = both; i < a.count; ++i) step<1>(a, a);
-      for (std::size_t i = both; i < b.count; ++i) step<1, 1>(b, b);
+      for (std::size_t i = both; i < a.count; ++i) step_one(a);
+      for (std::size_t i = both; i < b.count; ++i) step_one<1>(b);
     });
     if (a.count > 0) end_a = halves_[0].end();
     if (b.count > 0) end_b = halves_[1].end();
@@ -100,6 +100,13 @@ class PredictiveRows : RangeDecisions<Coder> {
   // Where the first difference of a row, or of a half of one, is counted from.
   std::int32_t base_of(const RowWork& row, std::size_t first) const {
     return row.about.above != nullptr ? row.about.above[row.cells[first]] : first_;
+  }
+
+  // The last returns, where a half has more of them. Not inlined, nor is what few returns need: all of it, in all forms,
+  // took minutes to compile.
+  template <std::size_t First = 0>
+  [[gnu::noinline]] void step_one(const RowWork& row) {
+    step<1, First>(row, row);
   }
 
   // Codes a return of each of N halves, from half `First` on; `rows` are theirs.

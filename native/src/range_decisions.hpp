@@ -75,8 +75,8 @@ class RangeDecisions {
   }
 
   // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
-  std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
-                       std::uint32_t away) {
+  [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
+                                              std::uint32_t away) {
     BeyondCells& cells = model_.beyond;
     std::uint32_t leaf = 0, in = 0;
     if constexpr (!kReads) {

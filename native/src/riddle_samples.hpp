@@ -48,8 +48,8 @@ struct RiddleSamples {
   }
 
   // chances: of the nodes of the tree, as it was coded; of_cells: log odds of the cells of offset bits.
-  void take(const NetValues& values, std::uint32_t of_leaf, const std::array<std::uint8_t, kOffsets>& of_offset,
-            const std::int16_t* chances, const std::array<std::int32_t, kOffsets>& of_cells) {
+  [[gnu::noinline]] void take(const NetValues& values, std::uint32_t of_leaf, const std::array<std::uint8_t, kOffsets>& of_offset,
+                              const std::int16_t* chances, const std::array<std::int32_t, kOffsets>& of_cells) {
     const auto kept = [](std::int32_t odds) { return static_cast<std::int16_t>(std::clamp(odds, -32768, 32767)); };
     in.insert(in.end(), values.in.begin(), values.in.begin() + static_cast<std::ptrdiff_t>(inputs));
     leaf.push_back(static_cast<std::uint8_t>(of_leaf));

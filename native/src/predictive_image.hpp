@@ -1,0 +1,56 @@
+// Images of ranges on each path of the processor. Writing and reading are compiled in files of their own, side by side:
+// there are many forms, and each takes its time.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <type_traits>
+
+#include "predictive_coder.hpp"
+#include "predictive_rows.hpp"
+#include "predictive_stage.hpp"
+
+namespace lidarcodec {
+
+inline constexpr std::int32_t kMaxLevel = 1000;
+inline constexpr std::int32_t kMaxRange = 65535;
+
+// What is known of each row where the last slab ends, in cells of so many range steps; 0: nothing.
+struct SlabStates {
+  std::array<RowEnd, kMaskRows> of;
+  std::uint32_t step = 0;
+
+  // Brings it to the steps of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
+  void begin(std::uint32_t to, std::uint32_t start, bool goes_on) {
+    constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
+    for (RowEnd& state : of) {
+      if (step == 0 || !goes_on) {
+        state = {RowState::at_start(start), {}};
+      } else if (step != to) {
+        const auto scaled = [&](auto& x) {
+          x = static_cast<std::remove_reference_t<decltype(x)>>(std::clamp(std::int64_t{x} * step / to, -kMost, kMost));
+        };
+        for (std::int32_t& range : state.last) scaled(range);
+        for (std::uint32_t* size : {&state.size1, &state.size2, &state.mean, &state.miss}) scaled(*size);
+        scaled(state.level);
+        scaled(state.bias);
+      }
+    }
+    step = to;
+  }
+};
+
+// What an image is coded on, and with.
+struct ImageCoding {
+  Path path;
+  PredictiveModel& model;
+  Teaching teaching;
+  SlabStates& states;
+  bool slab;
+};
+
+// Write, or read, the returns of an image of (64, W) ranges: a whole frame or a slab.
+void write_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideEncoder>, 2>& halves, const std::uint16_t* image);
+void read_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideDecoder>, 2>& halves, std::uint16_t* image);
+
+}  // namespace lidarcodec
