@@ -13,7 +13,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from lidarcodec.apps import demo_processes
 from lidarcodec.apps.demo_browser import SCREENS, browser, show
+from lidarcodec.errors import TransportError
 from tests.command_line import COMMAND, environment, run, the_one_line
 from tests.transport.test_contract import eventually
 
@@ -134,3 +136,12 @@ def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
     assert process.wait(LIMIT_S) == 0
     assert b"bits per point" in said
     assert gone(url)
+
+
+def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
+    monkeypatch.setattr(demo_processes, "START_S", 0.01)
+    with demo_processes.PageServer(None, demo_processes.free_port()) as server:
+        late = server._process
+        with pytest.raises(TransportError, match="did not start"):
+            server.address()
+        assert late.poll() is not None

@@ -22,7 +22,7 @@ from lidarcodec.transport.endpoints import PORT_VARIABLE
 COMMAND: Final = (sys.executable, "-m", "lidarcodec.cli")
 PAGE_PORT: Final = 8080
 """Where the page is, unless that is taken."""
-START_S: Final = 30.0
+START_S: Final = 60.0
 """Longest wait for the server to say where it is."""
 END_S: Final = 5.0
 NOT_FOR_THE_VEHICLE: Final = {
@@ -81,6 +81,7 @@ class PageServer:
         except TransportError:
             if self._port is not None:
                 raise
+        _end(self._process)  # one that only was late would stay behind
         self._process = self._started(0)  # somebody else took the port meanwhile, or it cannot be at all
         return self._address(self._process)
 
