@@ -143,6 +143,7 @@ def test_bench_prints_one_object_a_codec_and_setting_with_every_field(tmp_path):
 def test_an_interrupt_while_the_command_line_is_loaded_ends_it_without_a_word():
     code = (
         "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background is told to ignore it
         "class Interrupting:\n"
         "    def find_spec(self, name, *_):\n"
         "        if name == 'typer': os.kill(os.getpid(), signal.SIGINT)\n"
