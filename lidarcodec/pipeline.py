@@ -138,8 +138,9 @@ class StreamEncoder:
 
     @property
     def learned(self) -> dict[str, Any] | None:
-        """What was learned: `steps`, `samples`, `updates` (times that weights were sent), `update_bytes` of
-        the last one, and the bits a return that it saves (`gain_bits`); None before `learn` is called."""
+        """What was learned: `steps`, `samples`, `frames_left_out` (whose samples were more than could wait to be
+        learned from), `updates` (times that weights were sent), `update_bytes` of the last one, and the bits a return
+        that it saves (`gain_bits`); None before `learn` is called."""
         encoder = self._encoder
         return encoder.learned if isinstance(encoder, Learning) else None
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from lidarcodec.codecs.riddle_shelf import native_nets
 from lidarcodec.codecs.riddle_update import Update, update_of
@@ -37,6 +37,8 @@ GRAINS: Final = ((5, 5, 5), (6, 6, 6), (7, 6, 6))
 PAID_BACK: Final = 300
 """Frames in which an update has to save what it costs to send."""
 
+Waiting = TypeVar("Waiting")
+
 
 @dataclass(frozen=True, eq=False)
 class Offer:
@@ -61,11 +63,11 @@ class Learner:
         self._net = self._nets[expects]
         self.key_interval = 50
         self._trainer = NetTrainer([(la.weights, la.bias, la.shift) for la in self._net.layers], TRAINING, seed=1)
-        self._waiting: deque[tuple[ReturnSamples, bool]] = deque(maxlen=WAITING)
+        self._waiting: deque[tuple[ReturnSamples, bool]] = deque()
         self._beginning = Offer(base, native_nets(nets), None, 0.0)
         self._now = self._beginning  # what the encoder uses, or is about to use
-        self._offered: Offer | None = None
-        self._frames = self._returns = 0
+        self._offered: deque[Offer] = deque()
+        self._frames = self._returns = self._frames_left_out = 0
         self._checked_at = self._updates = 0
 
     def samples_of(self, frame: Frame, *, expects: bool) -> ReturnSamples | None:
@@ -79,17 +81,22 @@ class Learner:
         self._frames += 1
         self._returns = returns
         self._waiting.append((samples, self._frames % HELD_EVERY == 0))
+        while len(self._waiting) > WAITING and _first(self._waiting) is not None:
+            self._frames_left_out += 1
+
+    def offer(self, offer: Offer) -> None:
+        """Weights for whoever asks next."""
+        self._offered.append(offer)
 
     def offered(self) -> Offer | None:
         """Weights that are better than those in use; each is given once."""
-        offer, self._offered = self._offered, None
-        return offer
+        return _first(self._offered)
 
     def learn(self, steps: int, budget_ms: float | None = None) -> int:
         """Take at most so many steps, none of them begun after so long; how many it took. Now and then looks at what
         they brought, which takes up to 50 ms more; with a budget it then comes back."""
-        while self._waiting:
-            samples, held = self._waiting.popleft()
+        while (waiting := _first(self._waiting)) is not None:
+            samples, held = waiting
             self._trainer.add(samples, held=held)
         done = 0
         while done < steps:
@@ -108,6 +115,7 @@ class Learner:
         return {
             "steps": self._trainer.steps,
             "samples": self._trainer.samples,
+            "frames_left_out": self._frames_left_out,
             "updates": self._updates,
             "update_bytes": 0 if self._now.update is None else len(self._now.update.data),
             "gain_bits": round(self._now.gain, 4),
@@ -115,7 +123,7 @@ class Learner:
 
     def _check(self) -> None:
         """Offer what saves most, sending counted, if that is not what is in use already."""
-        if self._trainer.held < LEAST_HELD or self._offered is not None:
+        if self._trainer.held < LEAST_HELD or self._offered:
             return
         before, now = self._trainer.cost(self._beginning.nets), self._trainer.cost(self._now.nets)
         best, most = self._now, self._saved(self._now, before - now, sent=True)
@@ -125,7 +133,8 @@ class Learner:
                 best, most = offer, saved
         if best is not self._now:
             self._updates += best.update is not None
-            self._now = self._offered = best
+            self._now = best
+            self.offer(best)
 
     def _trained(self, before: float) -> list[Offer]:
         found = []
@@ -144,3 +153,11 @@ class Learner:
         """Bits of a frame that weights save, without those of sending them with each key message, and once before."""
         size = 0 if offer.update is None else 8 * len(offer.update.data)
         return gain * self._returns - size / self.key_interval - (0 if sent else size / PAID_BACK)
+
+
+def _first(waiting: deque[Waiting]) -> Waiting | None:
+    """What waits longest, taken out; None where nothing waits. In one step: two threads may ask."""
+    try:
+        return waiting.popleft()
+    except IndexError:
+        return None

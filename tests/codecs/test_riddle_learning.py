@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,8 @@ import pytest
 
 from lidarcodec import wire
 from lidarcodec.codecs import riddle_update, riddle_weights, table
-from lidarcodec.codecs.riddle_shelf import weights_of
+from lidarcodec.codecs.riddle_learner import WAITING, Learner, Offer
+from lidarcodec.codecs.riddle_shelf import native_nets, weights_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -22,6 +25,7 @@ KEYS = 6
 """A key message every so many, as receivers that come ask for them: what is due by itself costs more than so small
 frames save."""
 LAST = 28
+OFFERS = 20_000
 
 
 def settings(**own: object) -> StreamSettings:
@@ -184,8 +188,21 @@ def test_learning_keeps_to_what_it_is_given(drive: list[Frame]) -> None:
     assert 0 < encoder.learn(10**9, budget_ms=30) < 10**6  # or it would never have come back
     report = encoder.learned
     assert report is not None
-    assert set(report) == {"steps", "samples", "updates", "update_bytes", "gain_bits"}
+    assert set(report) == {"steps", "samples", "frames_left_out", "updates", "update_bytes", "gain_bits"}
     assert report["samples"] <= sum(frame.points for frame in drive[:4])
+
+
+def test_frames_that_learning_was_too_slow_for_are_counted(drive: list[Frame]) -> None:
+    """Whoever looks why a vehicle gains little from learning could not tell that it had no time."""
+    encoder = StreamEncoder(settings(memory=False), stream_id=7)
+    encoder.encode(drive[0])
+    encoder.learn(0)
+    for expected, given in ((4, WAITING + 4), (4, WAITING), (5, WAITING + 1)):
+        for frame in drive[:given]:
+            encoder.encode(frame)
+        assert encoder.learned is not None
+        assert encoder.learned["frames_left_out"] == expected
+        encoder.learn(0)
 
 
 def test_there_is_nothing_to_learn_without_a_network(drive: list[Frame]) -> None:
@@ -197,3 +214,23 @@ def test_there_is_nothing_to_learn_without_a_network(drive: list[Frame]) -> None
     for bad in (-1, 5000, True, "much"):
         with pytest.raises(SettingsError, match="learn_ms"):
             table.check(settings(learn_ms=bad))
+
+
+def test_weights_are_given_once_and_none_is_lost_between_two_threads() -> None:
+    """Lost ones were counted as sent, and the encoder went on without what it had learned until better ones came."""
+    weights = weights_of("")
+    nets = [weights.net(expects=expects, size=0) for expects in (False, True)]
+    learner, offer = Learner(weights, nets, expects=False), Offer(weights, native_nets(nets), None, 1.0)
+    given, interval = 0, sys.getswitchinterval()
+    thread = threading.Thread(target=lambda: [learner.offer(offer) for _ in range(OFFERS)])
+    sys.setswitchinterval(1e-6)
+    try:
+        thread.start()
+        while thread.is_alive():
+            given += learner.offered() is not None
+    finally:
+        sys.setswitchinterval(interval)
+    thread.join()
+    while learner.offered() is not None:
+        given += 1
+    assert given == OFFERS
