@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, Literal, Protocol
@@ -121,60 +121,55 @@ class _Recording:
 
 
 class _Batches:
-    """Packets in batches of a turn."""
+    """Packets in batches of a turn. put: takes a batch; the last one may be empty."""
 
-    def __init__(self) -> None:
+    def __init__(self, put: Callable[[list[Packet]], None]) -> None:
+        self._put = put
         self._batch: list[Packet] = []
 
-    def write(self, packet: Packet) -> None:
+    def add(self, packet: Packet) -> None:
         self._batch.append(packet)
         if len(self._batch) == FRAME_PACKETS:
-            self._flush()
+            self.flush()
 
-    def _flush(self) -> None:
+    def flush(self) -> None:
         batch, self._batch = self._batch, []
         self._put(batch)
 
-    def _put(self, packets: list[Packet]) -> None:
-        raise NotImplementedError
 
-
-class _Packets(_Batches):
+class _Packets:
     """Bare packets in a recording."""
 
     def __init__(self, handle: BinaryIO, about: Mapping[str, str]) -> None:
-        super().__init__()
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, None, about)
+        self._batches = _Batches(self._writer.write_packets)
 
-    def _put(self, packets: list[Packet]) -> None:
-        self._writer.write_packets(packets)
+    def write(self, packet: Packet) -> None:
+        self._batches.add(packet)
 
     def close(self) -> str:
-        self._flush()
+        self._batches.flush()
         self._writer.close()
         return ""
 
 
-class Bag(_Batches):
+class Bag:
     """Scans, and points if wanted, in a bag. writer: what was written, for its description."""
 
     def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
-        super().__init__()
         self.writer = RosbagWriter(handle, packets_topic=wanted.topic, frame_id=wanted.frame_id)
+        self._batches = _Batches(self.writer.write_scan)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._poses = poses
 
     def write(self, packet: Packet) -> None:
-        super().write(packet)
+        self._batches.add(packet)
         frame = None if self._assembler is None else self._assembler.push(packet)
         if frame is not None:
             self.writer.write_cloud(posed(frame, self._poses))
 
-    def _put(self, packets: list[Packet]) -> None:
-        self.writer.write_scan(packets)
-
     def close(self) -> str:
-        self._flush()
+        self._batches.flush()
         last = None if self._assembler is None else self._assembler.flush()
         if last is not None:
             self.writer.write_cloud(posed(last, self._poses))
