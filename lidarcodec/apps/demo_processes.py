@@ -18,6 +18,7 @@ from typing import IO, Final
 
 from lidarcodec.errors import TransportError
 from lidarcodec.transport.endpoints import PORT_VARIABLE
+from lidarcodec.transport.meeting_point import is_free
 
 COMMAND: Final = (sys.executable, "-m", "lidarcodec.cli")
 PAGE_PORT: Final = 8080
@@ -69,7 +70,7 @@ class PageServer:
     def __init__(self, port: int | None, meeting_port: int) -> None:
         self._port, self._meeting_port = port, meeting_port
         self._folder = TemporaryDirectory(prefix="lidarcodec-demo-", ignore_cleanup_errors=True)
-        self._process = self._started(PAGE_PORT if port is None and _is_free(PAGE_PORT) else port or 0)
+        self._process = self._started(PAGE_PORT if port is None and is_free(PAGE_PORT) else port or 0)
 
     def address(self) -> str:
         """Where the page is, as soon as it can be asked for.
@@ -135,16 +136,6 @@ def _pass_on(pipe: IO[bytes], lines: queue.SimpleQueue[bytes]) -> None:
             if lines.qsize() < 100:
                 lines.put(line)
     lines.put(b"")
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -21,8 +21,8 @@ CHECK_S = 0.25
 ALONE_S = 5.0
 
 
-def _is_free(port: int) -> bool:
-    """Whether a listener could be opened now. Asked first, because the network library logs every refusal."""
+def is_free(port: int) -> bool:
+    """Whether a listener could be opened on this port of loopback now."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -70,7 +70,8 @@ class MeetingPoint:
                 logger.debug("closing the meeting point: %s", error)
 
     def _try(self) -> None:
-        if self._release is None and _is_free(self._port):
+        # Asked first, because the network library logs every refusal.
+        if self._release is None and is_free(self._port):
             try:
                 self._release = self._hold()
             except TransportError as error:
