@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-import socket as plain_socket
 import struct
 import threading
 import time
@@ -13,34 +11,16 @@ import time
 import httpx
 import numpy as np
 import pytest
-from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import peek, unpack
-from lidarcodec_server.tokens import create_token
 from tests.calm import Calm
-from tests.server.live import client_module, event, frame, running
+from tests.server.live import client_module, event, frame
 from tests.transport.test_contract import eventually
 
 CLIENT = client_module()
 STREAM = "vehicle/lidar"
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with running(tmp_path_factory.mktemp("server"), max_viewers=12, ack_limit_s=60.0) as one:
-        one.hub.linger_s = 0.1
-        yield one
-
-
-@pytest.fixture
-def vehicle(server):
-    """A vehicle at 20 Hz whose stream the server knows; afterwards nobody watches it."""
-    with server.publisher() as one:
-        assert server.seen()
-        yield one
-    assert eventually(lambda: not server.hub.watches())
 
 
 def index_of(message: bytes) -> int:
@@ -49,14 +29,6 @@ def index_of(message: bytes) -> int:
 
 def decoders() -> list[str]:
     return [one.name for one in threading.enumerate() if one.name == "lidarcodec decode"]
-
-
-async def ending(socket) -> tuple[int, str]:
-    """Code and reason with which the server closes the socket."""
-    with contextlib.suppress(ConnectionClosed):
-        while True:
-            await asyncio.wait_for(socket.recv(), 20)
-    return socket.close_code, socket.close_reason
 
 
 async def test_a_viewer_sees_the_points_of_the_vehicle(server, vehicle):
@@ -208,25 +180,6 @@ async def test_viewers_are_told_that_the_source_has_ended(server):
             await event(socket, "ended", 60)
 
 
-async def test_what_a_client_does_not_read_is_not_kept_for_ever(server, vehicle, monkeypatch):
-    monkeypatch.setattr(server.hub, "ack_limit_s", 0.5)
-    monkeypatch.setattr("lidarcodec_server.live.protocol.ABORT_S", 0.5)
-    monkeypatch.setattr("lidarcodec_server.live.session.CLOSE_LIMIT_S", 0.5)
-    deaf = plain_socket.socket()
-    deaf.setsockopt(plain_socket.SOL_SOCKET, plain_socket.SO_RCVBUF, 4096)
-    with deaf:
-        deaf.connect(("127.0.0.1", server.port))
-        deaf.sendall(
-            f"GET /api/v1/streams/{STREAM}/cloud?window=8 HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
-            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-            "Sec-WebSocket-Version: 13\r\n\r\n".encode()
-        )
-        connections = server.server.server_state.connections
-        assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 1)
-        assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 0)
-        assert await asyncio.to_thread(eventually, lambda: not connections)
-
-
 async def test_frames_that_come_in_groups_are_shown_one_by_one(server):
     with server.publisher(settings=StreamSettings(codec="jpeg-layered"), rate=10.0) as car:
         assert server.seen()
@@ -248,100 +201,6 @@ async def test_a_rate_is_kept(server, vehicle):
             await frame(socket)
             await socket.send("ack")
         assert 0.8 < time.monotonic() - begin < 20
-
-
-async def test_who_never_acknowledges_is_sent_away_with_a_reason(server, vehicle, monkeypatch):
-    monkeypatch.setattr(server.hub, "ack_limit_s", 1.0)
-    async with server.socket(f"{STREAM}/cloud") as socket:
-        code, reason = await ending(socket)
-    assert code == 4408
-    assert "acknowledgement" in reason
-
-
-@pytest.mark.parametrize(
-    ("sent", "code"),
-    [("hello", 1008), (b"abc", 1008), ("9" * 21, 1008), ("1" * 1025, 1009), (b"x" * 5000, 1009), ("\u0663", 1008)],
-)
-async def test_a_viewer_that_sends_anything_else_is_sent_away(server, vehicle, sent, code):
-    async with server.socket(f"{STREAM}/cloud?max_points=10") as socket:
-        await frame(socket)
-        await socket.send(sent)
-        assert (await ending(socket))[0] == code
-
-
-async def test_a_flood_of_acknowledgements_is_ended(server, vehicle):
-    async with server.socket(f"{STREAM}/cloud?max_points=10") as socket:
-        with contextlib.suppress(ConnectionClosed):
-            for _ in range(10_000):
-                await socket.send("999999999")
-                await asyncio.sleep(0)
-        assert (await ending(socket))[0] == 1008
-
-
-async def test_viewers_that_vanish_leave_nothing_behind(server, vehicle):
-    for _ in range(5):
-        socket = await server.socket(f"{STREAM}/cloud?max_points=10")
-        await frame(socket)
-        socket.transport.abort()
-    assert await asyncio.to_thread(eventually, lambda: server.hub.state()["viewers"] == 0)
-
-
-@pytest.mark.parametrize(
-    ("path", "status"),
-    [
-        ("nobody/lidar/cloud", 404),
-        (f"{STREAM}/cloud?form=mesh", 422),
-        (f"{STREAM}/cloud?colour=1", 422),
-        (f"{STREAM}/frames?rate=1", 422),
-    ],
-)
-async def test_what_cannot_be_is_refused_before_the_socket_opens(server, vehicle, path, status):
-    with pytest.raises(InvalidStatus) as caught:
-        async with server.socket(path):
-            pass
-    response = caught.value.response
-    assert response.status_code == status
-    assert json.loads(response.body)["status"] == status
-
-
-async def test_more_viewers_than_allowed_are_refused_and_may_come_later(server, vehicle):
-    sockets = [await server.socket(f"{STREAM}/cloud?max_points=10") for _ in range(12)]
-    with pytest.raises(InvalidStatus) as caught:
-        await server.socket(f"{STREAM}/cloud")
-    assert caught.value.response.status_code == 503
-    for socket in sockets:
-        await socket.close()
-    assert eventually(lambda: server.hub.state()["viewers"] == 0)
-    async with server.socket(f"{STREAM}/cloud") as socket:
-        await frame(socket)
-
-
-async def test_one_client_cannot_take_the_places_of_all(server, vehicle, monkeypatch):
-    monkeypatch.setattr(server.hub, "max_viewers_a_client", 2)
-    sockets = [await server.socket(f"{STREAM}/{kind}") for kind in ("cloud?max_points=10", "frames")]
-    with pytest.raises(InvalidStatus) as caught:
-        await server.socket(f"{STREAM}/cloud")
-    assert caught.value.response.status_code == 429
-    assert "127.0.0.1" in json.loads(caught.value.response.body)["detail"]
-    assert server.hub.room_for("another")
-    for socket in sockets:
-        await socket.close()
-    assert eventually(lambda: server.hub.room_for("127.0.0.1"))
-    async with server.socket(f"{STREAM}/cloud") as socket:
-        await frame(socket)
-
-
-async def test_a_page_of_another_site_may_not_look(server, vehicle):
-    with pytest.raises(InvalidStatus) as caught:
-        await server.socket(f"{STREAM}/cloud", origin="http://elsewhere.example")
-    assert caught.value.response.status_code == 403
-    async with server.socket(f"{STREAM}/cloud", origin=server.url) as socket:
-        await frame(socket)
-
-
-async def test_the_subprotocol_that_carries_a_token_is_answered(server, vehicle):
-    async with server.socket(f"{STREAM}/cloud", subprotocols=["lidarcodec", "lidarcodec.token.abc"]) as socket:
-        assert socket.subprotocol == "lidarcodec", "a token would stand in the answer"
 
 
 def test_a_snapshot_is_a_picture_and_is_made_once_for_a_frame(server, vehicle):
@@ -400,21 +259,3 @@ async def test_prometheus_is_told_of_viewers(server, vehicle):
         assert float(sent.rpartition(" ")[2]) >= 1.0
         assert "lidarcodec_viewer_pack_p99_seconds" in text
         assert "lidarcodec_recordings_running 0.0" in text
-
-
-async def test_a_token_that_is_revoked_ends_its_sockets(tmp_path, monkeypatch):
-    monkeypatch.setattr("lidarcodec_server.live.session.CHECK_S", 0.2)
-    with running(tmp_path) as server, server.publisher():
-        assert server.seen()
-        store = server.app.state.service.store
-        async with server.socket(f"{STREAM}/cloud?max_points=10") as nobody:
-            token = create_token(store, "screen", "viewer")
-            assert (await ending(nobody))[0] == 4401, "from the first token on everybody needs one"
-        with pytest.raises(InvalidStatus) as caught:
-            await server.socket(f"{STREAM}/cloud")
-        assert caught.value.response.status_code == 401
-        protocols = ["lidarcodec", f"lidarcodec.token.{token}"]
-        async with server.socket(f"{STREAM}/cloud?max_points=10", subprotocols=protocols) as socket:
-            await frame(socket)
-            store.revoke_token("screen")
-            assert (await ending(socket))[0] == 4401
