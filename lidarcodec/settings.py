@@ -63,9 +63,11 @@ class StreamSettings(BaseModel):
 
     @field_validator("max_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before")
     @classmethod
-    def _no_truth(cls, value: Any) -> Any:
+    def _number(cls, value: Any) -> Any:
         if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
             raise ValueError("a number is needed, not true or false")  # noqa: TRY004 (pydantic takes no other)
+        if isinstance(value, str) and value != AUTO:  # and "5" for 5, which the schema does not allow
+            raise ValueError("a number is needed, not text")
         return value
 
     @field_validator("intensity")

@@ -9,13 +9,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import check, check_offline
 from lidarcodec.settings import StreamSettings, settings_from
+
+SHORT_NUMBER: Final = re.compile(r"[+-]?([0-9]+\.[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.IGNORECASE)
+"""What people write for a number that JSON has no such form of."""
 
 
 def one_setting(codec: str | None, pairs: Sequence[str]) -> StreamSettings:
@@ -46,7 +50,9 @@ def _key_and_text(pair: str) -> tuple[str, str]:
 
 
 def _value(text: str) -> Any:
-    """A JSON scalar if it is one, else the text itself."""
+    """A JSON scalar or a number like .5 if it is one, else the text itself."""
+    if SHORT_NUMBER.fullmatch(text):
+        return float(text)
     try:
         value = json.loads(text)
     except ValueError:

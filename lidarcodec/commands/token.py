@@ -33,7 +33,7 @@ def create(
     database_password_file: DatabasePassword = None,
 ) -> None:
     """Make a token and print it, this once. As soon as there is one, every request needs one."""
-    store = _store(database_url, database_password_file)
+    store = _store(database_url, database_password_file, create=True)
     try:
         token = server_module("tokens").create_token(store, name, role)
     finally:
@@ -74,10 +74,10 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
         store.close()
 
 
-def _store(url: str | None, password: Path | None) -> Any:
+def _store(url: str | None, password: Path | None, *, create: bool = False) -> Any:
     config = server_config(database_url=url, database_password_file=password)
     store = server_module("store").Store(config.database_url)
-    store.open()
+    store.open(create=create)
     return store
 
 

@@ -74,13 +74,16 @@ class Store:
         except ImportError as error:
             raise SettingsError(f"the driver of {self.name} is not installed: {error}", "database_url") from None
 
-    def open(self) -> None:
-        """Connect, and bring the schema up to date.
+    def open(self, *, create: bool = True) -> None:
+        """Connect, and bring the schema up to date. create: make the file of a database that is none yet.
 
         Raises StoreError.
         """
         if self._engine.dialect.name == "sqlite" and self._engine.url.database not in (None, "", ":memory:"):
-            folder = Path(str(self._engine.url.database)).absolute().parent
+            file = Path(str(self._engine.url.database)).absolute()
+            if not create and not file.exists():
+                raise StoreError(f"there is no database {file}: `serve` and `token create` make one")
+            folder = file.parent
             try:
                 folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             except OSError as error:

@@ -20,6 +20,11 @@ def test_values_are_json_scalars_and_anything_else_is_text():
     assert settings.framing == "packets:29"
 
 
+@pytest.mark.parametrize(("text", "value"), [(".02", 0.02), ("2.", 2.0), ("+0.5", 0.5), ("1e-2", 0.01), ("2.E-1", 0.2)])
+def test_numbers_may_be_written_short(text, value):
+    assert one_setting(None, [f"max_error_m={text}"]).max_error_m == value
+
+
 @pytest.mark.parametrize("pair", ["level=[1,2]", 'level={"a":1}', "level=nine", "level=NaN"])
 def test_a_value_of_the_wrong_kind_is_refused_with_its_key(pair):
     with pytest.raises(SettingsError, match="level"):

@@ -224,7 +224,7 @@ def test_a_port_that_is_taken_is_said(database):
 
 
 def test_a_database_of_a_newer_version_ends_the_start_with_the_reason(database):
-    assert token_command("list", database).exit_code == 0
+    assert token_command("create", "ada", database).exit_code == 0
     engine = sa.create_engine(database)
     with engine.begin() as connection:
         connection.execute(sa.text("UPDATE alembic_version SET version_num = 'later'"))
@@ -247,6 +247,16 @@ def test_tokens_are_made_listed_and_revoked_on_the_command_line(database):
     assert "revoked 2" in token_command("list", database).stdout
     for words in (("revoke", "ada"), ("create", "ada"), ("create", "otto", "--role", "king")):
         assert isinstance(token_command(*words, database).exception, SettingsError)
+
+
+@pytest.mark.parametrize("words", [("list",), ("revoke", "ada")])
+def test_looking_for_tokens_where_no_database_is_says_so_and_makes_none(tmp_path, words):
+    """A list that is empty because of a typing error looks like one of a server without tokens."""
+    file = tmp_path / "folder" / "server.db"
+    answer = token_command(*words, f"sqlite:///{file}")
+    assert isinstance(answer.exception, StoreError)
+    assert f"no database {file}" in str(answer.exception)
+    assert not file.parent.exists()
 
 
 @pytest.mark.parametrize("command", [["serve"], ["token", "list"]])
