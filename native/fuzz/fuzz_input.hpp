@@ -1,7 +1,9 @@
 // Takes small numbers off the front of a fuzzer's input; the rest is the section under test.
 #pragma once
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 class FuzzInput {
@@ -21,4 +23,25 @@ class FuzzInput {
  private:
   const std::uint8_t* data_;
   const std::uint8_t* end_;
+};
+
+// Numbers out of what is left of the input, over and over.
+class Numbers {
+ public:
+  explicit Numbers(std::vector<std::uint8_t> bytes) : bytes_(std::move(bytes)) {
+    if (bytes_.empty()) bytes_.push_back(0);
+  }
+
+  std::uint32_t next(unsigned count) {
+    std::uint32_t value = 0;
+    for (unsigned i = 0; i < count; ++i) value = value << 8 | bytes_[at_++ % bytes_.size()];
+    return value;
+  }
+
+  // Any float at all, infinite ones and those that are no number too.
+  float any() { return std::bit_cast<float>(next(4)); }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  std::size_t at_ = 0;
 };

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "error.hpp"
+#include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
 #include "intensity_coder.hpp"
 #include "intensity_symbols.hpp"
@@ -51,18 +52,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::uint8_t levels = input.byte(), split = input.byte();
   const std::uint32_t turn = input.below(65536);  // 0: found from the returns
 
-  Bytes fired(2 * width);
-  for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
-  MaskGeometry geometry;
-  geometry.width = width;
-  geometry.fired = fired.data();
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    geometry.half[row] = (kind & 4u) ? row % 3 == 0 : row >= 32;
-    geometry.rotation[row] = static_cast<std::int32_t>(static_cast<std::uint32_t>(turned * row) * 40503001u);
-  }
-  Bytes returns(kMaskRows * width);
-  for (std::size_t i = 0; i < returns.size(); ++i)
-    returns[i] = fired[geometry.half[i / width] * width + i % width] && (i * 2654435761u >> 7) % 256 >= holes;
+  const FuzzGeometry any(width, pattern, turned, (kind & 4u) != 0);
+  const MaskGeometry& geometry = any.image;
+  const Bytes returns = any.returns(holes);
 
   const Bytes rest = input.rest();
   try {

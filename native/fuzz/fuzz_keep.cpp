@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "error.hpp"
+#include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
 #include "keep_coder.hpp"
 
@@ -17,18 +18,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::uint8_t pattern = input.byte(), turned = input.byte(), split = input.byte(), kind = input.byte();
   const std::uint32_t step = input.below(40000);  // azimuths beyond a turn are refused
 
-  std::vector<std::uint8_t> fired(2 * width);
-  for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
+  const FuzzGeometry any(width, pattern, turned, split >= 128);
+  const MaskGeometry& geometry = any.image;
+  const std::vector<std::uint8_t>& fired = any.fired;
   std::vector<std::uint16_t> azimuth(2 * width);
   for (std::size_t i = 0; i < azimuth.size(); ++i)
     azimuth[i] = static_cast<std::uint16_t>(kind & 4u ? i * step : i % width * step % 36000);
-  MaskGeometry geometry;
-  geometry.width = width;
-  geometry.fired = fired.data();
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    geometry.half[row] = split < 128 ? row >= 32 : row % 3 == 0;
-    geometry.rotation[row] = static_cast<std::int32_t>(static_cast<std::uint32_t>(turned * row) * 40503001u);
-  }
   EarlierMask earlier;
   std::vector<std::uint8_t> before;
   if (kind & 1u) {

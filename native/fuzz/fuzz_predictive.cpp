@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "error.hpp"
+#include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
 #include "predictive_coder.hpp"
 #include "random_nets.hpp"
@@ -58,19 +59,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   lidarcodec::RangeCells cells;
   cells.step = kind & 8u ? 2 * input.below(32768) + 1 : 1 + 2 * (input.byte() % 32u);
 
-  Bytes fired(2 * width);
-  for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
-  MaskGeometry geometry;
-  geometry.width = width;
-  geometry.fired = fired.data();
-  for (std::size_t row = 0; row < kMaskRows; ++row) {
-    geometry.half[row] = (kind & 4u) ? row % 3 == 0 : row >= 32;
-    geometry.rotation[row] = static_cast<std::int32_t>(static_cast<std::uint32_t>(turned * row) * 40503001u);
+  const FuzzGeometry any(width, pattern, turned, (kind & 4u) != 0);
+  const MaskGeometry& geometry = any.image;
+  for (std::size_t row = 0; row < kMaskRows; ++row)
     cells.level[row] = static_cast<std::int32_t>(turned * row % 1001);
-  }
-  Bytes returns(kMaskRows * width);
-  for (std::size_t i = 0; i < returns.size(); ++i)
-    returns[i] = fired[geometry.half[i / width] * width + i % width] && (i * 2654435761u >> 7) % 256 >= holes;
+  const Bytes returns = any.returns(holes);
 
   const Bytes rest = input.rest();
   Ranges guesses(returns.size());

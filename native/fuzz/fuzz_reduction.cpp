@@ -1,7 +1,6 @@
 // What reducers choose with: any frame, calibration, cells, poses and budgets. Whatever a sensor or an odometer says, a
 // choice is made without harm, of returns that there are, each once, and as many as asked for.
 #include <algorithm>
-#include <bit>
 #include <cstdlib>
 #include <vector>
 
@@ -15,27 +14,6 @@
 using namespace lidarcodec;
 
 namespace {
-
-// Numbers out of the input, over and over.
-class Numbers {
- public:
-  explicit Numbers(std::vector<std::uint8_t> bytes) : bytes_(std::move(bytes)) {
-    if (bytes_.empty()) bytes_.push_back(0);
-  }
-
-  std::uint32_t next(unsigned count) {
-    std::uint32_t value = 0;
-    for (unsigned i = 0; i < count; ++i) value = value << 8 | bytes_[at_++ % bytes_.size()];
-    return value;
-  }
-
-  // Any float at all, infinite ones and those that are no number too.
-  float any() { return std::bit_cast<float>(next(4)); }
-
- private:
-  std::vector<std::uint8_t> bytes_;
-  std::size_t at_ = 0;
-};
 
 void check(bool holds) {
   if (!holds) std::abort();

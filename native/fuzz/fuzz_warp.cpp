@@ -11,24 +11,6 @@ using namespace lidarcodec;
 
 namespace {
 
-// Numbers out of the input, over and over.
-class Numbers {
- public:
-  explicit Numbers(std::vector<std::uint8_t> bytes) : bytes_(std::move(bytes)) {
-    if (bytes_.empty()) bytes_.push_back(0);
-  }
-
-  std::uint32_t next(unsigned count) {
-    std::uint32_t value = 0;
-    for (unsigned i = 0; i < count; ++i) value = value << 8 | bytes_[at_++ % bytes_.size()];
-    return value;
-  }
-
- private:
-  std::vector<std::uint8_t> bytes_;
-  std::size_t at_ = 0;
-};
-
 struct Frame {
   std::vector<std::uint16_t> azimuth, ranges;
   std::vector<std::uint8_t> fired;

@@ -23,15 +23,6 @@ pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine t
 RUN = ScoreRun(seed=3, steps=12, batch=2, width=64, rate=5e-3)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    """Threads that wait for each other take many times as long on a machine that others use too."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def example() -> Example:
     """Labels by rule: what stands out of the road is high, left of the car it is seldom seen."""
