@@ -8,12 +8,10 @@ is given back, within a time limit.
 
 from __future__ import annotations
 
-import atexit
 import json
 import logging
 import re
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
@@ -35,6 +33,7 @@ from lidarcodec.transport.base import (
 )
 from lidarcodec.transport.endpoints import Endpoints, Party
 from lidarcodec.transport.keys import check_key
+from lidarcodec.transport.late_threads import CLOSING, let_late_threads_end_at_exit
 from lidarcodec.transport.meeting_point import MeetingPoint
 from lidarcodec.wire import MAX_MESSAGE
 
@@ -48,7 +47,6 @@ CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5
 UNREACHABLE = "Unable to connect"
 """How Zenoh begins to say that nobody listens, or that whoever does will not have us: it says no more than that."""
-LATE_THREADS_S = 0.1
 
 _QOS: dict[Priority, dict[str, Any]] = {
     Priority.REAL_TIME: {
@@ -82,11 +80,6 @@ def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zen
     return config
 
 
-def _let_late_threads_end() -> None:
-    """At exit: a thread of the library that asks for the interpreter while that is going down aborts the process."""
-    time.sleep(LATE_THREADS_S)
-
-
 def _within_limit(close: Callable[[], object], what: str) -> None:
     """Give something back in at most CLOSE_LIMIT_S; an exit must never hang on a network."""
 
@@ -96,7 +89,7 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
         except (zenoh.ZError, RuntimeError) as error:  # borrowed by a put: the session ends it
             logger.debug("closing %s: %s", what, _reason(error))
 
-    thread = threading.Thread(target=run, name=f"close {what}", daemon=True)
+    thread = threading.Thread(target=run, name=f"{CLOSING} {what}", daemon=True)
     thread.start()
     thread.join(CLOSE_LIMIT_S)
     if thread.is_alive():
@@ -177,8 +170,7 @@ class ZenohTransport:
         Raises TransportError for a configuration or an endpoint that cannot be used, and when stopped.
         """
         zenoh.init_log_from_env_or(LOG_FILTER)
-        atexit.unregister(_let_late_threads_end)
-        atexit.register(_let_late_threads_end)
+        let_late_threads_end_at_exit()
         base = None if endpoints.config is None else _read(endpoints.config)
         config = _config_of(endpoints.options(), base)
         waits = json.loads(config.get_json("mode")) == "client"
