@@ -101,7 +101,7 @@ def test_cloud_pose_and_statistics_get_to_a_viewer_point_for_point(network):
     names = [f"/car-7/roof/{name}" for name in ("points", "pose", "statistics")]
     with (
         FoxgloveBridge(["car-7/roof"], port=0, transport=network()) as bridge,
-        Publisher(Loop(), vehicle="car-7", sensor="roof", rate=10.0, transport=network(), poses=Standing()),
+        Publisher(Loop(), vehicle="car-7", sensor="roof", rate=5.0, transport=network(), poses=Standing()),
     ):
         viewer = Viewer(bridge.url)
         viewer.subscribe(*names)
@@ -140,7 +140,7 @@ def test_cloud_pose_and_statistics_get_to_a_viewer_point_for_point(network):
 def test_nothing_is_made_of_a_stream_that_nobody_looks_at(network):
     with (
         FoxgloveBridge(["vehicle/lidar"], port=0, transport=network()) as bridge,
-        Publisher(Loop(), rate=20.0, transport=network()),
+        Publisher(Loop(), rate=5.0, transport=network()),
     ):
         assert eventually(lambda: bridge.counts["unwatched"] >= 3, LIMIT_S)
         assert bridge.counts["clouds"] == 0
@@ -155,7 +155,7 @@ def test_nothing_is_made_of_a_stream_that_nobody_looks_at(network):
 def test_a_viewer_that_does_not_read_holds_nobody_up_and_sees_the_newest(network):
     with (
         FoxgloveBridge(["vehicle/lidar"], port=0, transport=network()) as bridge,
-        Publisher(Loop(), rate=30.0, transport=network()),
+        Publisher(Loop(), rate=10.0, transport=network()),
     ):
         stuck, quick = Viewer(bridge.url), Viewer(bridge.url)
         stuck.subscribe("/vehicle/lidar/points")
@@ -192,7 +192,7 @@ def test_the_command_serves_until_a_signal():
     assert line.startswith("open in Foxglove: ws://127.0.0.1:"), line
     from lidarcodec.transport import Endpoints
 
-    with Publisher(Loop(), rate=20.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
+    with Publisher(Loop(), rate=5.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
         viewer = Viewer(line.split()[-1])
         viewer.subscribe("/vehicle/lidar/points")
         assert viewer.messages(2)

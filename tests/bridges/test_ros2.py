@@ -63,11 +63,15 @@ class Ros:
 
     def of(self, kind: ros.RosType) -> list[tuple[bytes, bytes]]:
         """Data and attachments of a type."""
-        return [(data, attached) for key, data, attached in self.samples if kind.dds_name in key]
+        return [(data, attached) for key, data, attached in list(self.samples) if kind.dds_name in key]
+
+    def alive(self, kind: str) -> list[str]:
+        """Tokens of nodes (NN) or publishers (MP) that are there."""
+        return [token for token, alive in list(self.tokens.items()) if alive and token.split("/")[5] == kind]
 
     def published(self) -> list[str]:
         """Tokens of publishers that are there."""
-        return [token for token, alive in self.tokens.items() if alive and token.split("/")[5] == "MP"]
+        return self.alive("MP")
 
     def close(self) -> None:
         for one in self._subscribers:
@@ -98,15 +102,17 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
     names = RosNames(world="odom")
     with (
         RosBridge(["car-7/roof"], names, endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
-        Publisher(Loop(), vehicle="car-7", sensor="roof", rate=10.0, endpoints=local, poses=Standing()),
+        Publisher(Loop(), vehicle="car-7", sensor="roof", rate=5.0, endpoints=local, poses=Standing()),
     ):
         assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 3 and len(graph.of(ros.TF_MESSAGE)) >= 3, LIMIT_S)
-        assert len(graph.published()) == 2
+        # Clouds and tokens come in threads of their own, and what was sent is counted behind that.
+        assert eventually(lambda: len(graph.published()) == 2, LIMIT_S)
+        assert eventually(lambda: bridge.counts["clouds"] >= 3, LIMIT_S)
         (token,) = [one for one in graph.published() if "PointCloud2" in one]
         assert token.endswith(
             f"/%car_7%roof%points/{ros.POINT_CLOUD2.dds_name}/{ros.POINT_CLOUD2.type_hash}/::,1:,:,:,,"
         )
-        assert sum(alive and one.split("/")[5] == "NN" for one, alive in graph.tokens.items()) == 1
+        assert eventually(lambda: len(graph.alive("NN")) == 1, LIMIT_S)
         summary = bridge.summary()
     assert summary["clouds"] >= 3
     assert summary["topics"] == {"car-7/roof": points_topic}
@@ -135,13 +141,13 @@ def test_nothing_is_made_while_nobody_looks(graph, local):
     names = RosNames(topic="/points", transforms=False)
     with (
         RosBridge(["vehicle/lidar"], names, endpoints=local, ros=Endpoints.of(connect=graph.endpoint)) as bridge,
-        Publisher(Loop(), rate=20.0, endpoints=local),
+        Publisher(Loop(), rate=5.0, endpoints=local),
     ):
         assert eventually(lambda: bridge.counts["unwatched"] >= 3, LIMIT_S)
         assert bridge.counts["clouds"] == 0
         graph.subscribe("/points", ros.POINT_CLOUD2)
         assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 2, LIMIT_S)
-        assert len(graph.published()) == 1
+        assert eventually(lambda: len(graph.published()) == 1, LIMIT_S)
 
 
 def test_the_router_of_ros_may_come_later(local):
@@ -172,7 +178,7 @@ def test_the_command_bridges_until_the_publishers_have_gone(graph):
     port = free_port()
     graph.subscribe("/lidar", ros.POINT_CLOUD2)
     words = ["bridge", "ros2", "vehicle/lidar", "--ros-connect", graph.endpoint, "--topic", "/lidar", "--until-end"]
-    with Publisher(Loop(), rate=20.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
+    with Publisher(Loop(), rate=5.0, endpoints=Endpoints.of(listen=f"tcp/127.0.0.1:{port}")):
         process = start(*words, "--connect", f"tcp/127.0.0.1:{port}", "--json")
         assert eventually(lambda: len(graph.samples) >= 2, LIMIT_S)
     said, complained = process.communicate(timeout=LIMIT_S)
