@@ -100,11 +100,11 @@ def _files_of(path: Path) -> list[Path]:
         return [path]
     about = _information(path / METADATA)
     names = about.get("relative_file_paths")
-    if not isinstance(names, list) or not 0 < len(names) <= _MAX_FILES:
+    if not isinstance(names, list) or not 0 < len(names) <= _MAX_FILES or not all(isinstance(n, str) for n in names):
         raise SourceError(f"{path / METADATA} names no files")
     if about.get("compression_mode") == "file":
         raise SourceError(f"the files of {path} are compressed as a whole: decompress them first (zstd -d)")
-    files = [path / Path(str(name)).name for name in names]  # some versions write the folder before the name
+    files = [path / Path(name).name for name in names]  # some versions write the folder before the name
     for file in files:
         if not file.is_file():
             raise SourceError(f"{path} lacks {file.name}, which its {METADATA} names")
@@ -174,6 +174,8 @@ def _plain(data: bytes) -> bytes:
     if data[:4] != _ZSTD:
         return data
     try:
+        if zstandard.frame_content_size(data) > MAX_RECORD:  # which would be taken, whatever the limit below says
+            raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_RECORD)
     except zstandard.ZstdError as error:
         raise SectionError(f"a compressed message that cannot be had: {error}") from None

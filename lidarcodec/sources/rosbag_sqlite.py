@@ -27,6 +27,7 @@ def topics(path: Path) -> dict[str, str]:
     """
     try:
         with closing(_open(path)) as database:
+            _check_tables(database)
             rows = database.execute("SELECT name, type FROM topics LIMIT 4096").fetchall()
     except (sqlite3.Error, ValueError) as error:
         raise SourceError(f"{path} is no rosbag2: {error}") from None
@@ -37,6 +38,7 @@ def messages(path: Path, topic: str, counts: Counter[str]) -> Iterator[bytes]:
     """Messages of a topic by time. A database that breaks off, or is damaged, gives what is before that."""
     try:
         with closing(_open(path)) as database:
+            _check_tables(database)
             rows = database.execute(
                 "SELECT messages.data FROM messages JOIN topics ON messages.topic_id = topics.id"
                 " WHERE topics.name = ? ORDER BY messages.timestamp, messages.id",
@@ -56,3 +58,13 @@ def _open(path: Path) -> sqlite3.Connection:
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD)
     database.text_factory = lambda data: data.decode("utf-8", "backslashreplace")
     return database
+
+
+def _check_tables(database: sqlite3.Connection) -> None:
+    """Raises ValueError for a database in which something else looks like the tables of a bag: a view can go on for
+    ever, and nothing ends a query that does."""
+    tables = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE 'CREATE TABLE%'"
+    known = {name.lower() for (name,) in database.execute(tables)}
+    for name in ("topics", "messages"):
+        if name not in known:
+            raise ValueError(f"no table {name}")

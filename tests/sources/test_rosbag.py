@@ -132,6 +132,36 @@ def test_a_folder_that_is_no_bag_or_lacks_a_file(tmp_path):
         open_source(tmp_path)
 
 
+def test_a_description_that_would_grow_without_end_is_none(tmp_path):
+    """Nine lists of ten times the list before are ten letters, and 10^10 when they are written out."""
+    lists = "\n".join(f"  l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]" for n in range(1, 10))
+    text = f"rosbag2_bagfile_information:\n  l0: &l0 [x]\n{lists}\n  relative_file_paths: [*l9]\n"
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(SourceError, match="names no files"):
+        open_source(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["topics", "messages"])
+def test_a_database_with_a_view_in_place_of_a_table_is_none(tmp_path, name):
+    """A view may have rows without end, and a query that sorts them hears no signal."""
+    path = database(tmp_path / "bag.db3", scans())
+    with sqlite3.connect(path) as made_here:
+        made_here.execute(f"ALTER TABLE {name} RENAME TO other")
+        rows = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+        made_here.execute(f"CREATE VIEW {name} AS {rows} SELECT other.* FROM other, n")
+    made_here.close()
+    with pytest.raises(SourceError, match=f"no table {name}"):
+        open_source(path)
+
+
+def test_a_compressed_message_that_announces_more_than_there_can_be_costs_itself_only(tmp_path):
+    bomb = b"\x28\xb5\x2f\xfd\xe0" + (2**40).to_bytes(8, "little") + b"\1\0\0"
+    good = scans()
+    with open_source(database(tmp_path / "bag.db3", [good[0], bomb, good[1]])) as source:
+        assert list(source.packets()) == PACKETS[:60]
+        assert source.counts == {"bad scans": 1}
+
+
 def test_the_calibration_beside_a_bag_is_found(tmp_path):
     from lidarcodec.sensors import write_db_xml
 
