@@ -64,11 +64,11 @@ class RosNames:
 class _Topic:
     """A publisher of ROS, once the network is open. Thread-safe."""
 
-    def __init__(self, publisher: Publisher, transport: Transport) -> None:
+    def __init__(self, publisher: Publisher, transport: Transport, priority: Priority = Priority.FRAMES) -> None:
         """Raises MissingExtraError, before anything is declared, and TransportError."""
         self._publisher, self._lock, self._number = publisher, threading.Lock(), 0
         publisher.attachment(0, 0)
-        self._sender: Sender = transport.sender(publisher.key, Priority.FRAMES)
+        self._sender: Sender = transport.sender(publisher.key, priority)
         self._token: Closeable = transport.token(publisher.token)
 
     @property
@@ -173,7 +173,9 @@ class RosBridge:
             self._points[key] = _Topic(Publisher(node, number, topic, POINT_CLOUD2), self._transport)
         if self.names.transforms:
             number = len(self.topics) + 1
-            self._tf = _Topic(Publisher(node, number, TF_TOPIC, TF_MESSAGE, TF_DEPTH), self._transport)
+            tf = Publisher(node, number, TF_TOPIC, TF_MESSAGE, TF_DEPTH)
+            # Past clouds that wait for a slow network: behind one of those it would be thrown away.
+            self._tf = _Topic(tf, self._transport, Priority.REAL_TIME)
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
         topic, frame_id = self._points[key], self.names.frame_of(key)
