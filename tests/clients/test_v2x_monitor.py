@@ -119,10 +119,35 @@ def test_the_ground_is_found_under_walls_and_not_where_nothing_is_seen():
     assert zones.ground_plane(np.zeros((10, 3))) is None
 
 
-@pytest.mark.parametrize("corners", [[[0, 0], [1, 1]], [[0, 0, 0]] * 3, []])
+def test_what_went_is_cleared_also_where_it_takes_longer_than_to_raise():
+    """As with --stand 0.5: an alert that stays for ever is soon believed by nobody."""
+    steps = [road((3.0, 2.0), seed=seed) for seed in range(8)] + [road(None, seed=50 + seed) for seed in range(20)]
+    found = events(steps, rules=zones.Rules(stand=5, clear=8))
+    assert [event.raised for _, event in found] == [True, False]
+
+
+@pytest.mark.parametrize("corners", [[[0, 0], [1, 1]], [[0, 0, 0]] * 3, [], [[0, 0], [1, 1, 1], [2, 0]]])
 def test_a_zone_needs_three_corners(corners):
     with pytest.raises(ValueError, match="three corners"):
         zones.Zone("z", corners)
+
+
+@pytest.mark.parametrize(
+    ("corners", "said"),
+    [
+        ([[0, 0], [4, 4], [4, 0], [0, 4]], "cross each other"),
+        ([[0, 0], [10, 0], [10, 6], [5, -3], [0, 6]], "cross each other"),
+        ([[5e6, 1], [5e6 + 1, 2], [5e6 + 2, 3]], "in a line"),
+        ([[1, 1]] * 3, "in a line"),
+        ([[0, 0], [1, float("nan")], [1, 1]], "are numbers"),
+        ([[0, 0], [1e9, 0], [1e9, 1e9]], "at most 1000 m"),
+    ],
+)
+def test_a_zone_is_an_area_that_can_be_watched(corners, said):
+    """Of one that crosses itself a part would be watched, and nobody would know which."""
+    with pytest.raises(ValueError, match=said):
+        zones.Zone("z", corners)
+    assert zones.Zone("z", [[5e6, 0], [5e6 + 9, 0], [5e6 + 9, 5], [5e6 + 4, 1]]).alert is False
 
 
 class Again(PacketSource):
@@ -199,8 +224,20 @@ def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
     assert 0.1 < things["z"].min() < things["z"].max() < 3.5
 
 
-def test_a_zone_that_is_none_is_said_at_once():
-    command = [sys.executable, str(MONITOR), "a/b", "--zone", "z=1,2 3"]
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["a/b", "--zone", "z=1,2 3"], 2, "NAME=x,y"),
+        (["a/b", "a/b", "--zone", "z=0,0 4,0 4,4"], 2, "a/b is named twice"),
+        (["a", "--zone", "z=0,0 4,0 4,4"], 2, "'a' is no stream"),
+        (["a/b", "--zone", "z=0,0 4,0 4,4", "--stand", "nan"], 2, "--stand"),
+        (["a/b", "--zone", "z=0,0 4,0 4,4", "--out", "/nowhere/alerts.mcap"], 1, "/nowhere/alerts.mcap"),
+        (["a/b", "--zone", "z=0,0 4,0 4,4", "--connect", "nowhere"], 1, "'nowhere' is not an endpoint"),
+    ],
+)
+def test_what_cannot_be_is_said_at_once_in_a_line(words, code, said):
+    command = [sys.executable, str(MONITOR), *words]
     refused = subprocess.run(command, capture_output=True, text=True, env=environment(), timeout=60, check=False)
-    assert refused.returncode == 2
-    assert "NAME=x,y" in refused.stderr
+    assert refused.returncode == code, refused.stderr
+    assert said in refused.stderr.splitlines()[-1]
+    assert "Traceback" not in refused.stderr

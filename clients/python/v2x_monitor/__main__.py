@@ -9,32 +9,29 @@ puts them on Zenoh; docs/v2x.md says what is where. Needs nothing but lidarcodec
 
 from __future__ import annotations
 
-import argparse
+import signal
+
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever stops it while it is being loaded wants no traceback
+
+# ruff: noqa: E402
 import json
 import os
-import signal
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from options import options
 from outputs import McapOutput, ZenohOutput
-from zones import Rules, Zone
+from zones import Zone
 
 import lidarcodec
+from lidarcodec.errors import TransportError
 
 STATE_S = 1.0
-
-
-def zone_of(text: str, rules: Rules) -> Zone:
-    """A zone written as NAME=x,y x,y x,y."""
-    name, _, corners = text.partition("=")
-    try:
-        return Zone(name, [[float(part) for part in corner.split(",")] for corner in corners.split()], rules)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"zone '{text}': write NAME=x,y x,y x,y ({error})") from None
+FAULTS = (lidarcodec.LidarCodecError, OSError)
+"""What can go wrong with networks and files."""
 
 
 def in_common_frame(frame: lidarcodec.Frame, velocity_mps: np.ndarray) -> np.ndarray:
@@ -60,6 +57,8 @@ class Monitor:
         about.update(frames=about["frames"] + 1, stamp_ns=frame.stamp_ns, latency_ms=latency_ms)
         if frame.pose is None:
             about["without_pose"] += 1
+            if about["without_pose"] == 1:
+                say(f"{vehicle} sends no pose, so its points cannot be placed: publish it with --poses")
             return
         place = frame.pose[:3, 3]
         before_ns, before = self._last.get(vehicle, (0, place))
@@ -88,63 +87,88 @@ class Monitor:
                 output.state(state, np.concatenate([np.zeros((0, 3)), *seen]))
 
 
-def watch(stream: str, endpoints: lidarcodec.Endpoints, monitor: Monitor, stop: threading.Event) -> None:
-    """Hand a stream's newest frames to the monitor until told to stop; it goes on through restarts of its vehicle."""
-    with lidarcodec.subscribe(stream, connect=list(endpoints.connect), loopback_port=endpoints.loopback_port) as live:
-        while not stop.is_set():
-            frame = live.next(timeout_s=0.5)
-            if frame is not None:
-                monitor.take(stream, frame, live.stats.latency_ms.summary()["p50"])
+class Watching:
+    """Threads that hand the newest frames of streams to the monitor; they go on through restarts of vehicles."""
+
+    def __init__(self, streams: list[str], endpoints: lidarcodec.Endpoints, monitor: Monitor) -> None:
+        self._endpoints, self._monitor = endpoints, monitor
+        self.stop = threading.Event()
+        self.fault: Exception | None = None
+        self._threads = [threading.Thread(target=self._run, args=(one,)) for one in streams]
+
+    def start(self) -> None:
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End them; raises what ended one of them before."""
+        self.stop.set()
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join()
+        if self.fault is not None:
+            raise self.fault
+
+    def _run(self, stream: str) -> None:
+        connect, port = list(self._endpoints.connect), self._endpoints.loopback_port
+        try:
+            with lidarcodec.subscribe(stream, connect=connect, loopback_port=port) as live:
+                while not self.stop.is_set():
+                    frame = live.next(timeout_s=0.5)
+                    if frame is not None:
+                        self._monitor.take(stream, frame, live.stats.latency_ms.summary()["p50"])
+        except FAULTS as error:
+            self.fault = error
+            self.stop.set()
 
 
-def main() -> None:
-    os.environ.setdefault("RUST_LOG", "off")  # Zenoh would write its log among the alerts
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("streams", nargs="+", metavar="VEHICLE/SENSOR")
-    parser.add_argument(
-        "--zone", action="append", required=True, metavar="NAME=x,y x,y x,y", help="in metres; repeatable"
-    )
-    parser.add_argument("--stand", type=float, default=2.0, help="seconds after which something stands")
-    parser.add_argument("--clear", type=float, default=0.8, help="seconds seen free after which it no longer does")
-    parser.add_argument(
-        "--lowest", type=float, default=0.3, help="metres over the ground from which on something counts"
-    )
-    parser.add_argument("--connect", action="append", help="Zenoh endpoint; without one, this machine only")
-    parser.add_argument("--name", default="monitor", help="of lidarcodec/v2x/NAME/alert and .../state")
-    parser.add_argument("--out", type=Path, help="MCAP file for alerts, state, and the points in zones")
-    parser.add_argument("--seconds", type=float, help="default: until a signal comes")
-    options = parser.parse_args()
+def say(text: str) -> None:
+    """A line for whoever started this; alerts have standard output to themselves."""
+    print(f"v2x_monitor: {text}", file=sys.stderr, flush=True)
 
-    rules = Rules(
-        stand=max(2, round(10 * options.stand)), clear=max(1, round(10 * options.clear)), lowest_m=options.lowest
-    )
-    try:
-        zones = [zone_of(text, rules) for text in options.zone]
-    except argparse.ArgumentTypeError as error:
-        parser.error(str(error))
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    endpoints = lidarcodec.Endpoints.of(connect=options.connect)
-    outputs: list[Any] = [ZenohOutput(options.name, endpoints, stop)]
-    if options.out is not None:
-        outputs.append(McapOutput(options.out))
+
+def run() -> None:
+    """Watch until a signal comes, or the time is over. Raises FAULTS."""
+    given, zones = options(__doc__)
+    endpoints = lidarcodec.Endpoints.of(connect=given.connect)
+    outputs: list[Any] = [] if given.out is None else [McapOutput(given.out)]
     monitor = Monitor(zones, outputs)
-    threads = [threading.Thread(target=watch, args=(one, endpoints, monitor, stop)) for one in options.streams]
-    for thread in threads:
-        thread.start()
-    end = None if options.seconds is None else time.monotonic() + options.seconds
-    while not stop.wait(STATE_S) and (end is None or time.monotonic() < end):
+    watching = Watching(given.streams, endpoints, monitor)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: watching.stop.set())
+    try:
+        try:
+            outputs.append(ZenohOutput(given.name, endpoints, watching.stop))
+        except TransportError:
+            if watching.stop.is_set():  # by a signal, before a router was there
+                return
+            raise
+        watching.start()
+        end = time.monotonic() + given.seconds
+        while not watching.stop.wait(STATE_S) and time.monotonic() < end:
+            monitor.tell()
+        watching.close()
         monitor.tell()
-    stop.set()
-    for thread in threads:
-        thread.join()
-    monitor.tell()
-    for output in outputs:
-        output.close()
+    finally:
+        watching.stop.set()
+        for output in outputs:
+            output.close()
+
+
+def main() -> int:
+    os.environ.setdefault("RUST_LOG", "off")  # Zenoh would write its log among the alerts
+    try:
+        run()
+    except BrokenPipeError:  # whoever read the alerts has seen enough
+        return 0
+    except FAULTS as error:
+        say(" ".join(str(error).split()))
+        return 1
+    sys.stdout.flush()
+    return 0
 
 
 if __name__ == "__main__":
-    main()
-    sys.stdout.flush()
-    os._exit(0)  # all is closed; a late thread of the network library could abort an interpreter that is going down
+    os._exit(
+        main()
+    )  # all is closed; a late thread of the network library could abort an interpreter that is going down

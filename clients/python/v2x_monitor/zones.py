@@ -20,6 +20,8 @@ MARGIN_M = 5.0
 """The ground of a zone is looked for so far around it, too."""
 GROUND_CELL_M = 1.0
 LEAST_CELLS = 6
+MOST_M = 1000.0
+"""A zone is no longer and no wider: its cells are kept in memory."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,44 @@ def ground_plane(points: np.ndarray) -> np.ndarray | None:
     return plane
 
 
+def check_polygon(polygon: np.ndarray) -> None:
+    """Raises ValueError unless it is an area: (M, 2) corners, with edges that do not cross each other."""
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
+        raise ValueError("it needs three corners or more, of x and y")
+    if not np.isfinite(polygon).all() or (np.ptp(polygon, axis=0) > MOST_M).any():
+        raise ValueError(f"its corners are numbers, at most {MOST_M:g} m apart")
+    if _crosses(polygon):
+        raise ValueError("its edges cross each other: name the corners in turn, around it")
+    x, y = (polygon - polygon[0]).T
+    if abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) < 1e-6:
+        raise ValueError("its corners lie in a line")
+
+
+def _crosses(polygon: np.ndarray) -> bool:
+    """Whether two edges of a polygon go through each other."""
+    edges = [*zip(polygon, np.roll(polygon, -1, axis=0), strict=True)]
+
+    def side(of: tuple[np.ndarray, np.ndarray], place: np.ndarray) -> float:
+        (x0, y0), (x1, y1) = of
+        return float(np.sign((x1 - x0) * (place[1] - y0) - (y1 - y0) * (place[0] - x0)))
+
+    return any(
+        side(a, b[0]) * side(a, b[1]) < 0 and side(b, a[0]) * side(b, a[1]) < 0
+        for number, a in enumerate(edges)
+        for b in edges[:number]
+    )
+
+
 class Zone:
     """A polygon of the common frame, and what stands in it. things: (N, 3), what each vehicle saw in it last."""
 
     def __init__(self, name: str, polygon: Sequence[Sequence[float]], rules: Rules | None = None) -> None:
+        """Raises ValueError for no name, and for corners that make no area."""
         self.name, self.rules = name, rules or Rules()
-        self.polygon = np.asarray(polygon, np.float64)
-        if self.polygon.ndim != 2 or self.polygon.shape[1] != 2 or len(self.polygon) < 3:
-            raise ValueError(f"zone {name} needs three corners or more, of x and y")
+        if not name:
+            raise ValueError("it needs a name")
+        self.polygon = np.array(polygon if len({len(corner) for corner in polygon}) == 1 else [], np.float64)
+        check_polygon(self.polygon)
         self._low = self.polygon.min(axis=0)
         size = np.ceil((self.polygon.max(axis=0) - self._low) / self.rules.cell_m).astype(int) + 1
         self._score = np.zeros(tuple(size), np.int32)
@@ -146,7 +178,7 @@ class Zone:
         free = self._hits(ground) & ~occupied
         due = self._slot < slot
         self._score[occupied & due] += 1
-        self._score[free & due] -= rules.stand // rules.clear
+        self._score[free & due] -= max(1, rules.stand // rules.clear)
         np.clip(self._score, 0, rules.stand, out=self._score)
         self._slot[(occupied | free) & due] = slot
 
