@@ -10,6 +10,7 @@ Nothing is made of a stream that nobody looks at. What a slow viewer does not ta
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections import Counter
@@ -132,7 +133,8 @@ class FoxgloveBridge:
                 message_backlog_size=WAITING * len(self._streams.keys),
             )
         except (RuntimeError, OSError, ValueError) as error:
-            raise TransportError(f"cannot listen on {self.host}:{self.port}: {error}") from None
+            reason = re.sub(r"^.*?bind port: | \(os error \d+\)$", "", str(error))
+            raise TransportError(f"cannot listen on {self.host}:{self.port}: {reason}; choose another port") from None
         self.port = self._server.port
         self._channels = {key: _Channels(key, self._context) for key in self._streams.keys}
         self._streams.start()

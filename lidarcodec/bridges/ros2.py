@@ -18,7 +18,7 @@ from typing import Any, Final, Self
 
 from lidarcodec.bridges.rmw_zenoh import Node, Publisher, checked_topic, topic_name
 from lidarcodec.bridges.streams import Streams
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
 from lidarcodec.interop.ros import POINT_CLOUD2, TF_MESSAGE
@@ -120,20 +120,23 @@ class RosBridge:
         self._ros_endpoints = ros or Endpoints.of(connect=ROUTER)
         self._given_transport, self._transport = ros_transport, ros_transport
         self._stop = threading.Event()
+        self._interrupted = False
         self._points: dict[StreamKeys, _Topic] = {}
         self._tf: _Topic | None = None
         self._node: Closeable | None = None
         self._counting = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Open the network of ROS 2, whose router may come later, and begin.
+        """Open the network of ROS 2, whose router may come later, and begin; nothing begins where that is interrupted.
 
         Raises TransportError, MissingExtraError.
         """
         try:
             self._open()
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if isinstance(error, TransportError) and self._interrupted:
+                return self
             raise
         self._streams.start()
         return self
@@ -147,6 +150,7 @@ class RosBridge:
 
     def interrupt(self) -> None:
         """Have it end soon; for signal handlers."""
+        self._interrupted = True
         self._stop.set()
         self._streams.interrupt()
 

@@ -57,12 +57,13 @@ class Streams:
             thread.start()
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether all streams have ended; waits for it, at most `timeout_s`.
+        """Whether all streams have ended, or none was begun; waits for it, at most `timeout_s`.
 
         Raises what ended one of them, if that was an error.
         """
         for thread in self._threads:
-            thread.join(timeout_s / len(self._threads))
+            if thread.ident is not None:
+                thread.join(timeout_s / len(self._threads))
         if self._failure is not None:
             raise self._failure
         return not any(thread.is_alive() for thread in self._threads)

@@ -75,7 +75,10 @@ def ros2(
     names = RosNames(topic, frame_id, world, tf, _domain(domain), type_hash)
     ros = endpoints_of((ros_connect or ([] if ros_config else [ROUTER]), [], ros_config))
     given = endpoints_of((connect or [], listen or [], zenoh_config))
-    _run(RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end), as_json)
+    bridge = RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end)
+    where = ", ".join(ros_connect or ([f"that of {ros_config}"] if ros_config else [ROUTER]))
+    sys.stderr.write(f"to ROS 2, domain {names.domain}, router {where}: {', '.join(bridge.topics.values())}\n")
+    _run(bridge, as_json)
 
 
 @app.command()

@@ -180,7 +180,9 @@ def test_several_streams_are_told_apart_and_leave_when_it_ends(network):
 def test_a_port_that_is_taken_is_said(network):
     with FoxgloveBridge(["a/b"], port=0, transport=network()) as first:
         second = FoxgloveBridge(["a/b"], port=first.port, transport=network())
-        with pytest.raises(TransportError, match=f"cannot listen on 127.0.0.1:{first.port}"):
+        with pytest.raises(
+            TransportError, match=f"cannot listen on 127.0.0.1:{first.port}: Address already in use; choose"
+        ):
             second.__enter__()
         second.close()
 

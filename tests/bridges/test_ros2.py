@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import struct
 import threading
 import time
@@ -192,6 +193,19 @@ def test_the_command_bridges_until_the_publishers_have_gone(graph):
     said, complained = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, complained
     assert json.loads(said)["clouds"] >= 2
+
+
+def test_the_command_says_where_it_looks_for_ros_and_ends_without_having_found_it():
+    """Both networks meet at the same port by default: whoever forgot to start ROS's router looks for the wrong one."""
+    port = free_port()
+    process = start("bridge", "ros2", "car-7/roof", "--ros-connect", f"tcp/127.0.0.1:{port}")
+    line = process.stderr.readline()
+    assert line == f"to ROS 2, domain 0, router tcp/127.0.0.1:{port}: /car_7/roof/points\n"
+    assert "trying again" in process.stderr.readline()
+    process.send_signal(signal.SIGTERM)
+    said, complained = process.communicate(timeout=LIMIT_S)
+    assert (process.returncode, complained) == (0, "")
+    assert said.startswith("0 clouds")
 
 
 @pytest.mark.parametrize(
