@@ -1,11 +1,17 @@
 """A headless Chromium for tests: the machine's own, driven by the package `playwright`. Skipped by name without them.
 
-Browser and driver live as long as a module's tests, because the driver keeps an event loop in this thread, which tests
-of coroutines in other modules would find in their way. Modules here have no coroutines.
+All tests of this folder share one browser, one vehicle and, but for those that need tokens, one server: a core is busy
+with drawing, and none is to be left for a second system beside it. So they are one group for `pytest -n`, too. Browser
+and driver end with this folder, because the driver keeps an event loop in this thread, which tests of coroutines
+elsewhere would find in their way. Modules here have no coroutines.
+
+They run first: so `pytest -n` gives them to one process as they stand. Where it does not, processes take turns.
 """
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import tempfile
 import time
@@ -14,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.browser.system import System, system
 
 FLAGS = [
     "--no-sandbox",
@@ -33,14 +41,27 @@ TEST_S = 300
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give tests of this folder more time."""
-    for item in items:
-        if item.path.is_relative_to(Path(__file__).parent):
-            item.add_marker(pytest.mark.timeout(TEST_S))
+    """Give tests of this folder more time, and have them run first, in one process."""
+    here = [item for item in items if item.path.is_relative_to(Path(__file__).parent)]
+    for item in here:
+        item.add_marker(pytest.mark.timeout(TEST_S))
+        item.add_marker(pytest.mark.xdist_group("browser"))
+    chosen = set(here)
+    items[:] = here + [item for item in items if item not in chosen]
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+@pytest.fixture(scope="package")
+def turn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No other process of this run has a browser or its system."""
+    base = tmp_path_factory.getbasetemp()
+    folder = base if "PYTEST_XDIST_WORKER" not in os.environ else base.parent
+    with (folder / "browser.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+@pytest.fixture(scope="package")
+def browser(turn: None) -> Iterator[Any]:
     """A browser that runs; `playwright.sync_api.Browser`."""
     driver = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright")
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -73,6 +94,20 @@ def _open_nothing(browser: Any) -> float:
     page.goto("about:blank", timeout=LIMIT_MS)
     page.close()
     return time.monotonic() - start
+
+
+@pytest.fixture(scope="package")
+def running(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """A server that needs no token. The browser is there before it: one that starts beside a vehicle takes longer."""
+    with system(tmp_path_factory.mktemp("fleet")) as made:
+        yield made
+
+
+@pytest.fixture
+def fleet(running: System) -> System:
+    """The server with its vehicle car-7, which drives."""
+    running.start_vehicle()
+    return running
 
 
 @pytest.fixture

@@ -11,22 +11,26 @@ from typing import Any
 import httpx
 
 from lidarcodec.apps.demo import free_port
-from tests.command_line import COMMAND, environment
+from tests.command_line import COMMAND, environment, run_here
 from tests.transport.test_contract import eventually
 
 LIMIT_S = 60.0
 """Longest wait for anything; a busy machine takes its time."""
+RATE_HZ = 3
+"""Of a vehicle: enough to be live, and what simulates, decodes and draws it leaves time for the rest."""
 
 
 class System:
-    """`lidarcodec serve` on ports of its own, and the vehicles that are started for it."""
+    """`lidarcodec serve` on ports of its own, and the vehicles that are started for it.
 
-    def __init__(self, folder: Path, *options: str) -> None:
-        self.folder = folder
-        self._variables = environment(LIDARCODEC_LOOPBACK_PORT=str(free_port()), XDG_STATE_HOME=str(folder))
+    meeting: the port of loopback where vehicles of another system are; by default nobody is there
+    """
+
+    def __init__(self, folder: Path, meeting: int | None = None) -> None:
+        self.folder, self.meeting = folder, meeting or free_port()
+        self._variables = environment(LIDARCODEC_LOOPBACK_PORT=str(self.meeting), XDG_STATE_HOME=str(folder))
         self._database = f"sqlite:///{folder / 'server.db'}"
         self._port = free_port()
-        self._options = options
         self._vehicles: dict[str, subprocess.Popen[bytes]] = {}
         self._server: subprocess.Popen[bytes] | None = None
         self.url = f"http://127.0.0.1:{self._port}"
@@ -34,7 +38,7 @@ class System:
     def serve(self) -> None:
         """Start the server, and wait until it answers."""
         stores = ["--database-url", self._database, "--recordings", str(self.folder / "recordings")]
-        self._server = self._start("serve", "--port", str(self._port), *stores, *self._options)
+        self._server = self._start("serve", "--port", str(self._port), *stores)
         assert eventually(self._answers, LIMIT_S), "the server does not answer"
 
     def stop_server(self) -> None:
@@ -42,9 +46,11 @@ class System:
         assert self._server is not None
         _end(self._server)
 
-    def start_vehicle(self, name: str = "car-7", source: str = "sim:city", *options: str) -> None:
-        """Start a vehicle that drives through its source; the server sees it soon."""
-        self._vehicles[name] = self._start("publish", source, "--vehicle", name, "--rate", "10", *options)
+    def start_vehicle(self, name: str = "car-7") -> None:
+        """Start a vehicle that drives through a town and gives its originals, if it does not drive already."""
+        if name not in self._vehicles:
+            rate = ["--rate", str(RATE_HZ)]
+            self._vehicles[name] = self._start("publish", "sim:city", "--vehicle", name, *rate, "--original")
 
     def kill_vehicle(self, name: str = "car-7") -> None:
         """End a vehicle as a power cut would."""
@@ -53,17 +59,17 @@ class System:
         process.wait(LIMIT_S)
 
     def token(self, name: str, role: str) -> str:
-        """A new token of the server's database."""
-        words = ["token", "create", name, "--role", role, "--database-url", self._database]
-        said = subprocess.run(
-            [*COMMAND, *words], env=self._variables, capture_output=True, text=True, check=True, timeout=LIMIT_S
-        )
-        return next(word for word in said.stdout.split() if word.startswith("lct_"))
+        """A new token, which the server knows by now: it looks for new ones once a second."""
+        said = run_here("token", "create", name, "--role", role, "--database-url", self._database)
+        assert said.returncode == 0, said.stderr
+        made = said.stdout.strip()
+        assert eventually(lambda: self._takes(made), LIMIT_S), "the server does not take the token"
+        return made
 
     def revoke(self, name: str) -> None:
         """Make the token of that name worthless."""
-        words = ["token", "revoke", name, "--database-url", self._database]
-        subprocess.run([*COMMAND, *words], env=self._variables, capture_output=True, check=True, timeout=LIMIT_S)
+        said = run_here("token", "revoke", name, "--database-url", self._database)
+        assert said.returncode == 0, said.stderr
 
     def get(self, path: str, token: str | None = None) -> Any:
         """What the API answers to a GET below /api/v1/."""
@@ -86,6 +92,10 @@ class System:
                 [*COMMAND, *words], env=self._variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 
+    def _takes(self, token: str) -> bool:
+        headers = {"Authorization": f"Bearer {token}"}
+        return httpx.get(f"{self.url}/api/v1/session", headers=headers, timeout=30).status_code == 200
+
     def _answers(self) -> bool:
         try:
             return httpx.get(f"{self.url}/healthz", timeout=5).status_code == 200
@@ -94,9 +104,9 @@ class System:
 
 
 @contextmanager
-def system(folder: Path, *options: str) -> Iterator[System]:
-    """A server that runs; it and its vehicles end with the block. options: of `serve`."""
-    made = System(folder, *options)
+def system(folder: Path, meeting: int | None = None) -> Iterator[System]:
+    """A server that runs; it and its vehicles end with the block. meeting: as for System"""
+    made = System(folder, meeting)
     try:
         made.serve()
         yield made

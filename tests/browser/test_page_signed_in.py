@@ -11,19 +11,21 @@ from tests.browser.system import LIMIT_S, system
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
 expect.set_options(timeout=LIMIT_S * 1000)
 
+pytestmark = pytest.mark.usefixtures("fleet")
+
 POINTS = re.compile(r"^lidarcodec — [0-9]+ points$")
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory):
-    with system(tmp_path_factory.mktemp("secured")) as running:
-        running.start_vehicle()
-        yield running
+def secured(running, tmp_path_factory):
+    """A server of its own, because nobody gets in any more without a token; it sees the same vehicle."""
+    with system(tmp_path_factory.mktemp("secured"), running.meeting) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
-def tokens(fleet):
-    return {role: fleet.token(f"{role}-1", role) for role in ("operator", "viewer")}
+def tokens(secured):
+    return {role: secured.token(f"{role}-1", role) for role in ("operator", "viewer")}
 
 
 def sign_in(page, token):
@@ -31,8 +33,8 @@ def sign_in(page, token):
     page.keyboard.press("Enter")
 
 
-def test_a_page_without_a_token_asks_for_one_and_takes_none_that_is_wrong(fleet, tokens, page_of):
-    page = page_of(fleet.url)
+def test_a_page_without_a_token_asks_for_one_and_takes_none_that_is_wrong(secured, tokens, page_of):
+    page = page_of(secured.url)
     expect(page.get_by_label("Token")).to_be_focused()
     assert page.complaints == []
     sign_in(page, "lct_" + "x" * 43)
@@ -49,8 +51,8 @@ def test_a_page_without_a_token_asks_for_one_and_takes_none_that_is_wrong(fleet,
     expect(page.get_by_label("Token")).to_be_visible()
 
 
-def test_a_viewer_sees_everything_and_changes_nothing(fleet, tokens, page_of):
-    page = page_of(fleet.url)
+def test_a_viewer_sees_everything_and_changes_nothing(secured, tokens, page_of):
+    page = page_of(secured.url)
     sign_in(page, tokens["viewer"])
     expect(page).to_have_title(POINTS)
     expect(page.get_by_text("changing needs an operator's token")).to_be_visible()
@@ -60,25 +62,25 @@ def test_a_viewer_sees_everything_and_changes_nothing(fleet, tokens, page_of):
     expect(page.get_by_role("button", name="Record car-7/lidar")).to_be_disabled()
 
 
-def test_a_token_that_is_revoked_ends_the_session_and_says_so(fleet, page_of):
-    page = page_of(fleet.url)
-    sign_in(page, fleet.token("guest", "viewer"))
+def test_a_token_that_is_revoked_ends_the_session_and_says_so(secured, page_of):
+    page = page_of(secured.url)
+    sign_in(page, secured.token("guest", "viewer"))
     expect(page).to_have_title(POINTS)
-    fleet.revoke("guest")
+    secured.revoke("guest")
     expect(page.get_by_role("alert")).to_have_text("The token does not work any more.")
     expect(page.get_by_role("button", name="Sign in")).to_be_visible()
     expect(page).to_have_title("lidarcodec")
     page.complaints.clear()
 
 
-def test_a_server_that_goes_away_is_said_to_be_away_and_is_found_again(fleet, tokens, page_of):
-    page = page_of(fleet.url)
+def test_a_server_that_goes_away_is_said_to_be_away_and_is_found_again(secured, tokens, page_of):
+    page = page_of(secured.url)
     sign_in(page, tokens["operator"])
     expect(page).to_have_title(POINTS)
-    fleet.stop_server()
+    secured.stop_server()
     expect(page.get_by_text("The server does not answer")).to_be_visible()
     expect(page.locator(".notice")).to_contain_text(re.compile(r"last frame \d+ s ago"))
-    fleet.serve()
+    secured.serve()
     expect(page.get_by_text("The server does not answer")).not_to_be_attached()
     expect(page.locator(".notice.none")).to_be_attached()
     page.complaints.clear()  # the browser tells of every address that did not answer

@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from tests.browser.system import LIMIT_S, system
+from tests.browser.system import LIMIT_S
 
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
 expect.set_options(timeout=2000 * LIMIT_S)
@@ -20,13 +20,6 @@ pytestmark = pytest.mark.timeout(600)  # a processor draws here what a graphics 
 POINTS = re.compile(r"^lidarcodec — [0-9]+ points$")
 COLOURS = ("height", "intensity", "distance", "ring")
 WINDOW = {"width": 1000, "height": 520}
-
-
-@pytest.fixture(scope="module")
-def fleet(tmp_path_factory):
-    with system(tmp_path_factory.mktemp("view")) as running:
-        running.start_vehicle("car-7", "sim:city?frames=20000", "--original", "--poses", "source")
-        yield running
 
 
 @pytest.fixture
