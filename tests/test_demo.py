@@ -142,6 +142,52 @@ def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
     monkeypatch.setattr(demo_processes, "START_S", 0.01)
     with demo_processes.PageServer(None, demo_processes.free_port()) as server:
         late = server._process
+
+        def never() -> bool:
+            """Whether it is known that there will be no page."""
+            assert server.address() is None
+            return False
+
         with pytest.raises(TransportError, match="did not start"):
-            server.address()
+            eventually(never)
         assert late.poll() is not None
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are found as Linux shows them")
+def test_what_it_started_ends_with_it_however_it_ends(demo):
+    """Else a killed demonstration goes on simulating for ever, and holds the page's port."""
+    process = demo("--no-browser", "--seconds", "100")
+    url = address_in(process.stdout.readline().decode())
+    assert eventually(lambda: alive(url), LIMIT_S)
+    started = children(process.pid)
+    assert len(started) == 2
+    process.kill()
+    process.communicate(timeout=LIMIT_S)
+    assert eventually(lambda: not any(map(runs, started)), LIMIT_S)
+    assert gone(url)
+
+
+def test_a_demonstration_of_make_ends_with_it(demo, tmp_path):
+    """`make` that is killed passes no signal on."""
+    program = script(tmp_path / "make", 'trap "" TERM; "$@" & echo $!; wait')
+    words = [program, *COMMAND, "demo", "--no-browser", "--seconds", "100"]
+    made = subprocess.Popen(words, cwd=tmp_path, env=environment(MAKELEVEL="1"), stdout=subprocess.PIPE)
+    number = int(made.stdout.readline())
+    url = address_in(made.stdout.readline().decode())
+    made.kill()
+    assert eventually(lambda: not runs(number), LIMIT_S)
+    made.communicate(timeout=LIMIT_S)
+    assert gone(url)
+
+
+def children(process: int) -> list[int]:
+    """Processes that one started."""
+    return [int(number) for number in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def runs(process: int) -> bool:
+    """Whether a process of that number runs; one that ended and was not asked for yet does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

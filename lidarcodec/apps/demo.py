@@ -7,6 +7,7 @@ A table on a terminal, plain lines elsewhere; at the end a summary, and a pictur
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import time
@@ -15,24 +16,29 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from lidarcodec.apps.demo_browser import show as show_in_browser
 from lidarcodec.apps.demo_processes import PageServer, free_port, vehicle
-from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
-from lidarcodec.transport import Endpoints
 from lidarcodec.units import PACKET_BYTES
+
+if TYPE_CHECKING:
+    from lidarcodec.apps.subscribe import LiveStream
 
 VEHICLE, STREAM = "demo", "demo/lidar"
 PICTURE = Path("demo-out") / "last-frame.png"
 FIRST_FRAME_S = 30.0
 """Longest wait for the first frame."""
+BEGIN_S = 0.02
+"""How soon what the other processes say is seen, until all is there."""
 REDRAW_S = 0.25
 LINE_S = 2.0
+MADE = "MAKELEVEL" in os.environ
+"""Whether `make` started this: `make demo` is one thing to a user."""
 SECONDS = 20.0
 """How long it takes where nobody sits before it."""
 
@@ -114,7 +120,7 @@ class Demo:
             self._fidelity = f"no range off by more than {settings.max_error_m} m"
         elif settings.intensity != "lossless":
             self._fidelity = f"ranges exact, intensity {settings.intensity}"
-        self._interrupted = False
+        self._interrupted, self._parent = False, os.getppid()
         self._live: LiveStream | None = None
         self._started = time.monotonic()
         self._packets = self._points = self._seen = 0
@@ -126,6 +132,11 @@ class Demo:
         if self._live is not None:
             self._live.interrupt()
 
+    @property
+    def _stopped(self) -> bool:
+        """Whether to end: somebody wants it, or the `make` that this is a part of was killed."""
+        return self._interrupted or (MADE and os.getppid() != self._parent)
+
     def run(self) -> Figures:
         """Show everything, save the picture, print the summary.
 
@@ -136,26 +147,50 @@ class Demo:
             TemporaryFile() as complaints,
             PageServer(self._port, meeting_port) as server,
             vehicle(self._source, VEHICLE, meeting_port, self._words, complaints) as car,
-            LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port)) as live,
+            _listening(meeting_port) as live,
         ):
             self._live = live
-            page = self._open_page(server)
-            self._wait_for_first(live, car, complaints)
+            page = self._begin(server, live, car, complaints)
             self._watch(live, car, self._limit_s(page=page))
             figures = self.figures(live)
         self._summarise(figures)
         return figures
 
-    def _open_page(self, server: PageServer) -> bool:
-        """Say where the page is, and show it where there is a browser. False: there is none, and why was said."""
+    def _begin(
+        self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]
+    ) -> bool:
+        """Until the page's address is known and a frame has come, whichever is first. False: there is no page.
+
+        Frames are taken all the while: one that waits gives way to the next.
+        """
+        page: bool | None = None
+        end = time.monotonic() + FIRST_FRAME_S
+        while (page is None or self._last is None) and not self._stopped:
+            if page is None:
+                page = self._open_page(server)
+            frame = live.next(BEGIN_S)
+            if frame is not None:
+                if self._last is None:
+                    self._started = time.monotonic()
+                self._take(frame)
+            elif self._last is None and (car.poll() is not None or time.monotonic() > end):
+                complaints.seek(0)
+                said = complaints.read().decode(errors="replace").strip().removeprefix("lidarcodec: ")
+                why = said or f"no frame in {FIRST_FRAME_S:g} s"
+                raise SourceError(f"the publisher of {self._source} sent nothing: {why}")
+        return bool(page)
+
+    def _open_page(self, server: PageServer) -> bool | None:
+        """Say where the page is, and show it where there is a browser. None: not yet; False: never, and why was said."""
         try:
             address = server.address()
         except TransportError as error:
-            if self._port is not None and not self._interrupted:
+            if self._port is not None:
                 raise
-            if not self._interrupted:
-                print(f"{error}.", flush=True)
+            print(f"{error}.", flush=True)
             return False
+        if address is None:
+            return None
         opened = self._browser and show_in_browser(address)
         print(f"The page is at {address}{' and opens in the browser' if opened else ''}", flush=True)
         return True
@@ -169,24 +204,10 @@ class Demo:
         print("Ctrl-C ends the demonstration.", flush=True)
         return math.inf
 
-    def _wait_for_first(self, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
-        end = time.monotonic() + FIRST_FRAME_S
-        while not self._interrupted:
-            frame = live.next(REDRAW_S)
-            if frame is not None:
-                self._take(frame)
-                self._started = time.monotonic()
-                return
-            if car.poll() is not None or time.monotonic() > end:
-                complaints.seek(0)
-                said = complaints.read().decode(errors="replace").strip().removeprefix("lidarcodec: ")
-                why = said or f"no frame in {FIRST_FRAME_S:g} s"
-                raise SourceError(f"the publisher of {self._source} sent nothing: {why}")
-
     def _watch(self, live: LiveStream, car: subprocess.Popen[bytes], limit_s: float) -> None:
         end = self._started + limit_s
         with _display(self._source) as show:
-            while time.monotonic() < end and not self._interrupted:
+            while time.monotonic() < end and not self._stopped:
                 frame = live.next(max(0.0, min(REDRAW_S, end - time.monotonic())))
                 if frame is not None:
                     self._take(frame)
@@ -242,6 +263,14 @@ class Demo:
                 print(f"  {'last frame':<20} not saved: {error.strerror or error}")
             else:
                 print(f"  {'last frame':<20} {self._picture}")
+
+
+def _listening(meeting_port: int) -> LiveStream:
+    """What the vehicle sends. Loaded now only, while the other processes start."""
+    from lidarcodec.apps.subscribe import LiveStream
+    from lidarcodec.transport import Endpoints
+
+    return LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port))
 
 
 @contextmanager

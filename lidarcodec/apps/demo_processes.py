@@ -20,7 +20,8 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.endpoints import PORT_VARIABLE
 from lidarcodec.transport.meeting_point import is_free
 
-COMMAND: Final = (sys.executable, "-m", "lidarcodec.cli")
+COMMAND: Final = (sys.executable, "-m", "lidarcodec.commands.attached")
+"""The command line; whatever becomes of the demonstration, its processes end with it."""
 PAGE_PORT: Final = 8080
 """Where the page is, unless that is taken."""
 START_S: Final = 60.0
@@ -50,7 +51,7 @@ def vehicle(
     process = subprocess.Popen(
         # The page compares what was sent with the originals, which come only while somebody does.
         [*COMMAND, "publish", source, "--vehicle", name, "--original", *words],
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=complaints,
         env=environment | {PORT_VARIABLE: str(meeting_port)},
@@ -70,21 +71,32 @@ class PageServer:
     def __init__(self, port: int | None, meeting_port: int) -> None:
         self._port, self._meeting_port = port, meeting_port
         self._folder = TemporaryDirectory(prefix="lidarcodec-demo-", ignore_cleanup_errors=True)
-        self._process = self._started(PAGE_PORT if port is None and is_free(PAGE_PORT) else port or 0)
+        self._again = False
+        self._start(PAGE_PORT if port is None and is_free(PAGE_PORT) else port or 0)
 
-    def address(self) -> str:
-        """Where the page is, as soon as it can be asked for.
+    def address(self) -> str | None:
+        """Where the page is; None while that is not known yet. Does not wait.
 
-        Raises TransportError when the server cannot be: its reason.
+        Raises TransportError when there will be no page: its server's reason.
         """
         try:
-            return self._address(self._process)
-        except TransportError:
-            if self._port is not None:
-                raise
-        _end(self._process)  # one that only was late would stay behind
-        self._process = self._started(0)  # somebody else took the port meanwhile, or it cannot be at all
-        return self._address(self._process)
+            found = ADDRESS.search(self._said.get_nowait().decode(errors="replace"))
+        except queue.Empty:
+            if time.monotonic() < self._begun + START_S:
+                return None
+            found = None
+        if found:
+            return found[0]
+        if self._port is None and not self._again:
+            self._again = True
+            _end(self._process)  # one that only was late would stay behind
+            self._start(0)  # somebody else took the port meanwhile, or it cannot be at all
+            return None
+        try:
+            said = self._complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")
+        except queue.Empty:
+            said = ""
+        raise TransportError(f"there is no page: {said or f'its server did not start in {START_S:g} s'}")
 
     def close(self) -> None:
         """End the server."""
@@ -97,37 +109,30 @@ class PageServer:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _started(self, port: int) -> subprocess.Popen[bytes]:
+    def _start(self, port: int) -> None:
         folder = Path(self._folder.name)
         words = ["--host", "127.0.0.1", "--port", str(port), "--database-url", f"sqlite:///{folder / 'server.db'}"]
         clean = {name: value for name, value in os.environ.items() if not name.startswith("LIDARCODEC_")}
-        return subprocess.Popen(
+        self._process = subprocess.Popen(
             [*COMMAND, "serve", *words, "--recordings", str(folder / "recordings")],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=clean | {PORT_VARIABLE: str(self._meeting_port)},
         )
+        self._begun = time.monotonic()
+        self._said, self._complaints = (_lines_of(pipe) for pipe in (self._process.stdout, self._process.stderr))
 
-    def _address(self, process: subprocess.Popen[bytes]) -> str:
-        lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        assert process.stdout is not None
-        assert process.stderr is not None
-        # Read to the end: a server whose pipe is full would wait for ever.
-        threading.Thread(target=_pass_on, args=(process.stdout, lines), daemon=True).start()
-        complaints: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        threading.Thread(target=_pass_on, args=(process.stderr, complaints), daemon=True).start()
-        try:
-            found = ADDRESS.search(lines.get(timeout=START_S).decode(errors="replace"))
-        except queue.Empty:
-            found = None
-        if found:
-            return found[0]
-        try:
-            said = complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")
-        except queue.Empty:
-            said = ""
-        raise TransportError(f"there is no page: {said or f'its server did not start in {START_S:g} s'}")
+
+def _lines_of(pipe: IO[bytes] | None) -> queue.SimpleQueue[bytes]:
+    """The first lines that come through a pipe, and an empty one at its end.
+
+    It is read to the end: a server whose pipe is full would wait for ever.
+    """
+    assert pipe is not None
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_pass_on, args=(pipe, lines), daemon=True).start()
+    return lines
 
 
 def _pass_on(pipe: IO[bytes], lines: queue.SimpleQueue[bytes]) -> None:
@@ -146,3 +151,5 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    if process.stdin is not None:
+        process.stdin.close()

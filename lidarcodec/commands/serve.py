@@ -6,9 +6,14 @@ from typing import Any
 
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.server_extra import server_config, server_module
+from lidarcodec.commands.stopping import stop_asked
 
 
 def run(given: Given, **values: Any) -> None:
     """Serve until a signal comes."""
     config = server_config(endpoints=endpoints_of(given), **values)
-    server_module("serve").run(config)
+    # One that others reach is asked first whether they may; that needs its database.
+    listener = server_module("listening").begin(config) if config.loopback else None
+    server = server_module("serve")
+    if not stop_asked():
+        server.run(config, listener)

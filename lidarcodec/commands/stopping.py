@@ -33,6 +33,11 @@ class Interrupter:
             signal.signal(number, self)
 
 
+def stop_asked() -> bool:
+    """Whether a signal asked a command that is still starting to end. For what takes signals in its own way from now on."""
+    return any(isinstance(handler, Interrupter) and handler.asked for handler in map(signal.getsignal, SIGNALS))
+
+
 @contextmanager
 def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
     """Function that says whether a signal asked to stop. A second one, a second later or more, interrupts at once.
@@ -54,8 +59,9 @@ def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], b
         if wake is not None:
             wake()
 
+    already = stop_asked()
     before = [signal.signal(number, ask) for number in SIGNALS]
-    if any(isinstance(handler, Interrupter) and handler.asked for handler in before):
+    if already:
         ask(signal.SIGTERM, None)
     try:
         yield lambda: asked_s is not None

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from lidarcodec.commands.options import option
-from lidarcodec.commands.sources import check_finite, check_not_input
 from lidarcodec.errors import SettingsError
 
 Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", show_default=False)]
@@ -62,6 +61,7 @@ def riddle(
     date: Annotated[str | None, option("--date", metavar="TEXT", help="Written into the file.")] = None,
 ) -> None:
     """Train the networks of codec riddle; the same command again goes on where it was stopped."""
+    from lidarcodec.commands.sources import check_finite, check_not_input
     from lidarcodec.training import training_module
 
     runs, run = training_module("runs"), training_module("riddle.run")

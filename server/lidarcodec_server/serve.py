@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import logging
 import socket
-import ssl
-import sys
 
 import uvicorn
 
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.listening import begin
 from lidarcodec_server.live.protocol import ViewerProtocol
 from lidarcodec_server.request_protocol import RequestProtocol
 from lidarcodec_server.store import Store
@@ -29,15 +28,15 @@ LINGER_S = 2
 """How long open connections may hold up the end."""
 
 
-def run(config: ServerConfig) -> None:
-    """Serve until a signal comes.
+def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
+    """Serve until a signal comes. listener: of `listening.begin`, for a server that only this machine reaches
 
     Raises SettingsError when anybody could reach a server that needs no token; TransportError, StoreError when the
     address, the network or the database cannot be used.
     """
-    check_open(config)
-    check_tls(config)
-    listener = listen(config.host, config.port)
+    if listener is None:
+        check_open(config)
+        listener = begin(config)
     app = create_app(config)
     server = uvicorn.Server(
         uvicorn.Config(
@@ -60,9 +59,6 @@ def run(config: ServerConfig) -> None:
             ssl_keyfile=config.tls_key,
         )
     )
-    host, port = listener.getsockname()[:2]
-    scheme = "http" if config.tls_certificate is None else "https"
-    print(f"Serving on {scheme}://{f'[{host}]' if ':' in host else host}:{port} until Ctrl-C.", flush=True)
     try:
         server.run(sockets=[listener])
     except SystemExit:  # how it says that it could not start
@@ -96,49 +92,3 @@ def check_open(config: ServerConfig) -> None:
         logger.warning("--insecure: whoever reaches %s can look at everything and change it", config.host)
     elif config.tls_certificate is None:
         logger.warning("tokens can be read on the way to %s: use --tls-certificate, or a proxy that does", config.host)
-
-
-def check_tls(config: ServerConfig) -> None:
-    """Try the certificate and the key before anything is opened.
-
-    Raises SettingsError for one without the other, or files that are not what they should be.
-    """
-    if (config.tls_certificate is None) != (config.tls_key is None):
-        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
-    if config.tls_certificate is None or config.tls_key is None:
-        return
-    for path, name in ((config.tls_certificate, "tls_certificate"), (config.tls_key, "tls_key")):
-        try:
-            path.read_bytes()
-        except OSError as error:
-            raise SettingsError(f"cannot read {path}: {error.strerror or error}", name) from None
-    try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key, password="")
-    except (ssl.SSLError, ValueError):
-        raise SettingsError(
-            f"{config.tls_certificate} and {config.tls_key} are no PEM certificate and its key without a password",
-            "tls_certificate",
-        ) from None
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens.
-
-    Raises TransportError.
-    """
-    try:
-        family, kind, number, _, address = socket.getaddrinfo(
-            host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        listener = socket.socket(family, kind, number)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind(address)
-            listener.listen(socket.SOMAXCONN)
-        except OSError:
-            listener.close()
-            raise
-    except OSError as error:
-        raise TransportError(f"cannot listen on {host} port {port}: {error.strerror}") from None
-    listener.set_inheritable(sys.platform == "win32")
-    return listener

@@ -35,7 +35,7 @@ from lidarcodec.apps.publish import Publisher
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.serve import listen
+from lidarcodec_server.listening import listen
 from tests.apps.streams import Loop
 
 CHECKS = [status_code_conformance, content_type_conformance, response_schema_conformance]

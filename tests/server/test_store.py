@@ -20,7 +20,7 @@ from alembic.runtime.migration import MigrationContext
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.migrations import StoreError, configuration, upgrade
+from lidarcodec_server.migrations import NEWEST, StoreError, configuration, upgrade
 from lidarcodec_server.store import Store
 from lidarcodec_server.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
@@ -135,17 +135,40 @@ def test_the_audit_log_is_bounded_and_the_oldest_go(url):
     store.close()
 
 
-def test_migrations_lead_from_nothing_to_what_the_code_expects_and_back(store):
+def schema(connection) -> dict:
+    """What a database holds, by name: tables, columns, keys and indices."""
+    found = sa.inspect(connection)
+    return {
+        table: (
+            [(column["name"], str(column["type"]), column["nullable"]) for column in found.get_columns(table)],
+            found.get_pk_constraint(table),
+            sorted(map(str, found.get_unique_constraints(table))),
+            sorted(map(str, found.get_indexes(table))),
+        )
+        for table in found.get_table_names()
+    }
+
+
+def test_migrations_lead_from_nothing_to_what_an_empty_database_gets_at_once_and_back(store):
+    """Else the next migration would find something else in a new database than in an old one."""
     with store._engine.connect() as connection:
-        context = MigrationContext.configure(connection, opts={"compare_type": True, "target_metadata": metadata})
-        assert compare_metadata(context, metadata) == []
+        at_once = schema(connection)
+        assert newest(connection) == NEWEST
         connection.rollback()
         with connection.begin():
             command.downgrade(configuration(connection), "base")
             left = set(sa.inspect(connection).get_table_names()) - {"alembic_version"}
             assert left == set()
             upgrade(connection)
-            assert "audit" in sa.inspect(connection).get_table_names()
+            assert newest(connection) == NEWEST
+            assert schema(connection) == at_once
+            context = MigrationContext.configure(connection, opts={"compare_type": True, "target_metadata": metadata})
+            assert compare_metadata(context, metadata) == []
+
+
+def newest(connection) -> str | None:
+    """The last migration that a database has had."""
+    return MigrationContext.configure(connection).get_current_revision()
 
 
 def test_opening_twice_changes_nothing(url, store):

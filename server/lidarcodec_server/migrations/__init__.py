@@ -1,14 +1,20 @@
-"""The store's schema, step by step. `upgrade` takes any earlier state to the newest."""
+"""The store's schema, step by step. `upgrade` takes any earlier state to the newest.
+
+An empty database gets the newest schema at once, and one that has it is left alone: Alembic, which takes longer to load
+than either takes, is loaded for what lies between.
+"""
 
 from __future__ import annotations
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, text
+from typing import TYPE_CHECKING, Final
+
+from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select, text
 
 from lidarcodec.errors import LidarCodecError
+from lidarcodec_server.tables import metadata
+
+if TYPE_CHECKING:
+    from alembic.config import Config
 
 
 class StoreError(LidarCodecError):
@@ -17,10 +23,16 @@ class StoreError(LidarCodecError):
 
 LOCK = 0x11DA2C0DEC
 """PostgreSQL advisory lock: two servers that start at once do not migrate at once."""
+NEWEST: Final = "0001"
+"""The last of `versions`."""
+VERSION = Table("alembic_version", MetaData(), Column("version_num", String(32), nullable=False, primary_key=True))
+"""As Alembic keeps it."""
 
 
 def configuration(connection: Connection | None = None) -> Config:
     """Alembic's configuration; it works on a connection that is given to it."""
+    from alembic.config import Config
+
     config = Config()
     config.set_main_option("script_location", "lidarcodec_server:migrations")
     config.attributes["connection"] = connection
@@ -34,10 +46,24 @@ def upgrade(connection: Connection) -> None:
     """
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": LOCK})
+    there = inspect(connection).get_table_names()
+    if not there:
+        metadata.create_all(connection)
+        VERSION.create(connection)
+        connection.execute(insert(VERSION).values(version_num=NEWEST))
+        return
+    found = set(connection.scalars(select(VERSION.c.version_num))) if VERSION.name in there else set()
+    if found != {NEWEST}:
+        _step_by_step(connection, found)
+
+
+def _step_by_step(connection: Connection, found: set[str]) -> None:
+    from alembic import command
+    from alembic.script import ScriptDirectory
+
     config = configuration(connection)
-    found = MigrationContext.configure(connection).get_current_heads()
     known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
-    if unknown := set(found) - known:
+    if unknown := found - known:
         raise StoreError(
             f"the database has schema {', '.join(sorted(unknown))}, which this version does not know: "
             "it was written by a newer lidarcodec; use that one, or another database"

@@ -1,0 +1,77 @@
+"""The server's address, before there is a server: taken and told while all else is being loaded, which takes a second.
+
+Whoever connects meanwhile waits in the system's queue. Nothing heavy is imported here.
+"""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import sys
+from importlib.util import find_spec
+
+from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec_server.config import ServerConfig
+
+for needed in ("fastapi", "sqlalchemy", "uvicorn"):
+    if find_spec(needed) is None:  # said before an address is
+        raise ModuleNotFoundError(f"No module named '{needed}'", name=needed)
+
+
+def begin(config: ServerConfig) -> socket.socket:
+    """Listen, and say where.
+
+    Raises SettingsError for files of TLS that cannot be used, TransportError when the address cannot.
+    """
+    check_tls(config)
+    listener = listen(config.host, config.port)
+    host, port = listener.getsockname()[:2]
+    scheme = "http" if config.tls_certificate is None else "https"
+    print(f"Serving on {scheme}://{f'[{host}]' if ':' in host else host}:{port} until Ctrl-C.", flush=True)
+    return listener
+
+
+def check_tls(config: ServerConfig) -> None:
+    """Try the certificate and the key before anything is opened.
+
+    Raises SettingsError for one without the other, or files that are not what they should be.
+    """
+    if (config.tls_certificate is None) != (config.tls_key is None):
+        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
+    if config.tls_certificate is None or config.tls_key is None:
+        return
+    for path, name in ((config.tls_certificate, "tls_certificate"), (config.tls_key, "tls_key")):
+        try:
+            path.read_bytes()
+        except OSError as error:
+            raise SettingsError(f"cannot read {path}: {error.strerror or error}", name) from None
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key, password="")
+    except (ssl.SSLError, ValueError):
+        raise SettingsError(
+            f"{config.tls_certificate} and {config.tls_key} are no PEM certificate and its key without a password",
+            "tls_certificate",
+        ) from None
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises TransportError.
+    """
+    try:
+        family, kind, number, _, address = socket.getaddrinfo(
+            host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, kind, number)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(address)
+            listener.listen(socket.SOMAXCONN)
+        except OSError:
+            listener.close()
+            raise
+    except OSError as error:
+        raise TransportError(f"cannot listen on {host} port {port}: {error.strerror}") from None
+    listener.set_inheritable(sys.platform == "win32")
+    return listener
