@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.sources import open_source

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.memory import memory_mib
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.apps.swarm import loaded

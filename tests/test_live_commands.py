@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 
 

@@ -19,7 +19,7 @@ from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any
 
 from lidarcodec.apps.demo_browser import show as show_in_browser
-from lidarcodec.apps.demo_processes import PageServer, free_port, vehicle
+from lidarcodec.apps.demo_processes import PageServer, vehicle
 from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.frame import Frame
@@ -97,7 +97,7 @@ class Demo:
 
     source: what the vehicle sees; seconds: from the first frame on, None: on a terminal until interrupted, else 20
     settings: of the stream; words: further options of `publish`; picture: where the last frame is drawn
-    port: of the page, None for 8080 or any that is free; browser: whether to open the page
+    browser: whether to open the page
     """
 
     def __init__(
@@ -108,11 +108,10 @@ class Demo:
         words: list[str],
         picture: Path = PICTURE,
         *,
-        port: int | None = None,
         browser: bool = True,
     ) -> None:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
-        self._port, self._browser = port, browser
+        self._browser = browser
         self._fidelity = "packets come back byte for byte"
         if not table.codec(settings.codec).bounded:
             self._fidelity = "lossy, without a bound"
@@ -137,15 +136,13 @@ class Demo:
         """Whether to end: somebody wants it, or the `make` that this is a part of was killed."""
         return self._interrupted or (MADE and os.getppid() != self._parent)
 
-    def run(self) -> Figures:
-        """Show everything, save the picture, print the summary.
+    def run(self, server: PageServer, meeting_port: int) -> Figures:
+        """Show everything, save the picture, print the summary. meeting_port: of loopback, where the server is, too
 
         Raises SourceError when no frame came, TransportError when the port that was asked for is taken.
         """
-        meeting_port = free_port()
         with (
             TemporaryFile() as complaints,
-            PageServer(self._port, meeting_port) as server,
             vehicle(self._source, VEHICLE, meeting_port, self._words, complaints) as car,
             _listening(meeting_port) as live,
         ):
@@ -156,9 +153,7 @@ class Demo:
         self._summarise(figures)
         return figures
 
-    def _begin(
-        self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]
-    ) -> bool:
+    def _begin(self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> bool:
         """Until the page's address is known and a frame has come, whichever is first. False: there is no page.
 
         Frames are taken all the while: one that waits gives way to the next.
@@ -181,11 +176,11 @@ class Demo:
         return bool(page)
 
     def _open_page(self, server: PageServer) -> bool | None:
-        """Say where the page is, and show it where there is a browser. None: not yet; False: never, and why was said."""
+        """Say where the page is, and show it where there is a browser. None: not yet; False: never, it says why."""
         try:
             address = server.address()
         except TransportError as error:
-            if self._port is not None:
+            if server.port is not None:
                 raise
             print(f"{error}.", flush=True)
             return False

@@ -69,7 +69,7 @@ class PageServer:
     """
 
     def __init__(self, port: int | None, meeting_port: int) -> None:
-        self._port, self._meeting_port = port, meeting_port
+        self.port, self._meeting_port = port, meeting_port
         self._folder = TemporaryDirectory(prefix="lidarcodec-demo-", ignore_cleanup_errors=True)
         self._again = False
         self._start(PAGE_PORT if port is None and is_free(PAGE_PORT) else port or 0)
@@ -87,7 +87,7 @@ class PageServer:
             found = None
         if found:
             return found[0]
-        if self._port is None and not self._again:
+        if self.port is None and not self._again:
             self._again = True
             _end(self._process)  # one that only was late would stay behind
             self._start(0)  # somebody else took the port meanwhile, or it cannot be at all

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarcodec.apps.demo import Demo
-from lidarcodec.commands.settings import one_setting
+from lidarcodec.apps.demo_processes import PageServer, free_port
 from lidarcodec.commands.stopping import stoppable
 
 
@@ -20,9 +19,14 @@ def run(
     browser: bool,
 ) -> None:
     """Show it, and end with a summary."""
-    settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process
-    words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
-    words += ["--calibration", str(calibration)] if calibration else []
-    demo = Demo(source, seconds, settings, words, port=port, browser=browser)
-    with stoppable(demo.interrupt):
-        demo.run()
+    meeting_port = free_port()
+    with PageServer(port, meeting_port) as server:  # first of all: it takes longest, and loads while we do
+        from lidarcodec.apps.demo import Demo
+        from lidarcodec.commands.settings import one_setting
+
+        settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process
+        words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
+        words += ["--calibration", str(calibration)] if calibration else []
+        demo = Demo(source, seconds, settings, words, browser=browser)
+        with stoppable(demo.interrupt):
+            demo.run(server, meeting_port)

@@ -34,7 +34,7 @@ class Interrupter:
 
 
 def stop_asked() -> bool:
-    """Whether a signal asked a command that is still starting to end. For what takes signals in its own way from now on."""
+    """Whether a signal asked a command that is still starting to end. For what takes signals in its own way then."""
     return any(isinstance(handler, Interrupter) and handler.asked for handler in map(signal.getsignal, SIGNALS))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from tests.apps.streams import Loop
 from tests.packets import read_plain_pcap
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import make_url
 
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from lidarcodec.commands.certificates import Authority
 from lidarcodec.commands.health import run as health
 from lidarcodec.commands.server_extra import server_config

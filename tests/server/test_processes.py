@@ -17,7 +17,7 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner
 
-from lidarcodec.apps.demo import free_port
+from lidarcodec.apps.demo_processes import free_port
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.commands import serve, token
 from lidarcodec.errors import SettingsError, TransportError
