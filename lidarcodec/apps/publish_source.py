@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
+from collections import Counter, deque
 from typing import Any, Literal
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
@@ -19,7 +19,7 @@ from lidarcodec.sources.base import Source
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
-from lidarcodec.units import FRAME_PACKETS, PACKET_INTERVAL_US
+from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_INTERVAL_US
 
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
 """Frames of 348 packets that a sensor sends in a second: 9.98."""
@@ -57,6 +57,7 @@ class FrameFeed:
         self._assembler = Assembler(source.sensor, framing)
         self._past: Counter[str] = Counter()
         self._batch: list[Packet] = []
+        self._shifts: deque[tuple[int, int]] = deque(maxlen=2 * MAX_PACKETS)
         self._closed = False
         self.packets = 0
         self.frames = 0
@@ -106,6 +107,8 @@ class FrameFeed:
                 return
             self.packets += 1
             self._sensor_time.push(packet)
+            if self._poses is not None and self._replay is not None:
+                self._shifts.append((packet.stamp_ns, self._replay.shift_ns))
             if self._recorder is not None and self._record_as == "packets":
                 self._batch.append(packet)
                 if len(self._batch) >= RECORD_BATCH:
@@ -131,7 +134,7 @@ class FrameFeed:
     def _leave(self, frame: Frame, *, wait: bool) -> bool:
         """Leave a frame in the mailbox. True: its assembler is gone, and took the packet behind the frame with it."""
         lost = False
-        frame = posed(frame, self._poses, 0 if self._replay is None else self._replay.shift_ns)
+        frame = posed(frame, self._poses, self._shift_ns(frame.stamp_ns))
         with self._lock:
             self.frames = frame.index + 1
             if self._wanted_framing != self._framing or self.source.sensor is not self._assembler.sensor:
@@ -145,6 +148,14 @@ class FrameFeed:
             while not (self._mailbox.put_wait(frame, TICK_S) or self._closed or self._mailbox.closed):
                 pass
         return lost
+
+    def _shift_ns(self, stamp_ns: int) -> int:
+        """How much later a replay stamped the packet of this time than its source: a replay that was held up within a
+        frame stamps the last packet of that later than the first."""
+        shifts = self._shifts
+        while len(shifts) > 1 and shifts[0][0] < stamp_ns:
+            shifts.popleft()
+        return shifts[0][1] if shifts else 0
 
     def _renew(self) -> None:
         """Another assembler, for another framing or calibration, between two frames."""
