@@ -32,8 +32,7 @@ endif
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "  make %-14s %s\n", $$1, $$2 }'
 
-demo: ## drive through a simulated town, live on a page in the browser (ARGS="--no-browser --seconds 20")
-	@$(MAKE) -s -j2 $(STAMPS)/server $(NATIVE)
+demo: $(STAMPS)/server $(NATIVE) ## drive through a simulated town, live on a page in the browser (ARGS="--no-browser --seconds 20")
 	@$(BIN)/lidarcodec demo $(ARGS)
 
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
@@ -122,5 +121,5 @@ $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)
 	@echo "Building the native core ..."
-	@MAKEFLAGS= PYTHON=$(BIN)/python tools/build-native.sh
+	@PYTHON=$(BIN)/python tools/build-native.sh
 	@touch $@

@@ -4,7 +4,6 @@ python clients/python/to_cloud.py [VEHICLE/SENSOR] [--connect tcp/HOST:7447] [--
 """
 
 import argparse
-import sys
 import time
 
 import numpy as np
@@ -36,9 +35,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except KeyboardInterrupt:
-        pass
-    except (lidarcodec.LidarCodecError, OSError) as error:
-        sys.exit(f"to_cloud: {error}")
+    main()

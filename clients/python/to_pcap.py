@@ -4,8 +4,6 @@ python clients/python/to_pcap.py OUT.pcap [VEHICLE/SENSOR] [--connect tcp/HOST:7
 """
 
 import argparse
-import contextlib
-import sys
 import time
 from pathlib import Path
 
@@ -23,19 +21,13 @@ def main() -> None:
 
     with options.out.open("wb") as file, lidarcodec.subscribe(options.stream, connect=options.connect) as live:
         capture, packets, until = PcapWriter(file), 0, float("inf")
-        with contextlib.suppress(KeyboardInterrupt):  # enough
-            for frame in live:
-                packets += capture.write_all(lidarcodec.packets_of(frame))
-                until = min(until, time.monotonic() + options.seconds)
-                if time.monotonic() >= until:
-                    break
+        for frame in live:
+            packets += capture.write_all(lidarcodec.packets_of(frame))
+            until = min(until, time.monotonic() + options.seconds)
+            if time.monotonic() >= until:
+                break
     print(f"{packets} packets in {options.out}; {live.summary().get('missing', 0)} frames were replaced on the way")
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except KeyboardInterrupt:
-        pass
-    except (lidarcodec.LidarCodecError, OSError) as error:
-        sys.exit(f"to_pcap: {error}")
+    main()

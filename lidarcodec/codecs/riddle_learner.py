@@ -32,8 +32,8 @@ CHECK_STEPS: Final = 400
 """Steps from one look at what they brought to the next."""
 LEAST_HELD: Final = 6000
 """Samples to measure on, before anything is offered."""
-GRAINS: Final = ((5, 5, 5), (6, 6, 6), (7, 6, 6))
-"""How finely differences to the weights before are sent; what saves most in the end is taken."""
+FINENESS: Final = ((7, 7, 7), (6, 6, 6), (5, 6, 6))
+"""How finely differences to the weights before are sent, bits behind the point; what saves most in the end is taken."""
 PAID_BACK: Final = 300
 """Frames in which an update has to save what it costs to send."""
 
@@ -138,11 +138,11 @@ class Learner:
 
     def _trained(self, before: float) -> list[Offer]:
         found = []
-        for grains in GRAINS:
+        for fineness in FINENESS:
             try:
                 net = quantised(self._net.expects, self._net.size, self._trainer.layers())
                 nets = [net if old.expects == net.expects else old for old in self._nets.values()]
-                update = update_of(self._base, nets, grains)
+                update = update_of(self._base, nets, fineness)
                 native = native_nets(list(update.weights.nets))
             except (SectionError, SettingsError):  # weights that whole numbers cannot hold: those in use stay
                 continue

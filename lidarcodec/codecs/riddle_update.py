@@ -3,14 +3,14 @@
 An update names the weights that it begins with and those that it gives; both are files (riddle_weights.py), and a name
 is the hash of its file, so whoever has applied an update knows that he has what the encoder has. Differences are whole
 numbers of 2^grain steps of a weight, a grain for each layer; small ones, and entropy-coded: 4 to 10 kB where a file of
-the same networks takes 50. docs/wire-format-riddle-weights.md has the format.
+the same networks takes up to 50. docs/wire-format-riddle-weights.md has the format.
 
 >>> from lidarcodec.codecs.riddle_weights import quantised
 >>> rng = np.random.default_rng(1)
 >>> sizes = [(8, 72), (8, 8), (32, 8)]
 >>> net = quantised(False, 0, [(rng.normal(0, 0.2, size), np.zeros(size[0])) for size in sizes])
 >>> base = weights_with([net])
->>> update = update_of(base, [net], (5, 5, 5))
+>>> update = update_of(base, [net], (7, 7, 7))
 >>> update.weights.name == base.name, applied(update.data, lambda name: base).name == base.name
 (True, True)
 """
@@ -30,13 +30,14 @@ from lidarcodec.entropy.fast import decode_numbers, encode_numbers
 from lidarcodec.errors import ChecksumError, SectionError, UnsupportedVersionError
 
 MAGIC: Final = b"LCRU"
-VERSION: Final = 1
+VERSION: Final = 2
 MAX_GRAIN: Final = 12
-_BIAS_BITS: Final = (5, 7, 7)
+_BIAS_BITS: Final = (5, 3, 3)
 """A step of a bias is so many bits smaller than one of a weight, in each layer."""
 _NAME_BYTES: Final = 8
 _HEAD_BYTES: Final = len(MAGIC) + 1 + 2 * _NAME_BYTES + 1
 _MOST: Final = 1 << 32
+_INT8: Final = 2**7 - 1
 _INT16: Final = 2**15 - 1
 _INT32: Final = 2**31 - 1
 
@@ -63,8 +64,9 @@ def is_update(data: bytes) -> bool:
     return data[: len(MAGIC)] == MAGIC
 
 
-def update_of(base: Weights, nets: Sequence[Net], grains: tuple[int, int, int]) -> Update:
-    """What turns `base` into networks near `nets`: all differences of a layer are whole multiples of 2^grain.
+def update_of(base: Weights, nets: Sequence[Net], fineness: tuple[int, int, int]) -> Update:
+    """What turns `base` into networks near `nets`: weights of layer i differ by multiples of 2^-fineness[i], or of what
+    they are kept in, if that is more. Layers that fit 8 bits go on fitting them.
 
     nets: of kinds and sizes that `base` has, layers alike; they need not be on the same shifts
     Raises SectionError for others, or if sums may pass 32 bits.
@@ -75,10 +77,11 @@ def update_of(base: Weights, nets: Sequence[Net], grains: tuple[int, int, int]) 
         if before.dims != net.dims:
             raise SectionError(f"a network of {net.dims} cannot come of one of {before.dims}")
         layers = []
+        grains = [max(0, layer.shift - fine) for layer, fine in zip(before.layers, fineness, strict=True)]
         for old, new, grain, more in zip(before.layers, net.layers, grains, _BIAS_BITS, strict=True):
             scale = 2.0 ** (old.shift - new.shift)
-            weights = _steps(new.weights * scale, old.weights, grain)
-            bias = _steps(new.bias * scale, old.bias, grain + more)
+            weights = _steps(new.weights * scale, old.weights, grain, np.int64(_INT8 if old.in_bytes else _INT16))
+            bias = _steps(new.bias * scale, old.bias, grain + more, np.int64(_INT32))
             streams += [_folded(weights), _folded(bias)]
             layers.append(_moved(old, weights, bias, grain, grain + more))
         given.append(Net(net.expects, net.size, tuple(layers)))
@@ -147,9 +150,8 @@ def _named(base: Weights, reader: Reader) -> tuple[Net, bytes]:
     return _net_of(base, bool(expects), size), bytes(grains)
 
 
-def _steps(wanted: npt.NDArray[np.floating[Any]], was: Stored, grain: int) -> Whole:
-    """Differences in units of 2^grain, such that sums still fit their type."""
-    top = np.int64(np.iinfo(was.dtype).max)
+def _steps(wanted: npt.NDArray[np.floating[Any]], was: Stored, grain: int, top: np.int64) -> Whole:
+    """Differences in units of 2^grain, such that sums are `top` at most on either side."""
     least, most = -((was + top) >> grain), (top - was) >> grain
     found: Whole = np.clip(np.rint((wanted - was) * 2.0**-grain).astype(np.int64), least, most)
     return found

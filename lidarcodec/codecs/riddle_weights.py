@@ -1,7 +1,7 @@
 """Weight files of codec `riddle`: small integer networks, what they were trained on, and a name that is their hash.
 
 A network looks at int8 inputs, 32 of them to a unit, and gives 32 log odds, of which 32768 are six natural units. Two
-hidden layers, each clamped to 0..4095 (128 to a unit); all sums fit 32 bits, which is checked when a file is read, so
+hidden layers of 0..255 (8 to a unit); all sums fit 32 bits, which is checked when a file is read, so
 that any order of adding gives the same. The format is docs/wire-format-riddle-weights.md. `run` is the reference of
 what the native core does.
 
@@ -41,24 +41,30 @@ from lidarcodec.errors import (
 )
 
 MAGIC: Final = b"LCRW"
-VERSION: Final = 2
+VERSION: Final = 3
 INPUTS_ALONE: Final = 72
 """Inputs of a network for frames that expect nothing."""
 INPUTS_EXPECTING: Final = 112
 OUTPUTS: Final = 32
 """Log odds: 1 to 15 of the nodes of the tree of leaves, 16 to 31 of the first offset bit in leaf 0 to 15."""
 INPUT_UNIT: Final = 32
-MIDDLE_BITS: Final = 7
+MIDDLE_BITS: Final = 3
 MIDDLE_TOP: Final = (1 << (5 + MIDDLE_BITS)) - 1
-"""Largest output of a hidden layer, just under 32."""
+"""Largest output of a hidden layer, just under 32 units."""
 OUTPUT_UNIT: Final = 32768 / 6
 """Output of one natural unit of log odds."""
-SHIFTS: Final = range(5, 14)
-"""By how many bits weights may be shifted."""
+SHIFTS: Final = (range(3, 14), range(3, 14), range(9, 14))
+"""By how many bits the weights of each layer may be shifted."""
+_MORE: Final = (2, 0, -9)
+"""By how many more its sums are: the units of what goes in and comes out are 32 and 8, 8 and 8, 8 and 4096."""
+_MOST_HALF: Final = 1 << 14
+"""What rounds a sum, at most."""
 MAX_FILE: Final = 4 << 20
 MAX_PROVENANCE: Final = 1 << 16
 MAX_NETS: Final = 6
 _LAYERS: Final = 3
+_IN_BYTES: Final = 128
+"""Added to the shift of a layer whose weights are kept in 8 bits."""
 _HIDDEN: Final = range(8, 257, 8)
 _INT32: Final = 2**31 - 1
 _LARGEST_INPUT: Final = (128, MIDDLE_TOP, MIDDLE_TOP)
@@ -78,6 +84,11 @@ class Layer:
 
     def __post_init__(self) -> None:
         self.weights.flags.writeable = self.bias.flags.writeable = False
+
+    @property
+    def in_bytes(self) -> bool:
+        """Whether all weights fit 8 bits: files keep them so, and processors multiply them twice as fast."""
+        return bool(self.weights.min(initial=0) >= -128 and self.weights.max(initial=0) <= 127)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +111,10 @@ class Net:
                 raise SectionError(f"layer {number + 1} is {weights.dtype}{weights.shape} and {bias.dtype}{bias.shape}")
             if weights.shape[1] != into:
                 raise SectionError(f"layer {number + 1} takes {weights.shape[1]} values, not {into}")
-            if layer.shift not in SHIFTS:
-                raise SectionError(f"a layer shifted by {layer.shift} bits: 5 to 13 are possible")
+            if layer.shift not in (shifts := SHIFTS[number]):
+                raise SectionError(
+                    f"layer {number + 1} shifted by {layer.shift} bits: {shifts[0]} to {shifts[-1]} are possible"
+                )
             if _largest_sum(layer.weights.astype(np.int64), layer.bias.astype(np.int64), largest) > _INT32:
                 raise SectionError(f"sums of layer {number + 1} of a network may pass 32 bits")
 
@@ -162,7 +175,7 @@ def check_dims(expects: bool, dims: Sequence[int]) -> None:
 
 
 def _largest_sum(weights: Integers, bias: Integers, largest: int) -> int:
-    return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max())
+    return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max()) + _MOST_HALF
 
 
 def quantised(
@@ -180,7 +193,7 @@ def quantised(
         wanted = np.asarray(weights, np.float64) * scale, np.asarray(bias, np.float64) * scale
         if not all(np.isfinite(values).all() and np.abs(values).max(initial=0) < 2**24 for values in wanted):
             raise SettingsError(f"layer {number + 1} has weights that are not finite, or far too large")
-        for shift in [*_exact_in_bytes(wanted[0], number), *reversed(SHIFTS)]:
+        for shift in [*_exact_in_bytes(wanted[0], number), *reversed(SHIFTS[number])]:
             w, b = (np.rint(values * 2.0**shift * times).astype(np.int64)
                     for values, times in zip(wanted, (1, unit), strict=True))  # fmt: skip
             if np.abs(w).max() <= 32767 and _largest_sum(w, b, largest) <= _INT32:
@@ -191,11 +204,21 @@ def quantised(
     return Net(expects, size, tuple(made))
 
 
+def in_floats(net: Net) -> list[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
+    """Weights (out, in) and bias (out,) of each layer as `quantised` takes them."""
+    found = []
+    for number, layer in enumerate(net.layers):
+        scale = 2.0**-layer.shift / (OUTPUT_UNIT / 4096 if number == _LAYERS - 1 else 1.0)
+        unit = INPUT_UNIT if number == 0 else 1 << MIDDLE_BITS
+        found.append((layer.weights.astype(np.float64) * scale, layer.bias * scale / unit))
+    return found
+
+
 def _exact_in_bytes(weights: npt.NDArray[np.float64], layer: int) -> list[int]:
     """The smallest shift at which the weights of the first layer are whole numbers of 8 bits, if there is one."""
     if layer > 0:
         return []
-    scaled = [(shift, weights * 2.0**shift) for shift in SHIFTS]
+    scaled = [(shift, weights * 2.0**shift) for shift in SHIFTS[layer]]
     return [n for n, w in scaled if w.min() >= -128 and w.max() <= 127 and np.array_equal(w, np.rint(w))][:1]
 
 
@@ -204,16 +227,18 @@ def run(net: Net, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
     if inputs.dtype != np.int8 or inputs.ndim != 2 or inputs.shape[1] != net.inputs:
         raise SectionError(f"inputs are {inputs.dtype}{inputs.shape}, not int8(n, {net.inputs})")
     first, second, third = net.layers
-    hidden = np.clip(_sums(first, inputs) >> (first.shift - 2), 0, MIDDLE_TOP)
-    hidden = np.clip(_sums(second, hidden) >> second.shift, 0, MIDDLE_TOP)
-    odds: npt.NDArray[np.int16] = np.clip(_sums(third, hidden) >> (third.shift - 5), -32768, 32767).astype(np.int16)
+    hidden = np.clip(_sums(first, inputs, _MORE[0]), 0, MIDDLE_TOP)
+    hidden = np.clip(_sums(second, hidden, _MORE[1]), 0, MIDDLE_TOP)
+    odds: npt.NDArray[np.int16] = np.clip(_sums(third, hidden, _MORE[2]), -32768, 32767).astype(np.int16)
     return odds
 
 
-def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]]) -> Integers:
+def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]], more: int) -> Integers:
+    """What a layer adds up, in units of what comes out, rounded."""
+    shift = layer.shift + more
     exact = values.astype(np.float64) @ layer.weights.T.astype(np.float64)  # below 2^53, so exact in any order
-    sums: Integers = exact.astype(np.int64) + layer.bias
-    return sums
+    sums: Integers = exact.astype(np.int64) + layer.bias + ((1 << shift) >> 1)
+    return sums >> shift
 
 
 def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
@@ -229,8 +254,12 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
     parts = [MAGIC, bytes([VERSION]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
         parts.append(bytes([net.expects, net.size, len(net.layers)]))
-        parts.append(np.array(net.dims, "<u2").tobytes() + bytes(layer.shift for layer in net.layers))
-        parts += [layer.weights.astype("<i2").tobytes() + layer.bias.astype("<i4").tobytes() for layer in net.layers]
+        parts.append(np.array(net.dims, "<u2").tobytes())
+        parts.append(bytes(layer.shift + _IN_BYTES * layer.in_bytes for layer in net.layers))
+        parts += [
+            layer.weights.astype("i1" if layer.in_bytes else "<i2").tobytes() + layer.bias.astype("<i4").tobytes()
+            for layer in net.layers
+        ]
     body = b"".join(parts)
     return body + int(crc32c(body)).to_bytes(4, "little")
 
@@ -304,8 +333,12 @@ def _net(reader: Reader) -> Net:
     shifts = reader.take(layers)
     made = []
     for into, out, shift in zip(dims, dims[1:], shifts, strict=False):
-        weights = np.frombuffer(reader.take(2 * into * out), "<i2").astype(np.int16).reshape(out, into)
-        made.append(Layer(weights, np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32), shift))
+        in_bytes = shift >= _IN_BYTES
+        taken = np.frombuffer(reader.take((2 - in_bytes) * into * out), "i1" if in_bytes else "<i2")
+        bias = np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32)
+        made.append(Layer(taken.astype(np.int16).reshape(out, into), bias, shift % _IN_BYTES))
+        if made[-1].in_bytes != in_bytes:
+            raise SectionError("a layer that fits bytes and is not kept in them", reader.at)
     return Net(bool(expects), size, tuple(made))
 
 

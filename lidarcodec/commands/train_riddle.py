@@ -29,6 +29,9 @@ def riddle(
     simulated: Annotated[
         int, option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
     ] = 0,
+    begin: Annotated[
+        str | None, option("--begin", metavar="package|FILE", help="Go on from the package's weights, or a file's.")
+    ] = None,
     size: Annotated[
         str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
@@ -79,7 +82,7 @@ def riddle(
     about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}
     wanted = run.RiddleRun(
         learned, single, held, simulated, tuple(size.split(",")), tuple(kind.split(",")), steps, batch,
-        precision=precision, gathering=how, about=about,
+        precision=precision, begin=begin, gathering=how, about=about,
     )  # fmt: skip
     weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
     for net in weights.provenance["networks"]:

@@ -28,7 +28,7 @@ from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame,
 from lidarcodec.errors import SectionError, TruncatedError
 
 ALONE, EXPECTING, SLAB = 1, 2, 2
-HEAD_BYTES: Final = 7
+FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
 RATES: Final = (720, 460, 320, 230)
@@ -54,36 +54,50 @@ class Given(NamedTuple):
         """The first byte."""
         return (ALONE if self.expected is None else EXPECTING) + (0 if self.known is None else SLAB)
 
+    @property
+    def parts(self) -> int:
+        """Streams of returns that are coded together."""
+        return FRAME_PARTS if self.known is None else SLAB_PARTS
 
-class TwoCoders:
-    """Codes rows of ranges, the halves of a row or two rows in turns, each with a coder of its own."""
+    @property
+    def head_bytes(self) -> int:
+        """Kind, turn, size of each stream but the last; of a slab the known columns."""
+        return 3 + 4 * (self.parts - 1) + (self.known is not None)
 
-    def __init__(self, model: Model, step: int, coders: tuple[Coder, Coder]) -> None:
+
+class Parts:
+    """Codes rows of ranges, the quarters of a row or two rows in turns, each with a coder of its own."""
+
+    def __init__(self, model: Model, step: int, coders: list[Coder]) -> None:
         self._model, self._coders = model, coders
         self.start, self.first = 480 // step + 5, 2500 // step
         self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
 
     def code(self, work: Work) -> None:
         """Code a row."""
-        middle = (len(work.cells) + 1) // 2
-        halves = [work._replace(cells=cells) for cells in (work.cells[:middle], work.cells[middle:])]
-        self.code_both(halves, [State(self.start), State(self.start)])
+        quarter = -(-len(work.cells) // FRAME_PARTS)
+        parts = [work._replace(cells=work.cells[p * quarter : (p + 1) * quarter]) for p in range(FRAME_PARTS)]
+        self.code_in_turns(parts, [State(self.start) for _ in parts])
 
-    def code_both(self, works: list[Work], states: list[State]) -> None:
-        """Code two rows, or two halves of one."""
+    def code_in_turns(self, works: list[Work], states: list[State]) -> None:
+        """Code two rows, or the quarters of one: a return of each together, one by one where not all have one."""
         for i in range(max(len(work.cells) for work in works)):
-            now = [h for h in (0, 1) if i < len(works[h].cells)]
-            places = {h: Place(states[h], works[h].about, works[h].cells[i], self.first) for h in now}
-            walked = {h: self._walk(self._coders[h], places[h], works[h].row[places[h].cell]) for h in now}
-            for h in now:
-                place, (leaf, learned), row = places[h], walked[h], works[h].row
-                self._learn(place, learned)
-                distance = self._offset(self._coders[h], place, leaf, row[place.cell])
-                value = row[place.cell] = place.base + (-1 - distance if leaf < 8 else distance)
-                if not 0 <= value <= self._limit:
-                    raise SectionError("a range beyond what the sensor can give")
-                self._settle(states[h], works[h].about, place, value, leaf)
-                works[h].sizes[place.cell] = states[h].size1
+            now = [p for p in range(len(works)) if i < len(works[p].cells)]
+            for together in [now] if len(now) == len(works) else [[p] for p in now]:
+                self._code_together(together, i, works, states)
+
+    def _code_together(self, now: list[int], i: int, works: list[Work], states: list[State]) -> None:
+        places = {p: Place(states[p], works[p].about, works[p].cells[i], self.first) for p in now}
+        walked = {p: self._walk(self._coders[p], places[p], works[p].row[places[p].cell]) for p in now}
+        for p in now:
+            place, (leaf, learned), row = places[p], walked[p], works[p].row
+            self._learn(place, learned)
+            distance = self._offset(self._coders[p], place, leaf, row[place.cell])
+            value = row[place.cell] = place.base + (-1 - distance if leaf < 8 else distance)
+            if not 0 <= value <= self._limit:
+                raise SectionError("a range beyond what the sensor can give")
+            self._settle(states[p], works[p].about, place, value, leaf)
+            works[p].sizes[place.cell] = states[p].size1
 
     def _walk(self, coder: Coder, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
         d = value - place.base
@@ -148,25 +162,25 @@ class TwoCoders:
                 begin = middle
         return begin + coder.plain(away - begin, left)
 
-    def _settle(self, half: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
+    def _settle(self, part: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
         size = min(abs(value - place.base) << 4, MAX_DIFFERENCE)
-        half.size2, half.size1 = (half.size2 + half.size1) // 2, size
-        apart = size - half.mean
-        half.mean += apart // 8 if apart >= 0 else -(-apart // 8)
-        half.leaves = (leaf, half.leaves[0])
+        part.size2, part.size1 = (part.size2 + part.size1) // 2, size
+        apart = size - part.mean
+        part.mean += apart // 8 if apart >= 0 else -(-apart // 8)
+        part.leaves = (leaf, part.leaves[0])
         above = about.above[place.cell + MARGIN] if about.above else place.base
-        apart = (value - above) * 16 - half.level
-        if not half.last or abs(apart) > 4 * LIMITS[place.scale][5]:
-            half.level += apart
+        apart = (value - above) * 16 - part.level
+        if not part.last or abs(apart) > 4 * LIMITS[place.scale][5]:
+            part.level += apart
         else:
-            half.level += apart * 11 // 32 if apart >= 0 else -(-apart * 11 // 32)
+            part.level += apart * 11 // 32 if apart >= 0 else -(-apart * 11 // 32)
         if about.expected and about.known[place.cell + MARGIN]:
-            by = (value - about.expected[place.cell + MARGIN]) * 16 - half.bias
-            missed = min(abs(by >> 4) << 4, MAX_DIFFERENCE) - half.miss
-            half.miss += missed // 4 if missed >= 0 else -(-missed // 4)
+            by = (value - about.expected[place.cell + MARGIN]) * 16 - part.bias
+            missed = min(abs(by >> 4) << 4, MAX_DIFFERENCE) - part.miss
+            part.miss += missed // 4 if missed >= 0 else -(-missed // 4)
             if abs(by) <= 4 * LIMITS[place.scale][5]:
-                half.bias += by // 4 if by >= 0 else -(-by // 4)
-        half.last = [value, *half.last[:4]] if half.last else [value] * 5
+                part.bias += by // 4 if by >= 0 else -(-by // 4)
+        part.last = [value, *part.last[:4]] if part.last else [value] * 5
 
 
 def expected_cells(expected: Image | None, layout: Layout, step: int, levels: list[int]) -> list[list[int]] | None:
@@ -182,8 +196,8 @@ def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Ro
     return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, frame.known or 0)
 
 
-def _code(rows: Rows, frame: Given, model: Model, coders: tuple[Coder, Coder]) -> None:
-    coder = TwoCoders(model, frame.step, coders)
+def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
+    coder = Parts(model, frame.step, coders)
     if frame.known is None:
         code_frame(rows, coder)
     else:
@@ -199,11 +213,12 @@ def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) 
     if not returns[:, frame.known or 0 :].any():
         return b""
     cells = [[(x + frame.levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
-    coders = WideWriter(), WideWriter()
-    _code(_rows(cells, returns, frame, turn), frame, model, coders)
-    first, second = (coder.finish() for coder in coders)
-    sizes = [(frame.kind, 1), (turn, 2), (len(first), 4)] + ([] if frame.known is None else [(frame.known, 1)])
-    return b"".join(value.to_bytes(size, "little") for value, size in sizes) + first + second
+    coders = [WideWriter() for _ in range(frame.parts)]
+    _code(_rows(cells, returns, frame, turn), frame, model, list(coders))
+    streams = [coder.finish() for coder in coders]
+    sizes = [(frame.kind, 1), (turn, 2), *((len(stream), 4) for stream in streams[:-1])]
+    sizes += [] if frame.known is None else [(frame.known, 1)]
+    return b"".join(value.to_bytes(size, "little") for value, size in sizes) + b"".join(streams)
 
 
 def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image | None = None) -> Image:
@@ -216,20 +231,23 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         if data:
             raise SectionError("ranges where there are no returns")
         return image
-    head = HEAD_BYTES + (frame.known is not None)
+    head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))
-    if data[0] != frame.kind or (frame.known is not None and data[HEAD_BYTES] != frame.known):
+    if data[0] != frame.kind or (frame.known is not None and data[head - 1] != frame.known):
         raise SectionError("ranges of an unknown kind")
-    turn, first = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:7], "little")
-    if head + first > len(data):
-        raise TruncatedError("ranges end before their streams do", len(data))
-    coders = WideReader(data[head : head + first]), WideReader(data[head + first :])
+    turn, coders, at = int.from_bytes(data[1:3], "little"), [], head
+    for part in range(frame.parts):
+        size = int.from_bytes(data[3 + 4 * part : 7 + 4 * part], "little") if part + 1 < frame.parts else len(data) - at
+        if at + size > len(data):
+            raise TruncatedError("ranges end before their streams do", len(data))
+        coders.append(WideReader(data[at : at + size]))
+        at += size
     rows = [
         [(x + frame.levels[row] + step // 2) // step for x in cells]
         for row, cells in enumerate(closed_up(image, layout))
     ]
-    _code(_rows(rows, returns, frame, turn), frame, model, coders)
+    _code(_rows(rows, returns, frame, turn), frame, model, list(coders))
     for coder in coders:
         coder.finish()
     for row in range(ROWS):

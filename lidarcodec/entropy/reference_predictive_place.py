@@ -67,7 +67,7 @@ def position(difference: int, scale: int) -> int:
 
 
 class State:
-    """What is known from the returns of a row, or of a half of one, that were coded before."""
+    """What is known from the returns of a row, or of a part of one, that were coded before."""
 
     def __init__(self, start: int) -> None:
         self.last: list[int] = []

@@ -43,7 +43,7 @@ class RowCoder(Protocol):
     def code(self, work: Work) -> None:
         """Code a row."""
 
-    def code_both(self, works: list[Work], states: list[State]) -> None:
+    def code_in_turns(self, works: list[Work], states: list[State]) -> None:
         """Code two rows."""
 
 
@@ -144,6 +144,6 @@ def code_slab(rows: Rows, coder: RowCoder, model: Model, step: int) -> None:
     stages = [Stage(rows, 0, coder), Stage(rows, ROWS // 2, coder)]
     for row in range(ROWS // 2):
         works = [stages[0].begin(row), stages[1].begin(row + ROWS // 2)]
-        coder.code_both(works, [model.states[row], model.states[row + ROWS // 2]])
+        coder.code_in_turns(works, [model.states[row], model.states[row + ROWS // 2]])
         for stage in stages:
             stage.end()

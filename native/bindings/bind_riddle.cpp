@@ -61,15 +61,18 @@ void bind_riddle(nb::module_& m) {
             const auto& net = inputs.shape(1) == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone;
             if (!net || net->inputs() != inputs.shape(1)) throw Error(ErrorCode::Section, "no network for such inputs");
             std::vector<std::int16_t> odds(inputs.shape(0) * lidarcodec::kNetOutputs);
-            NetValues pair[2];
-            for (std::size_t i = 0; i < inputs.shape(0); i += 2) {  // in pairs, as frames are coded
-              const std::size_t n = std::min<std::size_t>(2, inputs.shape(0) - i);
-              for (std::size_t k = 0; k < n; ++k)
-                std::copy_n(inputs.data() + (i + k) * inputs.shape(1), inputs.shape(1), pair[k].in.begin());
-              n == 2 ? net->run(pair[0], pair[1]) : net->run(pair[0]);
-              for (std::size_t k = 0; k < n; ++k)
-                std::copy_n(pair[k].out.begin(), lidarcodec::kNetOutputs, odds.begin() + static_cast<std::ptrdiff_t>((i + k) * lidarcodec::kNetOutputs));
-            }
+            const std::size_t count = inputs.shape(0), width = inputs.shape(1);
+            NetValues values[4];
+            const auto run = [&]<std::size_t N>(std::size_t first, const std::array<NetValues*, N>& at) {
+              for (std::size_t k = 0; k < N; ++k) std::copy_n(inputs.data() + (first + k) * width, width, at[k]->in.begin());
+              net->run(at);
+              for (std::size_t k = 0; k < N; ++k)
+                std::copy_n(at[k]->out.begin(), lidarcodec::kNetOutputs, odds.data() + (first + k) * lidarcodec::kNetOutputs);
+            };
+            std::size_t i = 0;  // as frames are coded: by fours, slabs by twos, and ends one by one
+            for (; i + 4 <= count; i += 4) run(i, std::array{values, values + 1, values + 2, values + 3});
+            for (; i + 2 <= count; i += 2) run(i, std::array{values, values + 1});
+            for (; i < count; ++i) run(i, std::array{values});
             return give(std::move(odds), {inputs.shape(0), lidarcodec::kNetOutputs});
           },
           nb::arg("inputs").noconvert(), "(n, 32) int16 log odds of (n, 72 or 112) inputs.");

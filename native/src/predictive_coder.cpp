@@ -14,7 +14,10 @@ namespace {
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::uint8_t kSlab = 2;                  // added to either: of a slab
 constexpr std::uint8_t kLearnedKind = 4;           // added to any: a network says what is likely to begin with
-constexpr std::size_t kHeadBytes = 7;              // kind, turn u16, bytes of the first stream u32; of a slab also known u8
+
+// Bytes before the streams: kind, turn u16, bytes of each stream but the last u32; of a slab also known u8.
+std::size_t head_bytes(std::size_t parts, bool slab) { return 3 + 4 * (parts - 1) + (slab ? 1 : 0); }
+std::size_t parts_of(bool slab) { return slab ? kSlabParts : kMostParts; }
 
 void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
   if (known < kWholeFrame || known > std::min<KnownColumns>(255, static_cast<KnownColumns>(geometry.width)))
@@ -72,9 +75,9 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), geometry.width);
   PredictiveModel model(true);
   SlabStates states;
-  std::array<PredictiveHalf<WideEncoder>, 2> halves;
+  PredictiveParts<WideEncoder> parts;
   write_image({quickest_path(), model, {nullptr, &samples}, states, false},
-              {layout, returned, cells, expected, geometry.width, 0, turn}, halves, ranges);
+              {layout, returned, cells, expected, geometry.width, 0, turn}, parts, ranges);
 }
 
 void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
@@ -104,18 +107,22 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const RiddleNet* const net = net_of(expected != nullptr);
   if (net == nullptr) samples = nullptr;
   if (samples != nullptr) samples->inputs = inputs;
-  std::array<PredictiveHalf<WideEncoder>, 2> halves;
-  write_image({path_, model_, {net, samples}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, halves, ranges);
-  const std::vector<std::uint8_t>& first = halves[0].coder.finish(halves[0].interval);
-  const std::vector<std::uint8_t>& second = halves[1].coder.finish(halves[1].interval);
+  PredictiveParts<WideEncoder> parts;
+  write_image({path_, model_, {net, samples}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, parts, ranges);
+  const std::size_t count = parts_of(known >= 0);
+  std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
+  std::size_t size = head_bytes(count, known >= 0);
+  for (std::size_t p = 0; p < count; ++p) {
+    streams[p] = &parts[p].coder.finish(parts[p].interval);
+    size += streams[p]->size();
+  }
   std::vector<std::uint8_t> out;
-  out.reserve(kHeadBytes + first.size() + second.size());
+  out.reserve(size);
   put(out, kind_of(known >= 0, expected, net), 1);
   put(out, turn, 2);
-  put(out, first.size(), 4);
+  for (std::size_t p = 0; p + 1 < count; ++p) put(out, streams[p]->size(), 4);
   if (known >= 0) put(out, past, 1);
-  out.insert(out.end(), first.begin(), first.end());
-  out.insert(out.end(), second.begin(), second.end());
+  for (std::size_t p = 0; p < count; ++p) out.insert(out.end(), streams[p]->begin(), streams[p]->end());
   return out;
 }
 
@@ -133,22 +140,24 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     if (size != 0) throw Error(ErrorCode::Section, "ranges where there are no returns");
     return image;
   }
-  if (size < kHeadBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
+  const bool slab = known >= 0;
+  const std::size_t count = parts_of(slab), head = head_bytes(count, slab);
+  if (size < 1) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const RiddleNet* const net = net_of(expected != nullptr);
-  if (data[0] != kind_of(known >= 0, expected, net)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
-  const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
-  const std::size_t head = kHeadBytes + (known >= 0 ? 1 : 0);
+  if (data[0] != kind_of(slab, expected, net)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
-  if (known >= 0 && data[kHeadBytes] != past) throw Error(ErrorCode::Section, "a slab behind other columns than are known");
-  const std::size_t first = take(data + 3, 4), rest = size - head;
-  if (first > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
-  const std::uint8_t* streams = data + head;
-  std::array<PredictiveHalf<WideDecoder>, 2> halves = {
-      PredictiveHalf<WideDecoder>{WideDecoder(streams, first)},
-      PredictiveHalf<WideDecoder>{WideDecoder(streams + first, rest - first)}};
-  for (auto& half : halves) half.interval = half.coder.start();
-  read_image({path_, model_, {net, nullptr}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, halves, image.data());
-  for (const auto& half : halves) half.coder.finish(half.interval);
+  const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
+  if (slab && data[head - 1] != past) throw Error(ErrorCode::Section, "a slab behind other columns than are known");
+  PredictiveParts<WideDecoder> parts;
+  for (std::size_t p = 0, at = head; p < count; ++p) {
+    const std::size_t rest = size - at, bytes = p + 1 < count ? take(data + 3 + 4 * p, 4) : rest;
+    if (bytes > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
+    parts[p] = PredictivePart<WideDecoder>{WideDecoder(data + at, bytes)};
+    parts[p].interval = parts[p].coder.start();
+    at += bytes;
+  }
+  read_image({path_, model_, {net, nullptr}, *states_, slab}, {layout, returned, cells, expected, width, past, turn}, parts, image.data());
+  for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
   return image;
 }
 

@@ -50,7 +50,7 @@ struct ImageCoding {
 };
 
 // Write, or read, the returns of an image of (64, W) ranges: a whole frame or a slab.
-void write_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideEncoder>, 2>& halves, const std::uint16_t* image);
-void read_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideDecoder>, 2>& halves, std::uint16_t* image);
+void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts, const std::uint16_t* image);
+void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts, std::uint16_t* image);
 
 }  // namespace lidarcodec

@@ -12,10 +12,10 @@ namespace lidarcodec {
 
 // Codes all rows of an image, (64, W); only returns are looked at, or written.
 template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
-void code_rows(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
+void code_rows(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image) {
   using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, parts);
   RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     coder.code(stage.begin(row, image));
@@ -25,11 +25,11 @@ void code_rows(const ImageCoding& on, const RowSource& source, std::array<Predic
 
 // Codes a slab: the columns behind those that are known. Rows of the upper and the lower half of the image in turns.
 template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
-void code_slab(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
+void code_slab(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image) {
   using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   constexpr std::size_t kBoth = kMaskRows / 2;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, halves);
+  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, parts);
   on.states.begin(source.cells.step, coder.start(), source.past != 0);
   RowStage<Rows::kReads, kExpects, kLearned> upper(source, 0, coder.start(), coder.first());
   RowStage<Rows::kReads, kExpects, kLearned> lower(source, kBoth, coder.start(), coder.first());
@@ -43,11 +43,11 @@ void code_slab(const ImageCoding& on, const RowSource& source, std::array<Predic
 
 // Codes a whole frame or a slab on a path, with or without what is expected.
 template <class Coder, class Image>
-void code_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves, Image* image) {
+void code_image(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image) {
   const auto code = [&]<class Forms>(const Forms&) {
     const auto with = [&](auto expects, auto learned) {
-      on.slab ? code_slab<Forms, expects.value, learned.value>(on, source, halves, image)
-              : code_rows<Forms, expects.value, learned.value>(on, source, halves, image);
+      on.slab ? code_slab<Forms, expects.value, learned.value>(on, source, parts, image)
+              : code_rows<Forms, expects.value, learned.value>(on, source, parts, image);
     };
     const bool learned = on.teaching.net != nullptr || on.teaching.samples != nullptr;
     if (source.expected != nullptr) {

@@ -2,8 +2,8 @@
 
 namespace lidarcodec {
 
-void read_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideDecoder>, 2>& halves, std::uint16_t* image) {
-  code_image(on, source, halves, image);
+void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts, std::uint16_t* image) {
+  code_image(on, source, parts, image);
 }
 
 }  // namespace lidarcodec

@@ -2,8 +2,8 @@
 
 namespace lidarcodec {
 
-void write_image(const ImageCoding& on, const RowSource& source, std::array<PredictiveHalf<WideEncoder>, 2>& halves, const std::uint16_t* image) {
-  code_image(on, source, halves, image);
+void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts, const std::uint16_t* image) {
+  code_image(on, source, parts, image);
 }
 
 }  // namespace lidarcodec

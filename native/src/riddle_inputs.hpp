@@ -70,13 +70,14 @@ inline Ints most(Ints a, Ints b) { return a > b ? a : b; }
 inline Floats least(Floats a, Floats b) { return a < b ? a : b; }
 inline Ints with_sign(Ints sizes, Ints signs) { return (sizes ^ signs) - signs; }
 
-// Four numbers that 16 bits hold. What follows may overwrite those of them that are too many.
-inline void put(Ints numbers, std::int16_t* to) {
+// Four numbers that 8 bits hold. What follows may overwrite those of them that are too many.
+inline void put(Ints numbers, std::int8_t* to) {
 #if defined(__SSE2__)
-  const auto lanes = std::bit_cast<__m128i>(numbers);
-  _mm_storel_epi64(reinterpret_cast<__m128i*>(to), _mm_packs_epi32(lanes, lanes));
+  const __m128i lanes = std::bit_cast<__m128i>(numbers), words = _mm_packs_epi32(lanes, lanes);
+  const std::int32_t bytes = _mm_cvtsi128_si32(_mm_packs_epi16(words, words));
+  std::memcpy(to, &bytes, sizeof bytes);
 #else
-  for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<std::int16_t>(numbers[i]);
+  for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<std::int8_t>(numbers[i]);
 #endif
 }
 
@@ -84,12 +85,12 @@ inline Ints kept(Ints numbers) { return most(least(numbers, Ints{} + 127), Ints{
 
 // Of four bytes, 0 or 1 each: 32 where they are 1.
 inline constexpr auto kFlags = [] {
-  std::array<std::array<std::int16_t, 4>, 16> flags{};
+  std::array<std::array<std::int8_t, 4>, 16> flags{};
   for (std::size_t bits = 0; bits < 16; ++bits)
     for (std::size_t i = 0; i < 4; ++i) flags[bits][i] = (bits >> i & 1u) != 0 ? 32 : 0;
   return flags;
 }();
-inline void put_flags(const std::uint8_t* from, std::int16_t* to) {
+inline void put_flags(const std::uint8_t* from, std::int8_t* to) {
   const auto bits = static_cast<std::size_t>(from[0] | from[1] << 1 | from[2] << 2 | from[3] << 3);
   std::memcpy(to, kFlags[bits].data(), sizeof kFlags[bits]);
 }
@@ -120,7 +121,7 @@ struct Forms {
 
 // Fills the inputs of a return.
 template <bool kExpects>
-inline void find_inputs(const Surroundings& s, std::int16_t* in) {
+inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   using inputs::four, inputs::Ints, inputs::put, inputs::put_flags;
   const std::int32_t base = s.last[0];
   const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale], Ints{} + base};
@@ -173,7 +174,7 @@ inline void find_inputs(const Surroundings& s, std::int16_t* in) {
     const Ints below = Ints{s.seen_below[0] - base, s.seen_below[1] - base, s.seen_below[0] - s.seen[0], 0} << 2;
     put(forms.companded(below + Ints{0, 0, 0, s.bias >> 2}), in + 97);
     in[101] = in[100];
-    in[100] = static_cast<std::int16_t>(sizes(s.miss, 0, 0, 0)[0]);
+    in[100] = static_cast<std::int8_t>(sizes(s.miss, 0, 0, 0)[0]);
     put_flags(s.known - 1, in + 102);
     put(forms.straight((four(s.up) - four(s.seen_above)) << 2), in + 106);
     const std::int32_t step_below = s.seen_below[1] - s.seen_below[0];

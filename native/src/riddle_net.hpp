@@ -1,7 +1,7 @@
 // The networks of codec riddle: what a return's surroundings say of its difference, in whole numbers.
 //
-// Three layers: inputs of 8 bits, two hidden layers clamped to 0..4095, and 32 log odds (cells.hpp). All sums fit 32
-// bits, which is checked when a network is made, so that any order of adding gives the same.
+// Three layers: inputs of 8 bits, two hidden layers of 0..255, and 32 log odds (cells.hpp). All sums fit 32 bits, which is
+// checked when a network is made, so that any order of adding gives the same.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -12,7 +12,7 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
 inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
-inline constexpr std::int32_t kMiddleTop = 4095;
+inline constexpr std::int32_t kMiddleTop = 255;
 
 // Ways to compute: C++ alone, sixteen numbers of 16 bits at a time, thirty-two of them. All give the same.
 enum class NetForm { Plain, Avx2, Vnni };
@@ -20,9 +20,9 @@ enum class NetForm { Plain, Avx2, Vnni };
 // Those that this processor can run, the quickest last.
 std::vector<NetForm> net_forms_here();
 
-// Inputs, -128 to 127, and what comes of them; hidden values between.
+// Inputs, and what comes of them.
 struct alignas(64) NetValues {
-  std::array<std::int16_t, kInputsExpecting> in{};
+  std::array<std::int8_t, kInputsExpecting> in{};
   std::array<std::int16_t, kNetOutputs> out{};
 };
 
@@ -59,22 +59,24 @@ class RiddleNet {
 
   std::size_t inputs() const { return layers_[0].in; }
 
-  // Log odds of one return, or of two at once, which takes little longer than one.
-  void run(NetValues& values) const;
-  void run(NetValues& first, NetValues& second) const;
+  // Log odds of one return, or of several at once: weights are fetched once for all of them.
+  void run(const std::array<NetValues*, 1>& values) const;
+  void run(const std::array<NetValues*, 2>& values) const;
+  void run(const std::array<NetValues*, 4>& values) const;
 
   struct Layer {
     std::size_t in = 0, out = 0;
-    std::uint32_t shift = 0;  // of the sums
+    std::uint32_t shift = 0;  // of the sums, whose biases have the half that rounds them in them
     std::int32_t low = 0, high = 0;
     // For every two inputs, blocks of 16 sums with a pair of weights each. Sums beyond `out` are 0.
     Lines<std::int16_t> weights;
     Lines<std::int32_t> bias;
-    // Of the first layer, where its weights fit 8 bits: for every four inputs, blocks of 16 sums with four weights each, for
-    // inputs that are larger by 128, and biases that are smaller by as much as that makes. Modulo 2^32, as all sums are.
+    // Where all weights fit 8 bits: for every four inputs, blocks of 16 sums with four weights each.
     bool in_bytes = false;
     Lines<std::int8_t> byte_weights;
-    Lines<std::int32_t> byte_bias;
+    // For inputs without a sign, which in the first layer are larger by 128: biases that are smaller by as much as that
+    // makes. Modulo 2^32, as all sums are.
+    Lines<std::int32_t> unsigned_bias;
     std::size_t blocks() const { return (out + 15) / 16; }
   };
 

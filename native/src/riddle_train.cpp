@@ -10,7 +10,7 @@
 namespace lidarcodec {
 namespace {
 
-constexpr float kInputUnit = 32.0f, kMiddleUnit = 128.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
+constexpr float kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
 constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
 constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
@@ -208,7 +208,7 @@ double RiddleTrainer::cost(const RiddleNet& net) const {
   NetValues values;
   for (std::size_t i = 0; i < held_.size(); ++i) {
     std::copy_n(held_.in(i), inputs(), values.in.begin());
-    net.run(values);
+    net.run(std::array{&values});
     const Decisions decisions(held_.leaf(i), held_.offsets(i));
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];

@@ -27,7 +27,7 @@ struct RowSurroundings {
   std::uint32_t row = 0;
 };
 
-// What is known from the returns of a row, or of a half of one, that were coded before, but for the last ranges.
+// What is known from the returns of a row, or of a part of one, that were coded before, but for the last ranges.
 struct RowState {
   bool begun = false;                            // whether there was a return
   std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference, the weighted one before, a long mean
@@ -51,15 +51,19 @@ struct RowEnd : RowState {
   std::array<std::int32_t, kLastRanges> last{};
 };
 
-// One of the two sequences of returns that are coded at the same time: its coder, and what is known where it stands.
+// Parts of an image whose returns are coded at the same time, each with a coder of its own: quarters of rows, or rows of
+// the halves of a slab.
+inline constexpr std::size_t kMostParts = 4, kSlabParts = 2;
+
+// One of the sequences of returns that are coded at the same time: its coder, and what is known where it stands.
 template <class Coder>
-struct PredictiveHalf : RowState {
+struct PredictivePart : RowState {
   Coder coder;
   WideInterval interval{};
   std::size_t next = 0;                // return of the row
   const std::int32_t* last = nullptr;  // ranges, the latest first; kLastRanges of them mean something
 
-  explicit PredictiveHalf(Coder with = Coder()) : coder(std::move(with)) {}
+  explicit PredictivePart(Coder with = Coder()) : coder(std::move(with)) {}
 
   // base: where the first difference is counted from; returns: how many there will be.
   void begin(std::size_t first, std::size_t returns, std::int32_t base, const RowState& state) {
@@ -98,6 +102,9 @@ struct PredictiveHalf : RowState {
   std::vector<std::int32_t> ranges_;
   std::int32_t* at_ = nullptr;
 };
+
+template <class Coder>
+using PredictiveParts = std::array<PredictivePart<Coder>, kMostParts>;
 
 // Returns of a row to be coded, and where their ranges and what each differs by are, or are put.
 struct RowWork {

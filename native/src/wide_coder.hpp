@@ -103,6 +103,8 @@ class WideEncoder {
 
 class WideDecoder {
  public:
+  WideDecoder() = default;  // of no bytes
+
   // Reads `size` bytes, never one more.
   WideDecoder(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}
 
@@ -165,8 +167,8 @@ class WideDecoder {
     return word;
   }
 
-  const std::uint8_t* data_;
-  std::size_t size_;
+  const std::uint8_t* data_ = nullptr;
+  std::size_t size_ = 0;
   std::size_t read_ = 0;      // understood zeros included
   std::uint64_t window_ = 0;  // the last eight bytes read
 };

@@ -14,6 +14,8 @@ namespace {
 constexpr std::size_t kSlabHead = 7;  // what stands before the number of known columns
 constexpr std::int32_t kMostLevel = 1000, kLengthsPerLevel = 20'000;
 
+constexpr std::uint32_t kInBytes = 128;  // added to the shift of a layer whose weights are bytes
+
 // Kinds of ranges that go on where those before ended.
 bool of_slab(Bytes coded) {
   if (coded.size == 0) return false;
@@ -21,7 +23,7 @@ bool of_slab(Bytes coded) {
   return kind == 3 || kind == 4 || kind == 7 || kind == 8;
 }
 
-// Layer by layer: weights i16, biases i32, little endian as this machine is.
+// Layer by layer: weights i8 or i16, biases i32, little endian as this machine is.
 class LayerReader {
  public:
   explicit LayerReader(Bytes bytes) : left_(bytes) {}
@@ -103,9 +105,15 @@ void Decoder::net(Bytes layers, std::size_t first, std::size_t second, std::arra
   std::array<std::vector<std::int32_t>, kNetLayers> bias;
   std::array<GivenLayer, kNetLayers> given;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
-    weights[l] = reader.take<std::int16_t>(sizes[l] * sizes[l + 1]);
+    const std::size_t count = sizes[l] * sizes[l + 1];
+    if ((shifts[l] & kInBytes) != 0) {
+      const std::vector<std::int8_t> bytes = reader.take<std::int8_t>(count);
+      weights[l].assign(bytes.begin(), bytes.end());
+    } else {
+      weights[l] = reader.take<std::int16_t>(count);
+    }
     bias[l] = reader.take<std::int32_t>(sizes[l + 1]);
-    given[l] = {sizes[l], sizes[l + 1], weights[l].data(), bias[l].data(), shifts[l]};
+    given[l] = {sizes[l], sizes[l + 1], weights[l].data(), bias[l].data(), shifts[l] & ~kInBytes};
   }
   (expects ? nets_->expecting : nets_->alone).emplace(given);
 }

@@ -106,7 +106,7 @@ def test_a_network_that_does_not_fit_is_refused() -> None:
         [layers[1], *layers[1:]],
         [layers[0], (layers[1][0], layers[1][1][:-1].copy(), 8), layers[2]],
         [layers[0], (layers[1][0], layers[1][1], 30), layers[2]],
-        [layers[0], (large, layers[1][1], 8), layers[2]],
+        [layers[0], (large, np.full_like(layers[1][1], 2**31 - 1), 8), layers[2]],
     ):
         with pytest.raises(SectionError):
             nets.add(wrong)

@@ -18,7 +18,7 @@ from lidarcodec.errors import (
 )
 from tests.codecs.test_riddle_weights import four_nets, with_sum
 
-GRAINS = (5, 6, 7)
+FINENESS = (7, 6, 5)
 
 
 def base() -> rw.Weights:
@@ -39,14 +39,14 @@ def near(net: rw.Net, seed: int = 3, size: float = 40.0) -> rw.Net:
 def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
     weights = base()
     wanted = [near(net) for net in weights.nets[:2]]
-    update = ru.update_of(weights, wanted, GRAINS)
+    update = ru.update_of(weights, wanted, FINENESS)
     found = ru.applied(update.data, {weights.name: weights}.__getitem__)
     assert (found.name, found.data) == (update.weights.name, update.weights.data)
     assert ru.names_of(update.data) == (weights.name, found.name)
     assert len(found.nets) == 2
     for net, target in zip(found.nets, wanted, strict=True):
-        for layer, want, grain in zip(net.layers, target.layers, GRAINS, strict=True):
-            assert np.abs(layer.weights.astype(int) - want.weights).max() <= 1 << (grain - 1)
+        for layer, want, fine in zip(net.layers, target.layers, FINENESS, strict=True):
+            assert np.abs(layer.weights.astype(int) - want.weights).max() <= 1 << (layer.shift - fine - 1)
     assert len(update.data) < len(found.data) / 3
 
 
@@ -57,7 +57,7 @@ def test_networks_on_another_shift_are_met_as_well() -> None:
     halved = tuple(
         rw.Layer((la.weights // 2).astype(np.int16), (la.bias // 2).astype(np.int32), la.shift - 1) for la in net.layers
     )
-    update = ru.update_of(weights, [rw.Net(net.expects, net.size, halved)], (0, 0, 0))
+    update = ru.update_of(weights, [rw.Net(net.expects, net.size, halved)], (13, 13, 13))
     for layer, was in zip(update.weights.nets[0].layers, net.layers, strict=True):
         assert layer.shift == was.shift
         assert np.abs(layer.weights.astype(int) - was.weights).max() <= 1
@@ -70,13 +70,23 @@ def test_weights_at_the_end_of_their_range_stay_within_it() -> None:
     edge[0, :8] = 32767
     layers[0] = rw.Layer(edge, layers[0].bias, layers[0].shift)
     net = rw.Net(False, 0, tuple(layers))
-    found = ru.update_of(ru.weights_with([net]), [near(net, size=300)], GRAINS).weights.nets[0]
+    found = ru.update_of(ru.weights_with([net]), [near(net, size=300)], FINENESS).weights.nets[0]
     assert found.layers[0].weights.max() <= 32767
+
+
+def test_layers_in_bytes_stay_in_bytes() -> None:
+    """Weights that grow past 8 bits in the stream would double the time of both sides."""
+    floats = rw.in_floats(base().nets[0])
+    first = np.rint(floats[0][0].clip(-1, 1) * 64) / 64, floats[0][1]
+    net = rw.quantised(False, 0, [first, *floats[1:]])
+    found = ru.update_of(ru.weights_with([net]), [near(net, size=100)], FINENESS).weights.nets[0]
+    assert [layer.in_bytes for layer in found.layers] == [True, False, False]
+    assert (found.layers[0].weights != net.layers[0].weights).mean() > 0.5
 
 
 def test_a_shelf_asks_for_what_an_update_begins_with() -> None:
     weights = base()
-    update = ru.update_of(weights, [near(net) for net in weights.nets], GRAINS)
+    update = ru.update_of(weights, [near(net) for net in weights.nets], FINENESS)
     shelf = Shelf()
     with pytest.raises(MissingReferenceError, match=weights.name):
         shelf.take(update.data, 9)
@@ -90,18 +100,18 @@ def test_many_updates_do_not_push_out_what_they_begin_with() -> None:
     weights, shelf = base(), Shelf()
     shelf.put(weights)
     for seed in range(9):
-        shelf.take(ru.update_of(weights, [near(weights.nets[0], seed)], GRAINS).data, seed)
+        shelf.take(ru.update_of(weights, [near(weights.nets[0], seed)], FINENESS).data, seed)
     assert shelf.find(weights.name, 9) is weights
 
 
 def test_updates_that_cannot_be_are_refused() -> None:
     weights = base()
-    update = ru.update_of(weights, [near(weights.nets[0])], GRAINS)
+    update = ru.update_of(weights, [near(weights.nets[0])], FINENESS)
     find = {weights.name: weights}.__getitem__
     data = update.data[:-4]
     head = 21
     for error, body in (
-        (UnsupportedVersionError, data[:4] + b"\2" + data[5:]),
+        (UnsupportedVersionError, data[:4] + b"\3" + data[5:]),
         (SectionError, data[:head] + b"\0" + data[head + 1 :]),  # no network
         (SectionError, data[:head] + b"\4" + data[head + 1 : head + 6] * 4),  # one network four times
         (SectionError, data[: head + 1] + b"\7" + data[head + 2 :]),  # of an unknown kind
@@ -118,12 +128,12 @@ def test_updates_that_cannot_be_are_refused() -> None:
             ru.applied(data[:size], find)
     only = ru.weights_with([weights.nets[0]])
     with pytest.raises(SectionError, match="do not have"):
-        ru.update_of(only, [weights.nets[1]], GRAINS)
+        ru.update_of(only, [weights.nets[1]], FINENESS)
 
 
 def test_damaged_updates_raise_only_errors_of_decoding() -> None:
     weights = weights_of("")
-    update = ru.update_of(weights, [near(weights.net(expects=True, size=0))], GRAINS)
+    update = ru.update_of(weights, [near(weights.net(expects=True, size=0))], FINENESS)
     rng, refused = np.random.default_rng(8), 0
     for i in range(300):
         broken = bytearray(update.data[: int(rng.integers(len(update.data)))] if i % 3 == 0 else update.data)

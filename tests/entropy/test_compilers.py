@@ -17,8 +17,8 @@ from tests.compilers import FLAGS, ROOT, Build, build, builds, by_kind, hashes
 
 COLUMNS = 120
 GOLDEN = {
-    "ranges": "d9948ae078e9ab55",
-    "ranges with motion": "f943015ae88aa949",
+    "ranges": "d5a378fca781054d",
+    "ranges with motion": "0a4699e6d653738e",
     "slabs": "3addc21bddb04354",
     "mask": "da0f69b12ad0ee1a",
     "intensity": "03bd171deff4646f",

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import torch
 
+from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.nets import HIDDEN, RiddleLoss, RiddleNet, mean_bits, values_of
@@ -19,8 +20,12 @@ from lidarcodec.training.riddle.samples import LABELS, Rows, row_bytes
 
 _BETAS: Final = (0.9, 0.98)
 _MOST_NORM: Final = 1.0
-_EXACT: Final = 0.15
-"""Share of the steps, the last ones, that are always in float32."""
+_WHOLE: Final = 5
+"""One in so many steps, the last ones, is taken with what has to fit 8 bits in them."""
+_WHOLE_RATE: Final = 0.2
+"""Of the peak of the others."""
+_SCALED_BY: Final = 8192
+"""Samples that hidden values are scaled by."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ class FitSettings:
 
     hidden:    widths of the two hidden layers; steps: of the optimiser; batch: samples in each; rate: its peak
     precision: `float32`, or `mixed`: products in bfloat16 until the last steps, twice as fast where processors have it
+
+    The last fifth of the steps goes on with hidden values and the first layer in 8 bits, at a fifth of the rate.
     """
 
     expects: bool
@@ -50,6 +57,18 @@ class FitSettings:
     def dims(self) -> tuple[int, ...]:
         """Inputs, hidden layers, outputs."""
         return (row_bytes(self.expects) - LABELS, *self.hidden, 32)
+
+    @property
+    def float_steps(self) -> int:
+        """Steps before anything is rounded."""
+        return self.steps - -(-self.steps // _WHOLE)
+
+    def rate_at(self, step: int) -> float:
+        """Learning rate of a step."""
+        whole = step - self.float_steps
+        if whole < 0:
+            return runs.rate_at(step, self.float_steps, peak=self.rate)
+        return runs.rate_at(whole, self.steps - self.float_steps, peak=_WHOLE_RATE * self.rate)
 
     def stored(self) -> dict[str, runs.Value]:
         """As a checkpoint keeps them."""
@@ -79,27 +98,34 @@ def fit(
     watch: Watch,
     every: int = 500,
     stop_at: int | None = None,
+    begin: Net | None = None,
 ) -> tuple[RiddleNet, runs.Checkpoint]:
     """Trains a network, from its checkpoint if there is one; `stop_at` ends earlier, as an interruption would.
 
     samples, held: rows of bytes, mapped from files or in memory; every: steps from one measurement to the next
+    begin: a network of the same layers, whose weights are the first ones
     Raises SettingsError or SourceError for a checkpoint of another run, or one that cannot be read or written.
     """
     runs.seed_torch(settings.seed)
-    net = RiddleNet(settings.expects, settings.dims).to(device)
-    optimiser = torch.optim.AdamW(net.parameters(), lr=settings.rate, betas=_BETAS, weight_decay=0.0)
+    net = RiddleNet(settings.expects, settings.dims, begin).to(device)
+    optimiser = _optimiser(net, settings)
     state = runs.load_checkpoint(checkpoint, device)
     if state is None:
         state = runs.Checkpoint(0, settings.stored(), net.state_dict(), optimiser.state_dict())
     state.require(settings.stored())
     net.load_state_dict(state.model)
     optimiser.load_state_dict(state.optimiser)
+    net.whole = state.step > settings.float_steps
     draw, loss = _Draw(samples, settings.batch), RiddleLoss(device)
     began, before, costs = time.monotonic(), state.seconds, []
     for step in range(state.step, settings.steps if stop_at is None else min(stop_at, settings.steps)):
-        runs.set_rate(optimiser, runs.rate_at(step, settings.steps, peak=settings.rate))
+        if step == settings.float_steps:
+            some = torch.from_numpy(_Draw(samples, _SCALED_BY)(runs.step_rng(settings.seed, step, 1))).to(device)
+            net.make_whole(values_of(some))
+            optimiser = _optimiser(net, settings)
+        runs.set_rate(optimiser, settings.rate_at(step))
         rows = torch.from_numpy(draw(runs.step_rng(settings.seed, step))).to(device)
-        mixed = settings.precision == "mixed" and step < (1 - _EXACT) * settings.steps
+        mixed = settings.precision == "mixed" and not net.whole
         with torch.autocast(device.type, dtype=torch.bfloat16, enabled=mixed):
             odds = net(values_of(rows, torch.bfloat16 if mixed else torch.float32))
         cost = loss(odds.float(), rows).mean()
@@ -117,6 +143,10 @@ def fit(
             runs.save_checkpoint(checkpoint, state)
             watch(measured)
     return net, state
+
+
+def _optimiser(net: RiddleNet, settings: FitSettings) -> torch.optim.AdamW:
+    return torch.optim.AdamW(net.parameters(), lr=settings.rate, betas=_BETAS, weight_decay=0.0)
 
 
 class _Draw:

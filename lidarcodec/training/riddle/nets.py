@@ -11,7 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from lidarcodec.codecs.riddle_weights import INPUT_UNIT, MIDDLE_TOP, OUTPUT_UNIT, Net, check_dims, run
+from lidarcodec.codecs.riddle_weights import (
+    INPUT_UNIT,
+    MIDDLE_BITS,
+    MIDDLE_TOP,
+    OUTPUT_UNIT,
+    Net,
+    check_dims,
+    in_floats,
+    run,
+)
 from lidarcodec.codecs.riddle_weights import quantised as quantised_net
 from lidarcodec.errors import SettingsError
 from lidarcodec.training.riddle.samples import LABELS, Rows
@@ -20,8 +29,18 @@ HIDDEN: Final = {"small": (32, 32), "large": (96, 32), "largest": (192, 48)}
 """Hidden layers of each size."""
 WORST: Final = 0.003
 """Bits a return that whole numbers may cost."""
-_TOP: Final = MIDDLE_TOP / 128
+_TOP: Final = MIDDLE_TOP / (1 << MIDDLE_BITS)
 _LIMIT: Final = 6.0
+_LEAST_LEFT: Final = 0.085
+"""Of one, where the coder's smallest probability lies."""
+_SMOOTH: Final = 0.1
+"""Share of the loss that goes on rising where the coder's price has reached its end."""
+_BYTE_SHIFT: Final = 6
+_MOST_WEIGHT: Final = 127 / 2**_BYTE_SHIFT
+"""Of the first layer, whose weights have 8 bits: those of the second would cost 0.005 to 0.012 bits a return."""
+_MOST_SCALED: Final = 16.0
+_OFTEN_REACHED: Final = 0.875
+"""Share of the largest hidden value that one value in two thousand may pass after scaling."""
 _CHUNK: Final = 16384
 _DEPTH: Final = 4
 _SHARES: Final = (1.0, 0.5, 0.25)
@@ -46,29 +65,69 @@ _OUTPUTS, _SIGNS = _paths()
 
 
 class RiddleNet(torch.nn.Module):
-    """Inputs (n, 72 or 112) in units to log odds (n, 32) in natural units. Raises SectionError for other sizes."""
+    """Inputs (n, 72 or 112) in units to log odds (n, 32) in natural units. Raises SectionError for other sizes.
 
-    def __init__(self, expects: bool, dims: tuple[int, ...]) -> None:
+    whole: whether hidden values and the first layer's weights are rounded to what 8 bits hold, as they will be; slopes
+    go through roundings as if there were none (Bengio 2013, arXiv:1308.3432, straight-through).
+    """
+
+    def __init__(self, expects: bool, dims: tuple[int, ...], begin: Net | None = None) -> None:
         check_dims(expects, dims)
         super().__init__()
-        self.expects, self.dims = expects, dims
+        self.expects, self.dims, self.whole = expects, dims, False
         self.layers = torch.nn.ModuleList(torch.nn.Linear(into, out) for into, out in pairwise(dims))
         with torch.no_grad():
             self.layers[-1].weight *= 0.3
+            for layer, (weight, bias) in zip(self.layers, [] if begin is None else in_floats(begin), strict=False):
+                layer.weight.copy_(torch.from_numpy(weight))
+                layer.bias.copy_(torch.from_numpy(bias))
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
-        for layer in self.layers[:-1]:
-            values = torch.nn.functional.hardtanh(layer(values), 0.0, _TOP)
-        odds: torch.Tensor = self.layers[-1](values)
+        first, second, last = self.layers
+        for layer in (first, second):
+            weight = _in_bytes(layer.weight) if self.whole and layer is first else layer.weight
+            values = torch.nn.functional.hardtanh(torch.nn.functional.linear(values, weight, layer.bias), 0.0, _TOP)
+            if self.whole:
+                values = _rounded(values, MIDDLE_BITS)
+        odds: torch.Tensor = last(values)
         return odds
+
+    @torch.no_grad()
+    def make_whole(self, values: torch.Tensor) -> None:
+        """Rounds from here on. Each hidden value is scaled to use its 8 bits, as far as those of its weights suffice.
+
+        values: (n, inputs) some inputs, in units
+        """
+        first = self.layers[0]
+        for layer, following in pairwise(self.layers):
+            found = torch.relu(torch.nn.functional.linear(values, layer.weight, layer.bias))
+            scale = _OFTEN_REACHED * _TOP / torch.quantile(found, 0.9995, dim=0).clamp(min=0.1)
+            if layer is first:
+                scale = torch.minimum(scale, _MOST_WEIGHT / layer.weight.abs().amax(1).clamp(min=1e-6))
+            scale = scale.clamp(max=_MOST_SCALED)
+            layer.weight *= scale[:, None]
+            layer.bias *= scale
+            following.weight /= scale
+            values = (found * scale).clamp(max=_TOP)
+        self.whole = True
 
     def quantised(self, size: int) -> Net:
         """This network in whole numbers. Raises SettingsError if its weights are too large for them."""
-        made = [
-            (layer.weight.detach().cpu().double().numpy(), layer.bias.detach().cpu().double().numpy())
-            for layer in self.layers
-        ]
+        made = []
+        for layer in self.layers:
+            weight = layer.weight.detach()
+            if self.whole and layer is self.layers[0]:
+                weight = _in_bytes(weight)
+            made.append((weight.cpu().double().numpy(), layer.bias.detach().cpu().double().numpy()))
         return quantised_net(self.expects, size, made)
+
+
+def _in_bytes(weight: torch.Tensor) -> torch.Tensor:
+    return _rounded(weight.clamp(-_MOST_WEIGHT, _MOST_WEIGHT), _BYTE_SHIFT)
+
+
+def _rounded(values: torch.Tensor, bits: int) -> torch.Tensor:
+    return values + (torch.round(values * 2**bits) * 2**-bits - values).detach()
 
 
 def values_of(rows: torch.Tensor, dtype: torch.dtype = torch.float32) -> torch.Tensor:
@@ -77,17 +136,26 @@ def values_of(rows: torch.Tensor, dtype: torch.dtype = torch.float32) -> torch.T
 
 
 class RiddleLoss:
-    """Natural units that samples cost under log odds: of the leaf's four bits, and of the first three offset bits."""
+    """Natural units that samples cost under log odds: of the leaf's four bits, and of the first three offset bits.
 
-    def __init__(self, device: torch.device) -> None:
+    As the coder has it, with probabilities that are no smaller than its own, and a little of what they would cost
+    without that end (`smooth`), so that there is a slope everywhere.
+    """
+
+    def __init__(self, device: torch.device, smooth: float = _SMOOTH) -> None:
         self._outputs = torch.from_numpy(_OUTPUTS).to(device)
         self._signs = torch.from_numpy(_SIGNS).to(device)
         self._shares = torch.tensor(_SHARES, device=device)
+        self._smooth = smooth
 
     def __call__(self, odds: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
         """(n,) cost of each. odds: (n, 32) float32; rows: (n, inputs + 4) int8."""
         leaf, bits = rows[:, -LABELS].long(), rows[:, 1 - LABELS :]
-        costs = torch.nn.functional.softplus(odds.gather(1, self._outputs[leaf]) * self._with_bits(leaf, bits))
+        wrong = odds.gather(1, self._outputs[leaf]) * self._with_bits(leaf, bits)
+        rare = 0.5 * (1 - (wrong.abs() / _LIMIT).clamp(max=1)).clamp(min=_LEAST_LEFT) ** 3
+        costs = torch.where(wrong > 0, -torch.log(rare), -torch.log1p(-rare))
+        if self._smooth:
+            costs = costs * (1 - self._smooth) + self._smooth * torch.nn.functional.softplus(wrong)
         return costs[:, :_DEPTH].sum(1) + (costs[:, _DEPTH:] * (bits >= 0)).sum(1)
 
     def _with_bits(self, leaf: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
@@ -99,7 +167,7 @@ class RiddleLoss:
 def mean_bits(net: RiddleNet, parts: Iterable[Rows]) -> float:
     """Bits a return that samples cost under the network, its outputs limited as they are in whole numbers."""
     device = next(net.parameters()).device
-    loss, cost, count = RiddleLoss(device), 0.0, 0
+    loss, cost, count = RiddleLoss(device, smooth=0.0), 0.0, 0
     with torch.no_grad():
         for part in parts:
             for first in range(0, len(part), _CHUNK):
@@ -111,16 +179,12 @@ def mean_bits(net: RiddleNet, parts: Iterable[Rows]) -> float:
 
 def mean_bits_whole(net: Net, parts: Iterable[Rows]) -> float:
     """The same of a network in whole numbers, by the reference."""
-    cost, count = 0.0, 0
+    loss, cost, count = RiddleLoss(torch.device("cpu"), smooth=0.0), 0.0, 0
     for part in parts:
         for first in range(0, len(part), _CHUNK):
             rows = np.array(part[first : first + _CHUNK])
-            odds = run(net, rows[:, :-LABELS]) / OUTPUT_UNIT
-            leaf, bits = rows[:, -LABELS].astype(np.intp), rows[:, 1 - LABELS :]
-            signs = _SIGNS[leaf]
-            signs[:, _DEPTH:] = (1 - 2 * (bits == 1)) * np.array(_SHARES)
-            costs = np.logaddexp(0, np.take_along_axis(odds, _OUTPUTS[leaf], axis=1) * signs)
-            cost += float(costs[:, :_DEPTH].sum() + (costs[:, _DEPTH:] * (bits >= 0)).sum())
+            odds = torch.from_numpy((run(net, rows[:, :-LABELS]) / OUTPUT_UNIT).astype(np.float32))
+            cost += float(loss(odds, torch.from_numpy(rows)).sum())
             count += len(rows)
     return cost / max(count, 1) / math.log(2)
 

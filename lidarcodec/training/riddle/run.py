@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from lidarcodec.codecs.riddle_shelf import weights_of
 from lidarcodec.codecs.riddle_weights import SIZES, Net, Weights, pack_weights, unpack_weights
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
@@ -34,6 +35,7 @@ class RiddleRun:
 
     sources: drives to learn from; scans: single scans, from which only networks alone learn; simulated: so many
              simulated drives on top; held: drives to measure on, and one in eight of the simulated
+    begin:   a weight file whose networks of the same layers are where training begins; `package`: the package's own
     sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
     about:   what is written into the file: licence, date, anything that JSON holds
     """
@@ -48,6 +50,7 @@ class RiddleRun:
     batch: int = 8192
     rate: float = 3e-3
     precision: str = "float32"
+    begin: str | None = None
     gathering: Gathering = field(default_factory=Gathering)
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -80,6 +83,7 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
     measured = SampleStore(folder, "held-out", run.gathering, held, ())
     for store in (learned, measured):
         store.gather(say)
+    before = () if run.begin is None else _begun_with(run.begin).nets
     nets, results = [], []
     for kind in run.kinds:
         expects = kind == "expecting"
@@ -89,8 +93,9 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
                 expects, HIDDEN[size], run.steps, run.batch, run.rate, run.gathering.seed, run.precision
             )  # fmt: skip
             name = f"{kind}-{size}"
+            begin = next((net for net in before if (net.expects, net.dims) == (expects, settings.dims)), None)
             net, state = fit(settings, samples, looked_at, folder / f"{name}.pt", device=chosen,
-                             watch=_watcher(name, say), every=every)  # fmt: skip
+                             watch=_watcher(name, say), every=every, begin=begin)  # fmt: skip
             whole, bits = exported(net, SIZES.index(size), looked_at)
             nets.append(whole)
             results.append(
@@ -134,11 +139,22 @@ def _provenance(run: RiddleRun, results: list[dict[str, Any]]) -> dict[str, Any]
         "held out": [_name(spec) for spec in run.held],
         "seed": run.gathering.seed,
         "rate": run.rate,
+        **({} if run.begin is None else {"begun with": _provenance_of(run.begin)}),
         "precision": run.precision,
         "networks": results,
         "tool": f"lidarcodec {__version__}",
         **run.about,
     }
+
+
+def _begun_with(begin: str) -> Weights:
+    return weights_of("" if begin == "package" else begin)
+
+
+def _provenance_of(begin: str) -> dict[str, Any]:
+    """Where weights come from is also where those come from that went on from them."""
+    before = _begun_with(begin)
+    return {"weights": before.name, **before.provenance}
 
 
 def _name(spec: str) -> str:

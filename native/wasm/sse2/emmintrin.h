@@ -46,6 +46,8 @@ inline __m128i _mm_mulhi_epu16(__m128i a, __m128i b) {
 }
 
 inline __m128i _mm_packs_epi32(__m128i a, __m128i b) { return wasm_i16x8_narrow_i32x4(a, b); }
+inline __m128i _mm_packs_epi16(__m128i a, __m128i b) { return wasm_i8x16_narrow_i16x8(a, b); }
+inline int _mm_cvtsi128_si32(__m128i a) { return wasm_i32x4_extract_lane(a, 0); }
 inline __m128i _mm_packus_epi16(__m128i a, __m128i b) { return wasm_u8x16_narrow_i16x8(a, b); }
 inline __m128 _mm_castsi128_ps(__m128i a) { return a; }
 inline int _mm_movemask_ps(__m128 a) { return static_cast<int>(wasm_i32x4_bitmask(a)); }

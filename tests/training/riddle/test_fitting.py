@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.errors import SettingsError
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
@@ -45,13 +48,16 @@ def test_training_beats_the_network_it_began_with_on_samples_it_never_saw(tmp_pa
 
 
 @pytest.mark.parametrize("precision", ["float32", "mixed"])
-def test_a_run_that_was_stopped_makes_the_weights_of_one_that_was_not(tmp_path: Path, precision: str) -> None:
+@pytest.mark.parametrize("stop_at", [27, 40, 45])
+def test_a_run_that_was_stopped_makes_the_weights_of_one_that_was_not(
+    tmp_path: Path, precision: str, stop_at: int
+) -> None:
     rows, held = [toy_rows(900, 1), toy_rows(50, 4), toy_rows(2000, 5)], [toy_rows(200, 2)]
     settings = FitSettings(False, (16, 8), steps=50, batch=128, seed=3, precision=precision)
     whole, _ = fit(settings, rows, held, tmp_path / "whole.pt", device=CPU, watch=nothing, every=20)
-    fit(settings, rows, held, tmp_path / "cut.pt", device=CPU, watch=nothing, every=20, stop_at=27)
+    fit(settings, rows, held, tmp_path / "cut.pt", device=CPU, watch=nothing, every=1, stop_at=stop_at)
     resumed, state = fit(settings, rows, held, tmp_path / "cut.pt", device=CPU, watch=nothing, every=20)
-    assert [entry["step"] for entry in state.log] == [20, 40, 50]
+    assert state.log[-1]["step"] == 50
     for name, value in whole.state_dict().items():
         assert torch.equal(value, resumed.state_dict()[name]), name
 
@@ -87,8 +93,8 @@ def test_a_network_that_whole_numbers_would_change_is_not_exported(tmp_path: Pat
 
 
 def test_the_loss_is_that_of_the_tree(tmp_path: Path) -> None:
-    """Log odds that say one leaf with certainty cost nothing there, and much anywhere else. Those of its first offset
-    bit count half for the second and a quarter for the third."""
+    """Log odds that say one leaf with certainty cost nothing there, and anywhere else what the coder's smallest
+    probability does. Those of its first offset bit count half for the second and a quarter for the third."""
     odds = torch.zeros(1, 32)
     node = 1
     for bit in (1, 0, 1, 1):  # leaf 11
@@ -97,8 +103,32 @@ def test_the_loss_is_that_of_the_tree(tmp_path: Path) -> None:
     odds[0, 16 + 11] = -20.0  # first offset bit 0
     rows = np.zeros((4, row_bytes(False)), np.int8)
     rows[:, -4:] = [[11, 0, -1, -1], [11, 1, -1, -1], [10, -1, -1, -1], [11, 0, 1, 1]]
-    costs = nets.RiddleLoss(CPU)(odds.repeat(4, 1), torch.from_numpy(rows))
-    assert costs.tolist() == pytest.approx([0.0, 20.0, 20.0, 15.0], abs=0.01)
+    odds, values = odds.repeat(4, 1), torch.from_numpy(rows)
+    least, of_five = -math.log(0.5 * 0.085**3), -math.log(0.5 * (1 - 5 / 6) ** 3)
+    costs = nets.RiddleLoss(CPU, smooth=0.0)(odds, values)
+    assert costs.tolist() == pytest.approx([0.0, least, least, least + of_five], abs=0.01)
+    smooth = nets.RiddleLoss(CPU, smooth=1.0)(odds, values)  # what is left of a slope beyond that
+    assert smooth.tolist() == pytest.approx([0.0, 20.0, 20.0, 15.0], abs=0.01)
+
+
+def test_the_last_steps_are_taken_in_eight_bits(tmp_path: Path) -> None:
+    """A network that was rounded only afterwards would cost more than it said, or twice the time."""
+    net, _ = fit(TOY, [toy_rows(5000, 1)], [toy_rows(2000, 2)], tmp_path / "c.pt", device=CPU, watch=nothing)
+    whole, _ = nets.exported(net, 0, [toy_rows(2000, 2)])
+    assert net.whole
+    assert [layer.in_bytes for layer in whole.layers] == [True, False, False]
+
+
+def test_training_begins_with_the_weights_that_it_is_given(tmp_path: Path) -> None:
+    def begun(number: int, begin: Net | None) -> float:
+        """Bits of the first batches."""
+        found: list[float] = []
+        fit(replace(TOY, steps=2), [toy_rows(5000, 1)], [toy_rows(2000, 2)], tmp_path / f"{number}.pt", device=CPU,
+            watch=lambda at: found.append(at.trained_bits), begin=begin)  # fmt: skip
+        return found[0]
+
+    net, _ = fit(TOY, [toy_rows(5000, 1)], [toy_rows(2000, 2)], tmp_path / "c.pt", device=CPU, watch=nothing)
+    assert begun(1, net.quantised(0)) < begun(2, None) - 0.1
 
 
 @pytest.mark.parametrize("wrong", [{"steps": 0}, {"batch": 0}, {"rate": 0.0}, {"precision": "half"}])

@@ -53,7 +53,7 @@ export interface Part {
   readonly size: number;
 }
 
-/** A network in a weight file: where its layers are, two hidden sizes, three shifts. */
+/** A network in a weight file: where its layers are, two hidden sizes, three shifts as the file has them. */
 export interface Network {
   readonly layers: Uint8Array;
   readonly hidden: readonly [number, number];

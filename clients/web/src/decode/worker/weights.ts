@@ -8,6 +8,8 @@ import type { Network } from "./native.js";
 const OUTPUTS = 32;
 const INPUTS = [72, 112];
 const KEPT = 4;
+/** Added to the shift of a layer whose weights take a byte each. */
+const IN_BYTES = 128;
 
 export interface WeightNetwork extends Network {
   /** 0 small, 1 large, 2 largest. */
@@ -28,7 +30,7 @@ export function readWeights(data: Uint8Array): Weights {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (hex(data.subarray(0, 4)) === "4c435255") throw new DecodeError("version", "it goes on learning while it drives");
   if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
-  if (data[4] !== 2) throw new DecodeError("version", `weights of version ${data[4]}`);
+  if (data[4] !== 3) throw new DecodeError("version", `weights of version ${data[4]}`);
   const end = data.length - 4;
   if (view.getUint32(end, true) !== crc32c(data.subarray(0, end)))
     throw new DecodeError("checksum", "the checksum of the weights does not match");
@@ -40,7 +42,7 @@ export function readWeights(data: Uint8Array): Weights {
     if (end - at < 14) throw new DecodeError("truncated", "weights end within a network");
     const [expects, size, layers] = data.subarray(at, at + 3);
     const [inputs, first, second, outputs] = [3, 5, 7, 9].map((by) => view.getUint16(at + by, true));
-    const [shift1, shift2, shift3] = data.subarray(at + 11, at + 14);
+    const shifts = data.slice(at + 11, at + 14);
     if (
       expects > 1 ||
       size > 2 ||
@@ -51,7 +53,8 @@ export function readWeights(data: Uint8Array): Weights {
       second > 256
     )
       throw damaged("a network of other than the known kinds");
-    const weights = [inputs * first, first * second, second * outputs].reduce((sum, n) => sum + 2 * n, 0);
+    const counts = [inputs * first, first * second, second * outputs];
+    const weights = counts.reduce((sum, n, layer) => sum + (shifts[layer] < IN_BYTES ? 2 * n : n), 0);
     const bytes = weights + 4 * (first + second + outputs);
     at += 14;
     if (bytes > end - at) throw new DecodeError("truncated", "weights end within a network");
@@ -60,7 +63,7 @@ export function readWeights(data: Uint8Array): Weights {
     return {
       layers: taken,
       hidden: [first, second],
-      shifts: [shift1, shift2, shift3],
+      shifts: [shifts[0], shifts[1], shifts[2]],
       expects: expects === 1,
       size,
     };
