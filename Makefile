@@ -32,7 +32,8 @@ endif
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1@\2/p' $(MAKEFILE_LIST) | awk -F@ '{ printf "  make %-14s %s\n", $$1, $$2 }'
 
-demo: $(STAMPS)/server $(NATIVE) ## drive through a simulated town, live on a page in the browser (ARGS="--no-browser --seconds 20")
+demo: ## drive through a simulated town, live on a page in the browser (ARGS="--no-browser --seconds 20")
+	@$(MAKE) -s -j2 $(STAMPS)/server $(NATIVE)
 	@$(BIN)/lidarcodec demo $(ARGS)
 
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
@@ -121,5 +122,5 @@ $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)
 	@echo "Building the native core ..."
-	@PYTHON=$(BIN)/python tools/build-native.sh
+	@MAKEFLAGS= PYTHON=$(BIN)/python tools/build-native.sh
 	@touch $@

@@ -4,6 +4,7 @@ python clients/python/to_cloud.py [VEHICLE/SENSOR] [--connect tcp/HOST:7447] [--
 """
 
 import argparse
+import sys
 import time
 
 import numpy as np
@@ -35,4 +36,9 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        pass
+    except (lidarcodec.LidarCodecError, OSError) as error:
+        sys.exit(f"to_cloud: {error}")

@@ -4,6 +4,8 @@ python clients/python/to_pcap.py OUT.pcap [VEHICLE/SENSOR] [--connect tcp/HOST:7
 """
 
 import argparse
+import contextlib
+import sys
 import time
 from pathlib import Path
 
@@ -21,13 +23,19 @@ def main() -> None:
 
     with options.out.open("wb") as file, lidarcodec.subscribe(options.stream, connect=options.connect) as live:
         capture, packets, until = PcapWriter(file), 0, float("inf")
-        for frame in live:
-            packets += capture.write_all(lidarcodec.packets_of(frame))
-            until = min(until, time.monotonic() + options.seconds)
-            if time.monotonic() >= until:
-                break
+        with contextlib.suppress(KeyboardInterrupt):  # enough
+            for frame in live:
+                packets += capture.write_all(lidarcodec.packets_of(frame))
+                until = min(until, time.monotonic() + options.seconds)
+                if time.monotonic() >= until:
+                    break
     print(f"{packets} packets in {options.out}; {live.summary().get('missing', 0)} frames were replaced on the way")
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        pass
+    except (lidarcodec.LidarCodecError, OSError) as error:
+        sys.exit(f"to_pcap: {error}")

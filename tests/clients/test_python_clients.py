@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,9 @@ import pytest
 import lidarcodec
 from lidarcodec.apps.demo_processes import free_port
 from tests.apps.streams import Loop
+from tests.command_line import environment
 from tests.packets import read_plain_pcap
+from tests.transport.test_contract import eventually
 
 CLIENTS = Path(__file__).resolve().parents[2] / "clients" / "python"
 
@@ -43,3 +46,25 @@ def test_a_live_stream_becomes_points(endpoint):
     said = run("to_cloud.py", "--connect", endpoint)
     assert said.startswith("frame ")
     assert "points, nearest above the road" in said
+
+
+@pytest.mark.parametrize("words", [["to_pcap.py", "live.pcap", "car"], ["to_cloud.py", "car"]])
+def test_what_cannot_be_is_said_in_a_line(words, tmp_path):
+    command = [sys.executable, str(CLIENTS / words[0]), *words[1:]]
+    refused = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=60, cwd=tmp_path, env=environment()
+    )
+    assert refused.returncode == 1
+    assert refused.stderr.startswith(f"{words[0].removesuffix('.py')}: 'car' is no stream")
+
+
+def test_whoever_has_seen_enough_gets_what_came(endpoint, tmp_path):
+    out = tmp_path / "live.pcap"
+    command = [sys.executable, str(CLIENTS / "to_pcap.py"), str(out), "--connect", endpoint, "--seconds", "1e6"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert eventually(lambda: out.exists() and out.stat().st_size > 10**6, 60)
+        process.send_signal(signal.SIGINT)
+        said, complained = process.communicate(timeout=60)
+    assert (process.returncode, complained) == (0, "")
+    assert "packets in" in said
+    assert len(read_plain_pcap(out)) % 348 == 0
