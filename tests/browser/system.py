@@ -63,7 +63,7 @@ class System:
         said = run_here("token", "create", name, "--role", role, "--database-url", self._database)
         assert said.returncode == 0, said.stderr
         made = said.stdout.strip()
-        assert eventually(lambda: self._takes(made), LIMIT_S), "the server does not take the token"
+        assert eventually(lambda: self._knows(made) == name, LIMIT_S), "the server does not take the token"
         return made
 
     def revoke(self, name: str) -> None:
@@ -92,9 +92,11 @@ class System:
                 [*COMMAND, *words], env=self._variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 
-    def _takes(self, token: str) -> bool:
+    def _knows(self, token: str) -> str | None:
+        """Whom the server takes somebody with this token for. Before it knows of any token, for an address like all."""
         headers = {"Authorization": f"Bearer {token}"}
-        return httpx.get(f"{self.url}/api/v1/session", headers=headers, timeout=30).status_code == 200
+        answer = httpx.get(f"{self.url}/api/v1/session", headers=headers, timeout=30)
+        return answer.json()["name"] if answer.status_code == 200 else None
 
     def _answers(self) -> bool:
         try:
