@@ -159,6 +159,15 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(fleet, page
     expect(page.get_by_role("button", name="Key frame")).to_be_in_viewport()
 
 
+def test_a_stream_that_nobody_ever_saw_is_no_lost_connection(fleet, page_of):
+    page = page_of(f"{fleet.url}/#/car-8/roof")
+    expect(page.locator(".notice")).to_contain_text("The server never saw car-8/roof")
+    expect(page.get_by_text("Nothing is known of car-8/roof.")).to_be_visible()
+    row_of(page).click()
+    expect(page).to_have_title(POINTS)
+    page.complaints.clear()  # the browser tells of every 404
+
+
 def test_a_vehicle_that_goes_is_seen_to_go_and_seen_again_when_it_is_back(fleet, page):
     fleet.kill_vehicle()
     expect(page.locator(".notice")).to_contain_text(re.compile(r"last frame \d+ s ago"))

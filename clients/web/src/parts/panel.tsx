@@ -1,7 +1,7 @@
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useRef } from "preact/hooks";
-import { chosen } from "../state";
+import { chosen, chosenRow, rows } from "../state";
 import { Audit } from "./audit";
 import { Recordings } from "./recordings";
 import { SettingsForm } from "./settings";
@@ -58,5 +58,7 @@ let remembered: Tab = "Settings";
 function Body({ tab }: { tab: Tab }): ComponentChildren {
   if (tab === "Recordings") return <Recordings />;
   if (chosen.value === null) return <p class="quiet pad">Choose a stream.</p>;
+  if (rows.value !== null && chosenRow.value === null)
+    return <p class="quiet pad">Nothing is known of {chosen.value}.</p>;
   return tab === "Settings" ? <SettingsForm name={chosen.value} /> : <Audit name={chosen.value} />;
 }

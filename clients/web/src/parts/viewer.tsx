@@ -1,7 +1,8 @@
 import { useEffect, useRef } from "preact/hooks";
-import { count, ms, span } from "../model/format";
+import { count, ms } from "../model/format";
+import { noticeOf } from "../model/notice";
 import { titleOf } from "../model/title";
-import { chosen, chosenRow, nameOf, options, setOptions, stats, token } from "../state";
+import { chosen, chosenRow, nameOf, options, rows, setOptions, stats, token } from "../state";
 import { createView, type View, type ViewStats } from "../view";
 import { Playback } from "./playback";
 import { ViewTools } from "./tools";
@@ -51,7 +52,7 @@ export function Viewer() {
 
 /** What stands over the picture when it is not live. Announced once, not at each second. */
 function Notice({ told }: { told: ViewStats | null }) {
-  const [short, long] = noticeOf(told, chosen.value, chosenRow.value?.alive ?? null, chosenRow.value?.ended ?? false);
+  const [short, long] = noticeOf(told, chosen.value, rows.value, chosenRow.value);
   return (
     <div class={`notice ${short === "" ? "none" : ""} ${told?.points ? "over" : ""}`}>
       <span class="hidden" role="status">
@@ -60,44 +61,6 @@ function Notice({ told }: { told: ViewStats | null }) {
       <span aria-hidden="true">{long}</span>
     </div>
   );
-}
-
-/** What is wrong in few words, and the same with how long. Empty while all is well. */
-export function noticeOf(
-  told: ViewStats | null,
-  key: string | null,
-  alive: boolean | null,
-  ended: boolean,
-): [short: string, long: string] {
-  if (key === null) return ["No stream is chosen.", "No stream is chosen."];
-  if (told === null) return ["", ""];
-  if (told.connection === "refused") {
-    const text = `The server does not show this stream: ${told.problem ?? "it gave no reason"}`;
-    return [text, text];
-  }
-  if (told.silent_s === null) {
-    const text =
-      told.connection === "waiting"
-        ? "No connection. Trying again …"
-        : alive === false
-          ? ended
-            ? "This stream has ended."
-            : "The vehicle is away. It is shown as soon as it comes."
-          : "Waiting for the first frame …";
-    return [text, text];
-  }
-  if (!told.stale && told.connection === "open") return ["", ""];
-  if (!told.stale) return ["", ""];
-  const why =
-    told.connection !== "open"
-      ? "no connection"
-      : ended
-        ? "it has ended"
-        : alive === false
-          ? "the vehicle is away"
-          : "";
-  const short = why ? `The picture is old: ${why}.` : "The picture is old.";
-  return [short, `last frame ${span(told.silent_s)} ago${why ? ` · ${why}` : ""}`];
 }
 
 function Footer({ told }: { told: ViewStats | null }) {

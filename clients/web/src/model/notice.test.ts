@@ -1,0 +1,34 @@
+import { expect, test } from "vitest";
+import { noticeOf } from "./notice";
+
+const LIVE = { connection: "open", problem: null, silent_s: 0.1, stale: false } as const;
+const NOTHING = { connection: "opening", problem: null, silent_s: null, stale: false } as const;
+const THERE = { alive: true, ended: false };
+
+test("nothing stands over a picture that is live", () => {
+  expect(noticeOf(LIVE, "car-7/lidar", [THERE], THERE)).toEqual(["", ""]);
+});
+
+test("a server without vehicles is told from a choice that is to be made", () => {
+  expect(noticeOf(null, null, [], null)[0]).toBe("No vehicle was seen yet.");
+  expect(noticeOf(null, null, [THERE], null)[0]).toBe("No stream is chosen.");
+});
+
+test("a stream that the server does not know is no lost connection", () => {
+  const refused = { ...NOTHING, connection: "waiting", problem: "no such stream" } as const;
+  expect(noticeOf(refused, "car-8/lidar", [THERE], null)[0]).toContain("never saw car-8/lidar");
+});
+
+test("a server that refuses is quoted", () => {
+  const full = { ...NOTHING, connection: "waiting", problem: "the server refuses another viewer just now" } as const;
+  expect(noticeOf(full, "car-7/lidar", [THERE], THERE)[0]).toContain("refuses another viewer");
+});
+
+test("an old picture says since when and why", () => {
+  const old = { ...LIVE, silent_s: 4, stale: true };
+  expect(noticeOf(old, "car-7/lidar", [THERE], { alive: false, ended: false })).toEqual([
+    "The picture is old: the vehicle is away.",
+    "last frame 4 s ago · the vehicle is away",
+  ]);
+  expect(noticeOf({ ...old, connection: "waiting" }, "car-7/lidar", [THERE], THERE)[1]).toContain("no connection");
+});

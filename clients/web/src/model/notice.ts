@@ -1,0 +1,53 @@
+/** What stands over the picture when it is not live. */
+import type { ViewStats } from "../view";
+import { span } from "./format";
+import type { FleetRow } from "./wire";
+
+type Told = Pick<ViewStats, "connection" | "problem" | "silent_s" | "stale">;
+type Row = Pick<FleetRow, "alive" | "ended">;
+
+/** What is wrong in few words, and the same with how long. Empty while all is well.
+ *
+ * rows: all streams, null while they are asked for;  row: the chosen one, null if it is not among them */
+export function noticeOf(
+  told: Told | null,
+  key: string | null,
+  rows: readonly unknown[] | null,
+  row: Row | null,
+): [short: string, long: string] {
+  const said = withoutPicture(told, key, rows, row);
+  if (said !== null) return [said, said];
+  if (!told?.stale || told.silent_s === null) return ["", ""];
+  const why = reasonOf(told, row);
+  const short = why ? `The picture is old: ${why}.` : "The picture is old.";
+  return [short, `last frame ${span(told.silent_s)} ago${why ? ` · ${why}` : ""}`];
+}
+
+/** Why there is nothing to see; null if there is something. */
+function withoutPicture(
+  told: Told | null,
+  key: string | null,
+  rows: readonly unknown[] | null,
+  row: Row | null,
+): string | null {
+  if (key === null) return rows?.length === 0 ? "No vehicle was seen yet." : "No stream is chosen.";
+  if (told === null) return null;
+  if (told.connection === "refused") {
+    return `The server does not show this stream: ${told.problem ?? "it gave no reason"}`;
+  }
+  if (told.silent_s !== null) return null;
+  if (told.connection === "waiting") {
+    if (rows !== null && row === null) return `The server never saw ${key}. It is shown as soon as it comes.`;
+    return `No connection${told.problem ? `: ${told.problem}` : ""}. Trying again …`;
+  }
+  if (row?.alive === false) {
+    return row.ended ? "This stream has ended." : "The vehicle is away. It is shown as soon as it comes.";
+  }
+  return "Waiting for the first frame …";
+}
+
+function reasonOf(told: Told, row: Row | null): string {
+  if (told.connection !== "open") return "no connection";
+  if (row?.ended) return "it has ended";
+  return row?.alive === false ? "the vehicle is away" : "";
+}
