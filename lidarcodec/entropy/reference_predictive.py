@@ -27,7 +27,7 @@ from lidarcodec.entropy.reference_predictive_place import (
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB = 1, 2, 2
+ALONE, EXPECTING, SLAB, QUARTERS = 1, 2, 2, 8
 FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
@@ -52,7 +52,7 @@ class Given(NamedTuple):
     @property
     def kind(self) -> int:
         """The first byte."""
-        return (ALONE if self.expected is None else EXPECTING) + (0 if self.known is None else SLAB)
+        return (ALONE if self.expected is None else EXPECTING) + (QUARTERS if self.known is None else SLAB)
 
     @property
     def parts(self) -> int:

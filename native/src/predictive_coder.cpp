@@ -12,7 +12,7 @@ namespace lidarcodec {
 namespace {
 
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
-constexpr std::uint8_t kSlab = 2;                  // added to either: of a slab
+constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
 constexpr std::uint8_t kLearnedKind = 4;           // added to any: a network says what is likely to begin with
 
 // Bytes before the streams: kind, turn u16, bytes of each stream but the last u32; of a slab also known u8.
@@ -38,7 +38,7 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 }
 
 std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net) {
-  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : 0) +
+  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : kQuarters) +
                                    (net != nullptr ? kLearnedKind : 0));
 }
 

@@ -17,8 +17,8 @@ from tests.compilers import FLAGS, ROOT, Build, build, builds, by_kind, hashes
 
 COLUMNS = 120
 GOLDEN = {
-    "ranges": "d5a378fca781054d",
-    "ranges with motion": "0a4699e6d653738e",
+    "ranges": "c78f115451ffbac5",
+    "ranges with motion": "f685f170b114f086",
     "slabs": "3addc21bddb04354",
     "mask": "da0f69b12ad0ee1a",
     "intensity": "03bd171deff4646f",

@@ -50,6 +50,10 @@ def settings_of() -> dict[str, StreamSettings]:
     found["predictive_slabs_motion"] = StreamSettings(
         max_error_m=0.01, codec_settings={"motion": True}, **slab_settings
     )
+    for name in ("predictive", "riddle"):
+        found[f"{name}_turns_lossless"] = StreamSettings(
+            codec=name, codec_settings={"motion": True}, max_error_m=0, key_interval=20
+        )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
@@ -85,9 +89,16 @@ def slabs(turns: int = 2) -> list[Frame]:
     return cut
 
 
+def turns() -> list[Frame]:
+    """Whole turns of a sensor with 150 columns in each."""
+    sent = [frames.scene(25, seed=3, index=index) for index in range(3)]
+    at = np.tile((np.arange(sent[0].width) * 240 % 36000).astype(np.uint16), (2, 1))
+    return [frame.with_(azimuth=at) for frame in sent]
+
+
 def stream_of(name: str) -> list[Frame]:
     """Frames of the golden file of that name."""
-    return slabs() if "slabs" in name else stream()
+    return slabs() if "slabs" in name else turns() if "turns" in name else stream()
 
 
 def digest(frame: Frame) -> str:

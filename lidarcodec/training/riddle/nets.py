@@ -38,6 +38,8 @@ _SMOOTH: Final = 0.1
 _BYTE_SHIFT: Final = 6
 _MOST_WEIGHT: Final = 127 / 2**_BYTE_SHIFT
 """Of the first layer, whose weights have 8 bits: those of the second would cost 0.005 to 0.012 bits a return."""
+_MOST_SECOND: Final = 7.5
+"""Of the second layer, which then keeps 12 bits behind the point."""
 _MOST_SCALED: Final = 16.0
 _OFTEN_REACHED: Final = 0.875
 """Share of the largest hidden value that one value in two thousand may pass after scaling."""
@@ -102,8 +104,8 @@ class RiddleNet(torch.nn.Module):
         for layer, following in pairwise(self.layers):
             found = torch.relu(torch.nn.functional.linear(values, layer.weight, layer.bias))
             scale = _OFTEN_REACHED * _TOP / torch.quantile(found, 0.9995, dim=0).clamp(min=0.1)
-            if layer is first:
-                scale = torch.minimum(scale, _MOST_WEIGHT / layer.weight.abs().amax(1).clamp(min=1e-6))
+            most = _MOST_WEIGHT if layer is first else _MOST_SECOND
+            scale = torch.minimum(scale, most / layer.weight.abs().amax(1).clamp(min=1e-6))
             scale = scale.clamp(max=_MOST_SCALED)
             layer.weight *= scale[:, None]
             layer.bias *= scale
