@@ -43,7 +43,7 @@ class TrainSettings:
 
     rate: of Adam; settle: steps after which it is 0.7 of that, and less with their square root
     mean: how much of the running mean stays at each step; beside: how much of what contexts said counts
-    pull: towards the network that it began with; batch: samples in a step
+    batch: samples in a step
     room: samples to learn from, of which newer ones take the places; held_room: newest ones that are measured on
     """
 
@@ -51,7 +51,6 @@ class TrainSettings:
     settle: float = 1000.0
     mean: float = 0.99
     beside: float = 1.0
-    pull: float = 0.0
     batch: int = 256
     room: int = 1 << 16
     held_room: int = 1 << 14
@@ -80,9 +79,9 @@ class NetTrainer:
         """Weights (out, in) and biases (out,) of each layer: the mean of the last steps."""
         return [self._native.layer(number) for number in range(_LAYERS)]
 
-    def cost(self, nets: NativeNets) -> float:
-        """Bits of a held sample under a network, beside the contexts; mean."""
-        return float(self._native.cost(nets.native))
+    def cost(self, nets: NativeNets, beside: float) -> float:
+        """Bits of a held sample under a network, mean. beside: how much of what contexts said counts."""
+        return float(self._native.cost(nets.native, beside))
 
     @property
     def samples(self) -> int:

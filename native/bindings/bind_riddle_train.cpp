@@ -32,16 +32,16 @@ void bind_riddle_train(nb::module_& m) {
       .def("__init__",
            [](RiddleTrainer* trainer, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1,
               In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int16_t, 2> w3,
-              In<std::int32_t, 1> b3, std::uint32_t s3, float rate, float settle, float mean, float beside, float pull,
+              In<std::int32_t, 1> b3, std::uint32_t s3, float rate, float settle, float mean, float beside,
               std::size_t batch, std::size_t room, std::size_t held_room, std::uint32_t seed) {
              const std::array<lidarcodec::GivenLayer, 3> layers = {layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)};
              const RiddleNet checked(layers);
-             const TrainSettings settings{rate, settle, mean, beside, pull, batch, room, held_room};
+             const TrainSettings settings{rate, settle, mean, beside, batch, room, held_room};
              new (trainer) RiddleTrainer(layers, settings, seed);
            },
            nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("w2").noconvert(),
            nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"),
-           nb::arg("rate"), nb::arg("settle"), nb::arg("mean"), nb::arg("beside"), nb::arg("pull"), nb::arg("batch"), nb::arg("room"),
+           nb::arg("rate"), nb::arg("settle"), nb::arg("mean"), nb::arg("beside"), nb::arg("batch"), nb::arg("room"),
            nb::arg("held_room"), nb::arg("seed"))
       .def(
           "add",
@@ -73,13 +73,13 @@ void bind_riddle_train(nb::module_& m) {
           nb::arg("which"), "Weights (out, in) and biases (out,) of a layer, the running mean, in natural units.")
       .def(
           "cost",
-          [](const RiddleTrainer& trainer, const RiddleNets& nets) {
+          [](const RiddleTrainer& trainer, const RiddleNets& nets, float beside) {
             const auto& net = nets.expecting && nets.expecting->inputs() == trainer.inputs() ? nets.expecting : nets.alone;
             if (!net) throw Error(ErrorCode::Section, "no network for such samples");
             nb::gil_scoped_release release;
-            return trainer.cost(*net);
+            return trainer.cost(*net, beside);
           },
-          nb::arg("nets"), "Bits of a held sample under a network, beside the contexts; mean.")
+          nb::arg("nets"), nb::arg("beside"), "Bits of a held sample under a network and so much of what contexts said; mean.")
       .def_prop_ro("samples", &RiddleTrainer::samples)
       .def_prop_ro("held", &RiddleTrainer::held)
       .def_prop_ro("steps", &RiddleTrainer::steps);

@@ -17,7 +17,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   settings.rate = static_cast<float>(input.byte()) / 64.0f;
   settings.mean = static_cast<float>(input.byte()) / 128.0f;
   settings.beside = static_cast<float>(input.byte()) / 255.0f;
-  settings.pull = static_cast<float>(input.byte()) / 255.0f;
   settings.batch = 8 + input.byte() % 32u;
   settings.room = 1 + input.byte();
   settings.held_room = 1 + input.byte();
@@ -54,7 +53,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     trainer.add(samples, false);
     trainer.add(samples, true);
     trainer.train(6, [] { return true; });
-    const double cost = trainer.cost(RiddleNet(layers));
+    const double cost = trainer.cost(RiddleNet(layers), 0.5f);
     if (!std::isfinite(cost) || cost < 0) std::abort();
     for (const RiddleTrainer::Layer& layer : trainer.layers())
       for (const float weight : layer.weights)

@@ -13,6 +13,8 @@ namespace {
 constexpr float kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
 constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
+constexpr std::int16_t kMostByte = 127;
+constexpr float kLargestByte = kMostByte;
 constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
 
 // The probability of what did not come is (1 - u)^3 / 2 where it was the less likely, u being its log odds of six.
@@ -49,6 +51,12 @@ struct Decisions {
   }
 };
 
+// Of a number that is not negative. (std::floor would take a call each where processors are not asked what they can do.)
+float rounded(float value) { return static_cast<float>(static_cast<std::int32_t>(value + 0.5f)); }
+
+// As eight bits will hold it.
+float in_bytes(float weight) { return rounded(std::clamp(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
+
 RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
   return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size())};
 }
@@ -73,7 +81,7 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     : settings_(settings), seed_(seed), learned_(given[0].in, settings.room), held_(given[0].in, settings.held_room) {
   const auto within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
   if (!within(settings.rate, 0.0f, 1.0f) || !within(settings.settle, 1.0f, 1e9f) || !within(settings.mean, 0.0f, 1.0f) || !within(settings.beside, 0.0f, 1.0f) ||
-      !within(settings.pull, 0.0f, 1.0f) || !within(settings.batch, 8u, 4096u) || !within(settings.room, 1u, 1u << 20) ||
+      !within(settings.batch, 8u, 4096u) || !within(settings.room, 1u, 1u << 20) ||
       !within(settings.held_room, 1u, 1u << 20))
     throw Error(ErrorCode::Settings, "training with settings out of range");
   values_[0].resize(settings.batch * given[0].in);
@@ -93,8 +101,12 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
                     {std::vector<float>(layer.out), std::vector<float>(layer.out)}}};
     values_[l + 1].resize(settings.batch * layer.out);
     slopes_[l + 1].resize(settings.batch * layer.out);
+    if (l + 1 < kNetLayers) moves_[l].resize(settings.batch * layer.out);
   }
-  base_ = mean_ = layers_;
+  const std::int16_t* const first = given[0].weights;
+  if (std::all_of(first, first + given[0].in * given[0].out, [](std::int16_t w) { return w >= -kMostByte && w <= kMostByte; }))
+    byte_unit_ = 1.0f / static_cast<float>(1u << given[0].shift);
+  mean_ = layers_;
   drawn_.resize(settings.batch);
 }
 
@@ -135,19 +147,27 @@ void RiddleTrainer::step() {
   left_first_ *= kFirstDecay;
   left_second_ *= kSecondDecay;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
-    update(layers_[l].weights, gradient_[l].weights, moments_[l][0], base_[l].weights, mean_[l].weights);
-    update(layers_[l].bias, gradient_[l].bias, moments_[l][1], base_[l].bias, mean_[l].bias);
+    update(layers_[l].weights, gradient_[l].weights, moments_[l][0], mean_[l].weights);
+    update(layers_[l].bias, gradient_[l].bias, moments_[l][1], mean_[l].bias);
   }
 }
 
 void RiddleTrainer::forward() {
+  rounded_ = layers_[0].weights;
+  if (byte_unit_ > 0.0f)
+    for (float& weight : rounded_) weight = in_bytes(weight / byte_unit_) * byte_unit_;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     const Layer& layer = layers_[l];
     std::vector<float>& out = values_[l + 1];
     for (std::size_t b = 0; b < settings_.batch; ++b) std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
-    add_product(settings_.batch, layer.out, layer.in, {values_[l].data(), layer.in, 1}, layer.weights.data(), out.data());
-    if (l + 1 < kNetLayers)
-      for (float& value : out) value = std::clamp(value, 0.0f, kTop);
+    const std::vector<float>& weights = l == 0 ? rounded_ : layer.weights;
+    add_product(settings_.batch, layer.out, layer.in, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
+    if (l + 1 == kNetLayers) break;
+    std::vector<std::uint8_t>& moves = moves_[l];
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      moves[i] = out[i] > 0.0f && out[i] < kTop;
+      out[i] = rounded(std::clamp(out[i], 0.0f, kTop) * kMiddleUnit) * (1.0f / kMiddleUnit);
+    }
   }
 }
 
@@ -182,13 +202,12 @@ void RiddleTrainer::backward() {
     std::vector<float>& before = slopes_[l];
     std::fill(before.begin(), before.end(), 0.0f);
     add_product(settings_.batch, layer.in, layer.out, {slopes.data(), layer.out, 1}, turned_.data(), before.data());
-    for (std::size_t i = 0; i < before.size(); ++i)
-      before[i] = values_[l][i] > 0.0f && values_[l][i] < kTop ? before[i] : 0.0f;
+    for (std::size_t i = 0; i < before.size(); ++i) before[i] = moves_[l - 1][i] != 0 ? before[i] : 0.0f;
   }
 }
 
 void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments,
-                           const std::vector<float>& base, std::vector<float>& mean) {
+                           std::vector<float>& mean) {
   const float rate = settings_.rate / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle);
   const float first = 1.0f / (1.0f - left_first_), second = 1.0f / (1.0f - left_second_);
   const float stays = std::min(settings_.mean, 1.0f - 1.0f / static_cast<float>(steps_));  // at first all steps alike
@@ -197,12 +216,12 @@ void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>&
     moments.first[i] += (1.0f - kFirstDecay) * (by - moments.first[i]);
     moments.second[i] += (1.0f - kSecondDecay) * (by * by - moments.second[i]);
     const float move = moments.first[i] * first / (std::sqrt(moments.second[i] * second) + kLeast);
-    values[i] -= rate * (move + settings_.pull * (values[i] - base[i]));
+    values[i] -= rate * move;
     mean[i] += (1.0f - stays) * (values[i] - mean[i]);
   }
 }
 
-double RiddleTrainer::cost(const RiddleNet& net) const {
+double RiddleTrainer::cost(const RiddleNet& net, float beside) const {
   if (net.inputs() != inputs()) throw Error(ErrorCode::Section, "a network of other inputs");
   double bits = 0;
   NetValues values;
@@ -212,7 +231,7 @@ double RiddleTrainer::cost(const RiddleNet& net) const {
     const Decisions decisions(held_.leaf(i), held_.offsets(i));
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];
-      const float odds = static_cast<float>(values.out[of.output]) * of.share + static_cast<float>(held_.said(i)[d]);
+      const float odds = static_cast<float>(values.out[of.output]) * of.share + beside * static_cast<float>(held_.said(i)[d]);
       bits += static_cast<double>(paid(odds * (1.0f / kOutputUnit), of.one).bits);
     }
   }

@@ -1,9 +1,11 @@
 // Training of a network of codec riddle while it is in use, on returns that were just coded.
 //
 // A copy of the network in single precision takes steps by Adam, a few hundred samples each. The loss is what the coder
-// would pay: the network's log odds and those that the contexts said of the same return, added up. What is handed out is
-// a running mean of the last steps. Arithmetic is without fused operations and adds up in one order, so the same samples,
-// seed and number of steps give the same network on every machine.
+// would pay: the network's log odds and those that the contexts said of the same return, added up. Hidden values are rounded
+// as they will be, and so are the weights of a first layer that began in bytes; slopes go through as if they were not.
+// (Rounded only when it was handed out, a network lost more than it had learned.) What is handed out is a running mean of
+// the last steps. Arithmetic is without fused operations and adds up in one order, so the same samples, seed and number of
+// steps give the same network on every machine.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -21,7 +23,6 @@ struct TrainSettings {
   float settle = 1000.0f;     // steps after which it is 0.7 of that, and so on with their square root
   float mean = 0.99f;         // of the running mean: how much of it stays at each step
   float beside = 1.0f;        // how much of what contexts said counts
-  float pull = 0.0f;          // towards the network that it began with
   std::size_t batch = 256;    // samples in a step
   std::size_t room = 65536;   // samples to learn from; newer ones take the places of any
   std::size_t held_room = 16384;  // newest samples that are measured on and never learned from
@@ -68,8 +69,8 @@ class RiddleTrainer {
   // The running mean of the last steps.
   const std::array<Layer, kNetLayers>& layers() const { return mean_; }
 
-  // Bits of a held sample under a network beside the contexts, mean; 0 without samples.
-  double cost(const RiddleNet& net) const;
+  // Bits of a held sample under a network and so much of what contexts said, mean; 0 without samples.
+  double cost(const RiddleNet& net, float beside) const;
 
   std::size_t samples() const { return learned_.size(); }
   std::size_t held() const { return held_.size(); }
@@ -84,20 +85,22 @@ class RiddleTrainer {
   void step();
   void forward();
   void backward();
-  void update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments, const std::vector<float>& base,
-              std::vector<float>& mean);
+  void update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments, std::vector<float>& mean);
   std::uint32_t random();
 
   TrainSettings settings_;
   std::uint64_t seed_;
   std::size_t steps_ = 0, next_held_ = 0;
   float left_first_ = 1.0f, left_second_ = 1.0f;  // of Adam's moments: how much of their beginning is left
-  std::array<Layer, kNetLayers> layers_, base_, mean_, gradient_;
+  std::array<Layer, kNetLayers> layers_, mean_, gradient_;
   std::array<std::array<Moments, 2>, kNetLayers> moments_;
   SampleRoom learned_, held_;
   // Of a batch: inputs and what comes out of each layer (batch, out), and the loss's slopes there; weights (out, in).
   std::array<std::vector<float>, kNetLayers + 1> values_, slopes_;
+  std::array<std::vector<std::uint8_t>, kNetLayers - 1> moves_;  // whether a hidden value is within its limits
   std::vector<float> turned_;
+  std::vector<float> rounded_;  // the first layer's weights (in, out), as they will be
+  float byte_unit_ = 0.0f;      // what they are rounded to; 0: they are not
   std::vector<std::size_t> drawn_;
 };
 
