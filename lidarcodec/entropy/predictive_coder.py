@@ -33,7 +33,7 @@ from lidarcodec.units import LASERS
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
-_SLAB_KINDS: Final = (3, 4, 7, 8)
+_SLAB_KINDS: Final = (3, 4, 19, 20)
 _HEAD_BYTES: Final = 7
 _WHOLE: Final = -1
 

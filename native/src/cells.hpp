@@ -65,13 +65,23 @@ inline PlainCells probabilities(const PlainCells& sums) {
   return p;
 }
 
-inline PlainCells moves(const PlainCells& wanted, const PlainCells& taken, const PlainCells& p, std::int16_t rate) {
+inline PlainCells errors(const PlainCells& wanted, const PlainCells& taken, const PlainCells& p) {
+  PlainCells found;
+  for (std::size_t i = 0; i < 8; ++i)
+    found.lanes[i] = static_cast<std::int16_t>((wanted.lanes[i] - p.lanes[i]) & taken.lanes[i]);
+  return found;
+}
+
+inline PlainCells by_rate(const PlainCells& a, std::int16_t rate) {
   PlainCells by;
-  for (std::size_t i = 0; i < 8; ++i) {
-    const int error = (wanted.lanes[i] - p.lanes[i]) & taken.lanes[i];
-    by.lanes[i] = static_cast<std::int16_t>((error * rate + 0x8000) >> 16);
-  }
+  for (std::size_t i = 0; i < 8; ++i) by.lanes[i] = static_cast<std::int16_t>((a.lanes[i] * rate + 0x8000) >> 16);
   return by;
+}
+
+inline PlainCells product(const PlainCells& a, const PlainCells& b) {
+  PlainCells found;
+  for (std::size_t i = 0; i < 8; ++i) found.lanes[i] = static_cast<std::int16_t>((a.lanes[i] * b.lanes[i]) >> 16);
+  return found;
 }
 
 #if defined(LIDARCODEC_SSE2_CELLS)
@@ -93,12 +103,17 @@ inline Cells probabilities(const Cells& sums) {
   return {_mm_xor_si128(rare, flip)};
 }
 
-inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std::int16_t rate) {
-  const __m128i error = _mm_and_si128(_mm_sub_epi16(wanted.lanes, p.lanes), taken.lanes);
-  const __m128i rates = _mm_set1_epi16(rate);
-  const __m128i rounding = _mm_srli_epi16(_mm_mullo_epi16(error, rates), 15);
-  return {_mm_add_epi16(_mm_mulhi_epi16(error, rates), rounding)};
+inline Cells errors(const Cells& wanted, const Cells& taken, const Cells& p) {
+  return {_mm_and_si128(_mm_sub_epi16(wanted.lanes, p.lanes), taken.lanes)};
 }
+
+inline Cells by_rate(const Cells& a, std::int16_t rate) {
+  const __m128i rates = _mm_set1_epi16(rate);
+  const __m128i rounding = _mm_srli_epi16(_mm_mullo_epi16(a.lanes, rates), 15);
+  return {_mm_add_epi16(_mm_mulhi_epi16(a.lanes, rates), rounding)};
+}
+
+inline Cells product(const Cells& a, const Cells& b) { return {_mm_mulhi_epi16(a.lanes, b.lanes)}; }
 
 #elif defined(LIDARCODEC_NEON_CELLS)
 
@@ -123,10 +138,18 @@ inline Cells probabilities(const Cells& sums) {
   return {veorq_s16(rare, flip)};
 }
 
-inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std::int16_t rate) {
-  const int16x8_t error = vandq_s16(vsubq_s16(wanted.lanes, p.lanes), taken.lanes);
-  const int32x4_t low = vmull_n_s16(vget_low_s16(error), rate), high = vmull_high_n_s16(error, rate);
+inline Cells errors(const Cells& wanted, const Cells& taken, const Cells& p) {
+  return {vandq_s16(vsubq_s16(wanted.lanes, p.lanes), taken.lanes)};
+}
+
+inline Cells by_rate(const Cells& a, std::int16_t rate) {
+  const int32x4_t low = vmull_n_s16(vget_low_s16(a.lanes), rate), high = vmull_high_n_s16(a.lanes, rate);
   return {vrshrn_high_n_s32(vrshrn_n_s32(low, 16), high, 16)};
+}
+
+inline Cells product(const Cells& a, const Cells& b) {
+  const int32x4_t low = vmull_s16(vget_low_s16(a.lanes), vget_low_s16(b.lanes)), high = vmull_high_s16(a.lanes, b.lanes);
+  return {vshrn_high_n_s32(vshrn_n_s32(low, 16), high, 16)};
 }
 
 #else
@@ -134,6 +157,12 @@ inline Cells moves(const Cells& wanted, const Cells& taken, const Cells& p, std:
 using Cells = PlainCells;
 
 #endif
+
+// How far cells move.
+template <class Form>
+CellsOf<Form> moves(const CellsOf<Form>& wanted, const CellsOf<Form>& taken, const CellsOf<Form>& p, std::int16_t rate) {
+  return by_rate(errors(wanted, taken, p), rate);
+}
 
 // The decisions of a walk down a binary tree of up to four levels. Nodes are numbered from 1, the children of n being 2 n
 // and 2 n + 1. `taken` is -1 for the nodes on the way to node n, `wanted` kOne for those that were left for the odd child.

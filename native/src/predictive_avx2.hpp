@@ -107,29 +107,39 @@ struct Avx2Forms {
     asm("" : "+m"(found));  // else they are taken out of the vectors one by one, which takes twice as long
   }
 
-  template <bool kExpects, bool kLearned>
-  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots,
-                                     [[maybe_unused]] const std::int16_t* start, Chances& chances) {
-    __m256i sum = load(cells + slots.of[0]);
-    if constexpr (kLearned) sum = _mm256_adds_epi16(load(start), sum);
-#pragma GCC unroll 20
-    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[i]));
-    // As `probabilities` in cells.hpp.
-    const __m256i flip = _mm256_andnot_si256(_mm256_srai_epi16(sum, 15), _mm256_set1_epi16(kOne));
-    const __m256i left = _mm256_xor_si256(sum, flip), t = _mm256_add_epi16(left, left);
-    const __m256i cube = _mm256_mulhi_epu16(_mm256_mulhi_epu16(t, t), t);
-    const __m256i rare = _mm256_max_epi16(_mm256_srli_epi16(cube, 2), _mm256_set1_epi16(kRarest));
-    store(_mm256_xor_si256(rare, flip), chances.of.data());
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    store(probabilities_of(sum_of<kExpects>(cells, slots)), chances.of.data());
+  }
+
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
+                                    std::int16_t* said, Chances& chances) {
+    const __m256i contexts = sum_of<kExpects>(cells, slots);
+    store(contexts, said);
+    const __m256i quarter = _mm256_adds_epi16(_mm256_mulhi_epi16(load(net), load(weights.of_net.data())),
+                                              _mm256_mulhi_epi16(contexts, load(weights.of_contexts.data())));
+    const __m256i half = _mm256_adds_epi16(quarter, quarter);
+    store(probabilities_of(_mm256_adds_epi16(half, half)), chances.of.data());
+  }
+
+  LIDARCODEC_AVX2 static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said,
+                                            const Chances& chances, const Walk& walked) {
+    const __m256i error = error_of(walked, chances);
+    const __m256i rate = _mm256_set1_epi16(kBalanceRate / 2);
+    const __m256i by_net = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(net)), rate);
+    const __m256i by_contexts = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(said)), rate);
+    store(_mm256_adds_epi16(load(weights.of_net.data()), by_net), weights.of_net.data());
+    store(_mm256_adds_epi16(load(weights.of_contexts.data()), by_contexts), weights.of_contexts.data());
   }
 
   template <bool kExpects, bool kLearned>
   LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
-    const __m256i missing = _mm256_sub_epi16(load(walked.wanted.data()), load(chances.of.data()));
-    const __m256i error = _mm256_and_si256(missing, load(walked.taken.data()));
+    const __m256i error = error_of(walked, chances);
     alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kLearned>.size()> by;
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < by.size(); ++r) {
-      // (error * rate / 2 + 2^14) >> 15 is what `moves` gives, as rates are even.
+      // (error * rate / 2 + 2^14) >> 15 is what `by_rate` gives, as rates are even.
       __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kRates<kLearned>[r] / 2)));
       if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(1)));  // seen once
       store(move, by[r].data());
@@ -143,6 +153,26 @@ struct Avx2Forms {
   }
 
  private:
+  template <bool kExpects>
+  LIDARCODEC_AVX2 static __m256i sum_of(const std::int16_t* cells, const Slots& slots) {
+    __m256i sum = load(cells + slots.of[0]);
+#pragma GCC unroll 20
+    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[i]));
+    return sum;
+  }
+
+  LIDARCODEC_AVX2 static __m256i error_of(const Walk& walked, const Chances& chances) {
+    const __m256i missing = _mm256_sub_epi16(load(walked.wanted.data()), load(chances.of.data()));
+    return _mm256_and_si256(missing, load(walked.taken.data()));
+  }
+
+  // As `probabilities` in cells.hpp.
+  LIDARCODEC_AVX2 static __m256i probabilities_of(__m256i sum) {
+    const __m256i flip = _mm256_andnot_si256(_mm256_srai_epi16(sum, 15), _mm256_set1_epi16(kOne));
+    const __m256i left = _mm256_xor_si256(sum, flip), t = _mm256_add_epi16(left, left);
+    const __m256i cube = _mm256_mulhi_epu16(_mm256_mulhi_epu16(t, t), t);
+    return _mm256_xor_si256(_mm256_max_epi16(_mm256_srli_epi16(cube, 2), _mm256_set1_epi16(kRarest)), flip);
+  }
 
   template <class T>
   LIDARCODEC_AVX2 static __m256i load(const T* from) {

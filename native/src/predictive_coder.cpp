@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
-constexpr std::uint8_t kLearnedKind = 4;           // added to any: a network says what is likely to begin with
+constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network says what is likely to begin with
 
 // Bytes before the streams: kind, turn u16, bytes of each stream but the last u32; of a slab also known u8.
 std::size_t head_bytes(std::size_t parts, bool slab) { return 3 + 4 * (parts - 1) + (slab ? 1 : 0); }

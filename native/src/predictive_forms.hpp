@@ -14,6 +14,7 @@ namespace lidarcodec {
 // How fast a context learns, by how often it was seen: less than 6, 24, 96 times, and more.
 inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {720, 460, 320, 230};
 inline constexpr std::array<std::int16_t, 4> kLearnedRates = {216, 138, 96, 70};  // where a network has said most
+inline constexpr std::int16_t kBalanceRate = 786;  // even, as the others are
 template <bool kLearned>
 inline constexpr const std::array<std::int16_t, 4>& kRates = kLearned ? kLearnedRates : kPredictiveRates;
 inline constexpr auto kRateOfCount = [] {
@@ -77,16 +78,46 @@ struct NarrowForm {
       name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
 
-  // start: log odds that a network gave, where kLearned.
-  template <bool kExpects, bool kLearned>
-  static void add_up(const std::int16_t* cells, const Slots& slots, [[maybe_unused]] const std::int16_t* start,
-                     Chances& chances) {
-    for (std::size_t v = 0; v < 2; ++v) {
-      Cells sum = Cells::load(cells + slots.of[0] + 8 * v);
-      if constexpr (kLearned) sum = Cells::load(start + 8 * v) + sum;
+  static Cells error_of(const Walk& walked, const Chances& chances, std::size_t at) {
+    return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at), Cells::load(chances.of.data() + at));
+  }
+
+  template <bool kExpects>
+  static Cells sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
+    Cells sum = Cells::load(cells + slots.of[0] + at);
 #pragma GCC unroll 20
-      for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + 8 * v);
-      probabilities(sum).store(chances.of.data() + 8 * v);
+    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + at);
+    return sum;
+  }
+
+  template <bool kExpects>
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kExpects>(cells, slots, at)).store(chances.of.data() + at);
+  }
+
+  // The same with what a network says, each by its weight. said: takes the log odds of the contexts.
+  template <bool kExpects>
+  static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
+                    std::int16_t* said, Chances& chances) {
+    for (std::size_t at = 0; at < kSlotCells; at += 8) {
+      const Cells contexts = sum_of<kExpects>(cells, slots, at);
+      contexts.store(said + at);
+      const Cells quarter = product(Cells::load(net + at), Cells::load(weights.of_net.data() + at)) +
+                            product(contexts, Cells::load(weights.of_contexts.data() + at));
+      const Cells half = quarter + quarter;
+      probabilities(half + half).store(chances.of.data() + at);
+    }
+  }
+
+  static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,
+                            const Walk& walked) {
+    for (std::size_t at = 0; at < kSlotCells; at += 8) {
+      const Cells error = error_of(walked, chances, at);
+      const auto move = [&](std::int16_t* weight, const std::int16_t* of) {
+        (Cells::load(weight + at) + by_rate(product(error, Cells::load(of + at)), kBalanceRate)).store(weight + at);
+      };
+      move(weights.of_net.data(), net);
+      move(weights.of_contexts.data(), said);
     }
   }
 
@@ -95,10 +126,9 @@ struct NarrowForm {
   static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     std::array<std::array<Cells, 2>, kRates<kLearned>.size()> by;
     for (std::size_t v = 0; v < 2; ++v) {
-      const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
-      const Cells p = Cells::load(chances.of.data() + 8 * v);
+      const Cells error = error_of(walked, chances, 8 * v);
 #pragma GCC unroll 4
-      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = moves(wanted, taken, p, kRates<kLearned>[r]);
+      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = by_rate(error, kRates<kLearned>[r]);
     }
     for (std::size_t r = 0; r + 1 < by.size(); ++r) by[r][0] = by[r][0] + Cells::load(kSeenOnce.data());
 #pragma GCC unroll 20

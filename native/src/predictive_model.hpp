@@ -145,6 +145,16 @@ struct BeyondCells {
   std::array<std::int16_t, 2 * kScaleClasses> more{};        // [octave][side]
 };
 
+// How much what a network says and what contexts say counts at each node, 16384 for as it is. Contexts say too much where
+// they learn mostly noise, by how much depends on the step and the sensor.
+struct alignas(32) Balance {
+  std::array<std::int16_t, kSlotCells> of_net, of_contexts;
+  constexpr Balance() {
+    of_net.fill(16384);
+    of_contexts.fill(14746);
+  }
+};
+
 // What is known of a return.
 struct Known {
   Around around;
@@ -165,6 +175,7 @@ class PredictiveModel {
     for (std::uint32_t c = 0; c < kScaleClasses && !learned_; ++c) std::copy_n(kFirstLogOdds[c], kSlotCells, slots_[c].cells.data());
     offsets = {};
     beyond = {};
+    balance = {};
   }
 
   // Of all slots.
@@ -172,6 +183,7 @@ class PredictiveModel {
 
   OffsetCells offsets;
   BeyondCells beyond;
+  std::array<Balance, kScaleClasses> balance{};  // where a network says what is likely
 
  private:
   bool learned_;

@@ -79,6 +79,7 @@ class PredictiveRows : RangeDecisions<Coder> {
 
   struct Learned {
     NetValues values;
+    alignas(32) std::array<std::int16_t, kSlotCells> said;  // log odds of the contexts
   };
   struct Nothing {};
 
@@ -139,7 +140,7 @@ class PredictiveRows : RangeDecisions<Coder> {
         teaching_.net->run(values);
       }
       for (Place& at : place)
-        Forms::template add_up<kExpects, true>(model_.cells(), at.slots, at.net.values.out.data(), at.chances);
+        Forms::template weigh<kExpects>(model_.cells(), at.slots, at.net.values.out.data(), model_.balance[at.scale], at.net.said.data(), at.chances);
     }
 #pragma GCC unroll 4
     for (int level = 3; level >= 0; --level) {
@@ -158,6 +159,8 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     for (std::size_t p = 0; p < N; ++p) {
       Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]]);
+      if constexpr (kLearned)
+        Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
       PredictivePart<Coder>& part = parts[p];
       const std::uint32_t came = node[p] - 16;
       const bool down = came < 8;
@@ -207,7 +210,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kLearned) {
       look_for_net(part, about, place);
     } else {
-      Forms::template add_up<kExpects, false>(model_.cells(), place.slots, nullptr, place.chances);
+      Forms::template add_up<kExpects>(model_.cells(), place.slots, place.chances);
     }
   }
 

@@ -20,7 +20,7 @@ constexpr std::uint32_t kInBytes = 128;  // added to the shift of a layer whose 
 bool of_slab(Bytes coded) {
   if (coded.size == 0) return false;
   const std::uint8_t kind = coded.data[0];
-  return kind == 3 || kind == 4 || kind == 7 || kind == 8;
+  return kind == 3 || kind == 4 || kind == 19 || kind == 20;
 }
 
 // Layer by layer: weights i8 or i16, biases i32, little endian as this machine is.
