@@ -1,11 +1,12 @@
 // What each stage of coding the ranges of a frame takes: a program for benchmarks/predictive_stages.py, apart from the
-// module so that its loops are not slowed down by being watched. Reads frames from standard input, prints a line a stage:
-// way, stage, ticks of the processor's counter a return. First line: ticks a nanosecond.
+// module so that its loops are not slowed down by being watched. Reads networks and frames from standard input, prints a
+// line a stage: way, stage, ticks of the processor's counter a return. First line: ticks a nanosecond.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,7 @@
 
 #include "mask_align.hpp"
 #include "predictive_avx2.hpp"
+#include "predictive_image.hpp"
 #include "predictive_stage.hpp"
 
 using namespace lidarcodec;
@@ -29,10 +31,23 @@ inline std::uint64_t ticks() {
 #endif
 }
 
+// Ticks of a stage, and how many times it was timed.
 struct Spent {
-  std::uint64_t contexts = 0, sums = 0, learning = 0, calls = 0;
+  std::uint64_t sum = 0, times = 0;
+  void add(std::uint64_t took) {
+    sum += took;
+    ++times;
+  }
 };
-Spent spent;
+
+// Where the time of a frame went. A network has no form whose functions could be watched: the inputs of a return are found
+// after its contexts and before those of the next one, and the network runs between the last inputs and the first sum.
+struct Watch {
+  Spent contexts, inputs, inputs_and_network, sums, learning;
+  std::uint64_t found = 0;    // when the last contexts were
+  std::size_t looked_at = 0;  // returns whose contexts were found, and not yet added up
+};
+Watch watch;
 
 // The functions of a form, with a clock around each.
 template <class Forms>
@@ -44,21 +59,38 @@ struct Watched {
   template <bool kExpects>
   static void find(const Known& known, Slots& found) {
     const std::uint64_t begun = ticks();
+    if (watch.looked_at++ != 0) watch.inputs.add(begun - watch.found);  // with what it takes to look at the next return
     Forms::template find<kExpects>(known, found);
-    spent.contexts += ticks() - begun;
-    ++spent.calls;
+    watch.found = ticks();
+    watch.contexts.add(watch.found - begun);
   }
-  template <bool kExpects, bool kLearned>
-  static void add_up(const std::int16_t* cells, const Slots& slots, const std::int16_t* start, Chances& chances) {
+  template <bool kExpects>
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
     const std::uint64_t begun = ticks();
-    Forms::template add_up<kExpects, kLearned>(cells, slots, start, chances);
-    spent.sums += ticks() - begun;
+    watch.looked_at = 0;
+    Forms::template add_up<kExpects>(cells, slots, chances);
+    watch.sums.add(ticks() - begun);
+  }
+  template <bool kExpects>
+  static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
+                    std::int16_t* said, Chances& chances) {
+    const std::uint64_t begun = ticks();
+    if (watch.looked_at != 0) watch.inputs_and_network.add(begun - watch.found);
+    watch.looked_at = 0;
+    Forms::template weigh<kExpects>(cells, slots, net, weights, said, chances);
+    watch.sums.add(ticks() - begun);
   }
   template <bool kExpects, bool kLearned>
   static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     const std::uint64_t begun = ticks();
     Forms::template learn<kExpects, kLearned>(cells, slots, chances, walked);
-    spent.learning += ticks() - begun;
+    watch.learning.add(ticks() - begun);
+  }
+  static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,
+                            const Walk& walked) {
+    const std::uint64_t begun = ticks();
+    Forms::learn_weights(weights, net, said, chances, walked);
+    watch.learning.add(ticks() - begun);
   }
 };
 
@@ -84,45 +116,54 @@ bool read(std::vector<T>& into, std::size_t count) {
   return std::fread(into.data(), sizeof(T), count, stdin) == count;
 }
 
+// A network: of each of its layers inputs, outputs and shift u32, weights i16 (out, in), biases i32.
+std::optional<RiddleNet> read_net(NetForm form) {
+  std::array<GivenLayer, kNetLayers> layers;
+  std::array<std::vector<std::int16_t>, kNetLayers> weights;
+  std::array<std::vector<std::int32_t>, kNetLayers> biases;
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    std::array<std::uint32_t, 3> head;
+    if (std::fread(head.data(), sizeof head, 1, stdin) != 1 || head[0] > kMostHidden || head[1] > kMostHidden) return {};
+    if (!read(weights[l], std::size_t{head[0]} * head[1]) || !read(biases[l], head[1])) return {};
+    layers[l] = {head[0], head[1], weights[l].data(), biases[l].data(), head[2]};
+  }
+  return RiddleNet(layers, form);
+}
+
+// Ticks a return, an entry a frame.
 struct Stages {
-  std::vector<double> canvas, contexts, sums, learning, coder, whole;
+  std::vector<double> canvas, contexts, inputs, network, sums, learning, whole;
 };
 
-template <class Forms, bool kExpects, class Coder, class Image>
-void code(PredictiveModel& model, const RowSource& source, std::array<PredictiveHalf<Coder>, 2>& halves, Image* image,
-          Stages& stages) {
-  using Rows = PredictiveRows<Coder, Forms, kExpects, false>;
+// Codes all rows of an image as `code_rows` of predictive_paths.hpp does, watched.
+template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
+void code_watched(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image, Stages& stages) {
+  using Rows = PredictiveRows<Coder, Watched<Forms>, kExpects, kLearned>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  spent = {};
-  std::uint64_t canvas = 0, rows = 0, last = ticks();
-  const std::uint64_t begun = last;
-  const auto lap = [&](std::uint64_t& of) {
-    const std::uint64_t now = ticks();
-    of += now - last;
-    last = now;
-  };
-  static const Teaching nobody;
-  Rows coder(model, nobody, source.cells.step, 66535 / step + 1, halves);
-  RowStage<Rows::kReads, kExpects, false> stage(source, 0, coder.start(), coder.first());
+  watch = {};
+  std::uint64_t canvas = 0, last = ticks();
+  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, parts);
+  RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const RowWork work = stage.begin(row, image);
-    lap(canvas);
+    canvas += ticks() - last;
     coder.code(work);
-    lap(rows);
+    last = ticks();
     stage.end(image);
-    lap(canvas);
   }
-  if (spent.calls == 0) {  // not watched: the sum of all
-    stages.whole.push_back(static_cast<double>(ticks() - begun) / static_cast<double>(source.returned.returns));
-    return;
-  }
-  static const std::uint64_t own = clock_takes();
-  const auto n = static_cast<double>(spent.calls);
-  const auto each = [&](std::uint64_t sum) { return std::max(0.0, static_cast<double>(sum) / n - static_cast<double>(own)); };
-  stages.canvas.push_back(static_cast<double>(canvas) / n);
-  stages.contexts.push_back(each(spent.contexts));
-  stages.sums.push_back(each(spent.sums));
-  stages.learning.push_back(each(spent.learning));
+  canvas += ticks() - last;
+  static const auto own = static_cast<double>(clock_takes());
+  const auto n = static_cast<double>(watch.contexts.times);
+  const auto taken = [](const Spent& of) { return static_cast<double>(of.sum) - own * static_cast<double>(of.times); };
+  const auto put = [&](std::vector<double>& into, double all) { into.push_back(std::max(0.0, all / n)); };
+  put(stages.canvas, static_cast<double>(canvas));
+  put(stages.contexts, taken(watch.contexts));
+  put(stages.sums, taken(watch.sums));
+  put(stages.learning, taken(watch.learning));
+  if (!kLearned || watch.inputs.times == 0) return;
+  const double inputs = taken(watch.inputs) / static_cast<double>(watch.inputs.times);
+  put(stages.inputs, n * inputs);
+  put(stages.network, taken(watch.inputs_and_network) - inputs * static_cast<double>(watch.inputs_and_network.times));
 }
 
 double median(std::vector<double> values) {
@@ -130,84 +171,135 @@ double median(std::vector<double> values) {
   return values.empty() ? 0 : values[values.size() / 2];
 }
 
-template <class Forms, bool kExpects>
-void measure(const std::vector<Frame>& frames, MaskGeometry geometry, const RangeCells& cells, int rounds) {
+// Everything that is measured: frames, and with what they are coded.
+struct Task {
+  Path path;
+  int rounds;
+  MaskGeometry geometry;
+  RangeCells cells;
+  std::optional<RiddleNet> alone, expecting;
+  std::vector<Frame> frames;
+};
+
+template <class Forms, bool kExpects, bool kLearned>
+void measure(const Task& task) {
   Stages writing, reading;
-  std::array<PredictiveModel, 4> models;
-  for (int round = 0; round < rounds; ++round) {
+  const std::optional<RiddleNet>& net = kExpects ? task.expecting : task.alone;
+  const Teaching teaching{kLearned ? &*net : nullptr, nullptr};
+  MaskGeometry geometry = task.geometry;
+  std::vector<PredictiveModel> models(4, PredictiveModel(kLearned));
+  SlabStates states;
+  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false}; };
+  for (int round = 0; round < task.rounds; ++round) {
     for (PredictiveModel& model : models) model.reset();
-    for (const Frame& frame : frames) {
+    for (const Frame& frame : task.frames) {
       geometry.width = frame.width;
       geometry.fired = frame.fired.data();
       const MaskLayout layout(geometry);
       const ClosedRows returned(frame.returns.data(), layout, frame.width);
       const std::uint16_t* const expected = kExpects ? frame.expected.data() : nullptr;
-      const RowSource source{layout, returned, cells, expected, frame.width, 0, kNominalTurn};
-      std::array<PredictiveHalf<WideEncoder>, 2> written, again;
-      code<Forms, kExpects>(models[0], source, written, frame.ranges.data(), writing);
-      code<Watched<Forms>, kExpects>(models[1], source, again, frame.ranges.data(), writing);
-      std::array<std::vector<std::uint8_t>, 2> streams;
-      for (std::size_t h = 0; h < 2; ++h) streams[h] = written[h].coder.finish(written[h].interval);
-      const auto decode = [&]<class F>(const F&, PredictiveModel& model) {
-        std::array<PredictiveHalf<WideDecoder>, 2> halves = {
-            PredictiveHalf<WideDecoder>{WideDecoder(streams[0].data(), streams[0].size())},
-            PredictiveHalf<WideDecoder>{WideDecoder(streams[1].data(), streams[1].size())}};
-        for (auto& half : halves) half.interval = half.coder.start();
-        std::vector<std::uint16_t> image(frame.ranges.size());
-        code<F, kExpects>(model, source, halves, image.data(), reading);
-        for (const auto& half : halves) half.coder.finish(half.interval);
+      const RowSource source{layout, returned, task.cells, expected, frame.width, 0, kNominalTurn};
+      const auto whole = [&](Stages& stages, const auto& work) {  // as the product has it, unwatched
+        const std::uint64_t begun = ticks();
+        work();
+        stages.whole.push_back(static_cast<double>(ticks() - begun) / static_cast<double>(returned.returns));
       };
-      decode(Forms{}, models[2]);
-      decode(Watched<Forms>{}, models[3]);
+      PredictiveParts<WideEncoder> written, again;
+      whole(writing, [&] { write_image(with(0), source, written, frame.ranges.data()); });
+      code_watched<Forms, kExpects, kLearned>(with(1), source, again, frame.ranges.data(), writing);
+      std::array<std::vector<std::uint8_t>, kMostParts> streams;
+      for (std::size_t p = 0; p < kMostParts; ++p) streams[p] = written[p].coder.finish(written[p].interval);
+      const auto decode = [&](const auto& work) {
+        PredictiveParts<WideDecoder> parts;
+        for (std::size_t p = 0; p < kMostParts; ++p) {
+          parts[p] = PredictivePart<WideDecoder>{WideDecoder(streams[p].data(), streams[p].size())};
+          parts[p].interval = parts[p].coder.start();
+        }
+        std::vector<std::uint16_t> image(frame.ranges.size());
+        work(parts, image.data());
+        for (auto& part : parts) part.coder.finish(part.interval);
+        if (image != frame.ranges) throw Error(ErrorCode::Section, "ranges that do not come back as they were");
+      };
+      decode([&](auto& parts, std::uint16_t* image) { whole(reading, [&] { read_image(with(2), source, parts, image); }); });
+      decode([&](auto& parts, std::uint16_t* image) { code_watched<Forms, kExpects, kLearned>(with(3), source, parts, image, reading); });
     }
   }
   for (const auto& [way, stages] : {std::pair<const char*, Stages&>{"encode", writing}, {"decode", reading}}) {
     const std::string name = std::string(way) + (kExpects ? " with motion" : "");
-    const double canvas = median(stages.canvas), contexts = median(stages.contexts), sums = median(stages.sums);
-    const double learning = median(stages.learning), whole = median(stages.whole);
-    const double rest = std::max(0.0, whole - canvas - contexts - sums - learning);
-    for (const auto& [stage, value] : {std::pair{"canvas", canvas}, {"contexts", contexts}, {"sums", sums},
-                                       {"learning", learning}, {"coder and offsets", rest}, {"whole", whole}})
-      std::printf("%s,%s,%.2f\n", name.c_str(), stage, value);
+    double rest = median(stages.whole);
+    const auto print = [&](const char* stage, double value) { std::printf("%s,%s,%.2f\n", name.c_str(), stage, value); };
+    for (const auto& [stage, values] : {std::pair<const char*, std::vector<double>&>{"canvas", stages.canvas}, {"contexts", stages.contexts},
+                                        {"inputs", stages.inputs}, {"network", stages.network}, {"sums", stages.sums},
+                                        {"learning", stages.learning}}) {
+      if (values.empty()) continue;
+      print(stage, median(values));
+      rest -= median(values);
+    }
+    print("coder and offsets", std::max(0.0, rest));
+    print("whole", median(stages.whole));
   }
+}
+
+template <class Forms>
+void measure_with(const Task& task) {
+  if (task.alone && task.expecting) {
+    measure<Forms, false, true>(task);
+    measure<Forms, true, true>(task);
+  } else {
+    measure<Forms, false, false>(task);
+    measure<Forms, true, false>(task);
+  }
+}
+
+bool read_task(Task& task, NetForm form) {
+  std::uint32_t nets = 0, frames = 0;
+  if (std::fread(&nets, 4, 1, stdin) != 1 || (nets != 0 && nets != 2)) return false;
+  if (nets == 2) {
+    task.alone = read_net(form);
+    task.expecting = read_net(form);
+    if (!task.alone || !task.expecting) return false;
+  }
+  if (std::fread(&frames, 4, 1, stdin) != 1 || frames > 1000) return false;
+  if (std::fread(task.geometry.half.data(), 1, 64, stdin) != 64 || std::fread(task.geometry.rotation.data(), 8, 64, stdin) != 64 ||
+      std::fread(task.cells.level.data(), 4, 64, stdin) != 64)
+    return false;
+  task.frames.resize(frames);
+  for (Frame& frame : task.frames) {
+    if (std::fread(&frame.width, 4, 1, stdin) != 1 || frame.width > 24576) return false;
+    const std::size_t size = std::size_t{64} * frame.width;
+    if (!read(frame.ranges, size) || !read(frame.returns, size) || !read(frame.fired, 2 * frame.width) || !read(frame.expected, size))
+      return false;
+  }
+  return true;
 }
 
 }  // namespace
 
-// Input: frames u32, halves (64,) u8, rotations (64,) i64, levels (64,) i32; a frame: width u32, ranges, returns u8, fired
-// u8, expected ranges. Words: path, rounds.
+// Words: path; which of the forms of networks that run here, from 0; rounds. Input: networks u32 (0, or 2: of frames alone,
+// and of those that expect something), those; frames u32, halves (64,) u8, rotations (64,) i64, levels (64,) i32; a frame:
+// width u32, ranges, returns u8, fired u8, expected ranges.
 int main(int count, char** words) {
-  std::uint32_t frames = 0;
-  MaskGeometry geometry;
-  RangeCells cells;
-  if (count != 3 || std::fread(&frames, 4, 1, stdin) != 1 || frames > 1000) return 2;
-  if (std::fread(geometry.half.data(), 1, 64, stdin) != 64 || std::fread(geometry.rotation.data(), 8, 64, stdin) != 64 ||
-      std::fread(cells.level.data(), 4, 64, stdin) != 64)
-    return 2;
-  std::vector<Frame> all(frames);
-  for (Frame& frame : all) {
-    if (std::fread(&frame.width, 4, 1, stdin) != 1 || frame.width > 24576) return 2;
-    const std::size_t size = 64 * frame.width;
-    if (!read(frame.ranges, size) || !read(frame.returns, size) || !read(frame.fired, 2 * frame.width) || !read(frame.expected, size))
-      return 2;
-  }
+  const std::vector<NetForm> forms = net_forms_here();
+  Task task;
+  if (count != 4) return 2;
+  const auto form = static_cast<std::size_t>(std::atoi(words[2]));
+  task.path = path_named(words[1]);
+  task.rounds = std::atoi(words[3]);
+  if (form >= forms.size() || !read_task(task, forms[form])) return 2;
   const auto begun = std::chrono::steady_clock::now();
   const std::uint64_t from = ticks();
   while (std::chrono::steady_clock::now() - begun < std::chrono::milliseconds(50)) {
   }
   std::printf("%.3f\n", static_cast<double>(ticks() - from) / 5e7);
-  const auto measure_with = [&]<class Forms>(const Forms&) {
-    measure<Forms, false>(all, geometry, cells, std::atoi(words[2]));
-    measure<Forms, true>(all, geometry, cells, std::atoi(words[2]));
-  };
-  switch (path_named(words[1])) {
+  switch (task.path) {
     case Path::Plain:  // is nobody's path
+      return 2;
     case Path::Vector:
-      measure_with(VectorForms{});
+      measure_with<VectorForms>(task);
       break;
     case Path::Avx2:
 #if defined(__x86_64__)
-      measure_with(Avx2Forms{});
+      measure_with<Avx2Forms>(task);
 #endif
       break;
   }
