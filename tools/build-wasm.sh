@@ -15,7 +15,7 @@ if ! printf '#include <vector>\nstd::vector<int> v;\n' | "$cxx" --target=wasm32-
   exit 1
 fi
 
-core="azimuth_coder mask_coder mask_align keep_coder intensity_coder predictive_coder predictive_read predictive_write processor riddle_net range_history
+core="azimuth_coder mask_coder mask_align mask_places mask_stream keep_coder intensity_coder predictive_coder predictive_read predictive_write processor riddle_net range_history
       warp warp_surface fixed_angle"
 sources=$(ls native/wasm/*.cpp; for name in $core; do echo "native/src/$name.cpp"; done)
 rm -rf "$objects"

@@ -21,9 +21,9 @@ from lidarcodec.codecs.history import Memory, StreamHistory
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.motion import Motion, decode_motion, encode_motion
 from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.planes import Planes
-from lidarcodec.codecs.warp import swept
-from lidarcodec.entropy import KnownColumns
+from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes
+from lidarcodec.codecs.warp import beam_rows, swept
+from lidarcodec.entropy import KnownColumns, MaskStream
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -53,6 +53,7 @@ class ExpectingEncoder(IntraEncoder):
         self._finder: MotionFinder | None = None
         self._expected: Ranges | None = None
         self._motion: Motion | None = None
+        self._masks: Final = MaskStream()
         self._slab = False
 
     @abstractmethod
@@ -82,6 +83,14 @@ class ExpectingEncoder(IntraEncoder):
     def _mask_history(self) -> bool:
         return self._remembers()
 
+    def _mask_in_stream(self) -> EncodeMask | None:
+        return self._encode_mask if self._expects() else None
+
+    def _encode_mask(self, frame: Frame) -> bytes:
+        motion = None if self._expected is None or self._motion is None else self._motion.numbers
+        given = (frame.azimuth, frame.fired, beam_rows(frame.sensor), self._expected, motion)
+        return self._masks.encode(frame.valid, *given)
+
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         fresh = key or self._history is None or not self._remembers()
         self._slab = bool(frame.valid.any()) and swept(frame.azimuth) < AZIMUTH_TURN // 2
@@ -103,6 +112,7 @@ class ExpectingEncoder(IntraEncoder):
             motion = self._finder.next(frame, self._sent.seen).motion
         if fresh:
             self._sent.forget()
+            self._masks.forget()
             self._motion = None
             return []
         if motion is None:
@@ -134,6 +144,8 @@ class ExpectingDecoder(IntraDecoder):
         super().__init__(codec_id)
         self._sent: Final = StreamHistory(memory)
         self._motion: Motion | None = None
+        self._masks: Final = MaskStream()
+        self._foreseen: Ranges | None = None  # of the message at hand, once it is known
 
     @abstractmethod
     def _columns_before(self, data: bytes) -> int | None:
@@ -151,12 +163,24 @@ class ExpectingDecoder(IntraDecoder):
         Raises SectionError or TruncatedError.
         """
 
-    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+    def _begin(self, message: Message, sensor: SensorModel) -> DecodeMask | None:
+        """Begins a message: what it says of the sensor's motion both its mask and its ranges need."""
+        self._last = None  # a message that fails halfway has taught something else than its encoder learned
+        self._foreseen = None
         if message.needs is None:
             self._sent.forget()
+            self._masks.forget()
             self._motion = None
-        self._last = None  # a message that fails halfway has taught something else than its encoder learned
-        expected = self._expected(message, planes, sensor)
+
+        def decode_mask(data: bytes, azimuth: Ranges, fired: Mask) -> Mask:
+            expected = self._expected(message, azimuth, fired, sensor)
+            motion = None if expected is None or self._motion is None else self._motion.numbers
+            return self._masks.decode(data, azimuth, fired, beam_rows(sensor), expected, motion)
+
+        return decode_mask
+
+    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+        expected = self._expected(message, planes.azimuth, planes.fired, sensor)
         data = message.section(SectionType.RANGE)
         columns = self._columns_before(data)
         edge = None if columns is None else self._sent.edge_of(columns)
@@ -168,12 +192,14 @@ class ExpectingDecoder(IntraDecoder):
         self._sent.remember(ranges, planes.azimuth, planes.fired, sensor, slab=edge is not None)
         return ranges
 
-    def _expected(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges | None:
+    def _expected(self, message: Message, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges | None:
         if not message.has(SectionType.MOTION):
             return None
-        data = message.section(SectionType.MOTION)
-        if data:
-            self._motion = decode_motion(data)
-        elif self._motion is None:
-            raise SectionError("a motion as before, and there was none")
-        return self._sent.expected(self._motion, planes.azimuth, planes.fired, sensor)
+        if self._foreseen is None:
+            data = message.section(SectionType.MOTION)
+            if data:
+                self._motion = decode_motion(data)
+            elif self._motion is None:
+                raise SectionError("a motion as before, and there was none")
+            self._foreseen = self._sent.expected(self._motion, azimuth, fired, sensor)
+        return self._foreseen

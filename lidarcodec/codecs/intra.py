@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.history import MaskHistory
-from lidarcodec.codecs.planes import Planes, decode_planes, encode_planes
+from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes, decode_planes, encode_planes
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -94,10 +94,14 @@ class IntraEncoder(FrameEncoder):
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
         history = self._history if self._mask_history() and not key else None
-        previous = None if history is None else history.before(frame.azimuth, frame.sensor)
         needs = None if history is None else self._last_index
+        encode_mask = self._mask_in_stream() if frame.keep is None else None
         planes = encode_planes(
-            frame, self.settings.intensity_levels, previous, grouped_intensity=self.grouped_intensity
+            frame,
+            self.settings.intensity_levels,
+            None if history is None or encode_mask is not None else history.before(frame.azimuth, frame.sensor),
+            grouped_intensity=self.grouped_intensity,
+            encode_mask=encode_mask,
         )
         sections = [Section(SectionType.RANGE, self._range(frame, frame.valid)), *planes]
         self._history = None
@@ -109,6 +113,10 @@ class IntraEncoder(FrameEncoder):
     def _mask_history(self) -> bool:
         """Whether masks may refer to those before."""
         return False
+
+    def _mask_in_stream(self) -> EncodeMask | None:
+        """What codes masks with memory, if anything does."""
+        return None
 
     @abstractmethod
     def _range(self, frame: Frame, valid: Mask) -> bytes:
@@ -149,7 +157,7 @@ class IntraDecoder(ABC):
 
     def _planes(self, message: Message, sensor: SensorModel) -> Planes:
         if message.needs is None:
-            return decode_planes(message, sensor)
+            return decode_planes(message, sensor, None, self._begin(message, sensor))
         if self._last != (message.stream_id, message.needs):
             raise MissingReferenceError(
                 f"frame {message.frame_index} needs frame {message.needs}, which was not decoded: ask for a key frame",
@@ -158,7 +166,11 @@ class IntraDecoder(ABC):
         for planes, of in self._unseen:  # brought in only now, so that streams without history pay nothing for it
             self._history.remember(planes.valid, planes.azimuth, of)
         self._unseen = []
-        return decode_planes(message, sensor, self._history)
+        return decode_planes(message, sensor, self._history, self._begin(message, sensor))
+
+    def _begin(self, message: Message, sensor: SensorModel) -> DecodeMask | None:
+        """Begin a message that can be decoded; what decodes masks with memory, if anything does."""
+        return None
 
     @abstractmethod
     def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:

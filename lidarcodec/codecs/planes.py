@@ -6,7 +6,9 @@ and no mask, because a dropped return decodes as no return.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +24,14 @@ from lidarcodec.side import SideInfo
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
 
 Mask = npt.NDArray[np.bool_]
+Azimuth = npt.NDArray[np.uint16]
+
+_STREAM_KINDS: Final = tuple(bytes([kind]) for kind in entropy.STREAM_KINDS)
+
+EncodeMask = Callable[[Frame], bytes]
+"""How a stream with memory codes the mask of a frame."""
+DecodeMask = Callable[[bytes, Azimuth, Mask], Mask]
+"""And how it decodes one: of its bytes, azimuth (2, W) and what fired (2, W). Raises SectionError or TruncatedError."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +68,17 @@ def check_unfired(frame: Frame, cells: Mask) -> None:
 
 
 def encode_planes(
-    frame: Frame, levels: int, previous: Mask | None = None, *, grouped_intensity: bool = False
+    frame: Frame,
+    levels: int,
+    previous: Mask | None = None,
+    *,
+    grouped_intensity: bool = False,
+    encode_mask: EncodeMask | None = None,
 ) -> list[Section]:
     """Sections of a frame beside calibration and range.
 
     levels: of intensity, 256 = lossless, 0 = off; previous: mask that the mask coder may look at
-    grouped_intensity: code intensities quickly instead of small
+    grouped_intensity: code intensities quickly instead of small; encode_mask: of streams that code masks with memory
 
     Raises LidarCodecError for a frame that contradicts itself.
     """
@@ -72,7 +87,7 @@ def encode_planes(
     turn = entropy.columns_in_turn(frame.azimuth) if frame.fired[0].all() else None
     sections = [
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
-        _mask_section(frame, previous, turn),
+        _mask_section(frame, previous, turn, encode_mask),
     ]
     intensity = encode_intensity(frame, cells, levels, turn=turn, grouped=grouped_intensity)
     if intensity is not None:
@@ -82,19 +97,30 @@ def encode_planes(
     return sections + pose_sections(frame)
 
 
-def _mask_section(frame: Frame, previous: Mask | None, turn: int | None) -> Section:
+def _mask_section(frame: Frame, previous: Mask | None, turn: int | None, encode_mask: EncodeMask | None) -> Section:
     given, sensor, valid = frame.fired, frame.sensor, frame.valid
+    if frame.keep is None and encode_mask is not None:
+        return Section(SectionType.MASK, encode_mask(frame))
     if frame.keep is None:
         return Section(SectionType.MASK, entropy.encode_mask(valid, given, sensor, previous, turn=turn))
     return Section(SectionType.KEEP, entropy.encode_keep(valid, frame.azimuth, given, sensor, previous, turn=turn))
 
 
 def _decode_mask(
-    message: Message, azimuth: npt.NDArray[np.uint16], fired: Mask, sensor: SensorModel, previous: Mask | None
+    message: Message,
+    azimuth: Azimuth,
+    fired: Mask,
+    sensor: SensorModel,
+    history: MaskHistory | None,
+    decode_mask: DecodeMask | None,
 ) -> Mask:
+    coded = message.section(SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK)
+    if decode_mask is not None and not message.has(SectionType.KEEP) and coded[:1] in _STREAM_KINDS:
+        return decode_mask(coded, azimuth, fired)
+    previous = None if history is None else history.before(azimuth, sensor)
     if message.has(SectionType.KEEP):
-        return entropy.decode_keep(message.section(SectionType.KEEP), azimuth, fired, sensor, previous)
-    return entropy.decode_mask(message.section(SectionType.MASK), fired, sensor, previous)
+        return entropy.decode_keep(coded, azimuth, fired, sensor, previous)
+    return entropy.decode_mask(coded, fired, sensor, previous)
 
 
 def pose_sections(frame: Frame) -> list[Section]:
@@ -133,14 +159,20 @@ def check_side(side: SideInfo, message: Message) -> SideInfo:
     return side
 
 
-def decode_planes(message: Message, sensor: SensorModel, history: MaskHistory | None = None) -> Planes:
+def decode_planes(
+    message: Message,
+    sensor: SensorModel,
+    history: MaskHistory | None = None,
+    decode_mask: DecodeMask | None = None,
+) -> Planes:
     """All of a frame but its ranges. history: of the masks that this one refers to.
+
+    decode_mask: of streams that code masks with memory
 
     Raises DecodeError.
     """
     azimuth, fired = entropy.decode_azimuth(message.section(SectionType.AZIMUTH), message.width)
-    previous = None if history is None else history.before(azimuth, sensor)
-    valid = _decode_mask(message, azimuth, fired, sensor, previous)
+    valid = _decode_mask(message, azimuth, fired, sensor, history, decode_mask)
     coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
     intensity = decode_intensity(coded, valid, fired_cells(fired, sensor), fired, sensor)
     side = None

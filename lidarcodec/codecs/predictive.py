@@ -6,7 +6,8 @@ one before taught, which saves 0.06 bit, and masks refer to those of the last tu
 up to the next key frame.
 
 With `motion` it also expects what the sensor saw a turn ago, moved as the sensor moved since: 0.1 to 0.2 bit less, for
-20 ms more to encode (10 of them to find the motion where frames have no poses) and 10 to decode.
+20 ms more to encode (10 of them to find the motion where frames have no poses) and 10 to decode. Masks then are
+coded by a coder that looks at all of that (`entropy.MaskStream`).
 
 Slabs (frames of less than half a turn) go on where the one before ended, and cost hardly more than whole frames.
 

@@ -12,13 +12,16 @@ from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
 from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
 from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
+from lidarcodec.entropy.mask_stream import STREAM_KINDS, MaskStream
 from lidarcodec.entropy.net_trainer import NetTrainer, ReturnSamples, TrainSettings
 from lidarcodec.entropy.predictive_coder import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.side_coder import decode_side, encode_side
 
 __all__ = [
     "GivenLayer",
+    "STREAM_KINDS",
     "KnownColumns",
+    "MaskStream",
     "NativeNets",
     "NetTrainer",
     "PredictiveCoder",

@@ -125,6 +125,35 @@ def net_forms() -> list[str]:
     return cast(list[str], _native.net_forms())
 
 
+MaskView = tuple[
+    npt.NDArray[np.uint16],
+    npt.NDArray[np.uint8],
+    npt.NDArray[np.int32],
+    npt.NDArray[np.uint16],
+    npt.NDArray[np.int32],
+]
+"""Azimuth and fired (2, W), beams (6, 64), expected ranges (64, W) or (64, 0) for nothing, motion (12,)."""
+
+
+class NativeMaskStream:
+    """Masks, frame after frame; see `mask_stream`."""
+
+    def __init__(self) -> None:
+        self._stream = _native.MaskStream()
+
+    def forget(self) -> None:
+        """Forget everything."""
+        self._stream.forget()
+
+    def encode(self, mask: npt.NDArray[np.uint8], view: MaskView) -> bytes:
+        """Bytes of a (64, W) mask. Raises SectionError."""
+        return cast(bytes, self._stream.encode(mask, *view))
+
+    def decode(self, data: bytes, view: MaskView) -> npt.NDArray[np.uint8]:
+        """(64, W). Raises SectionError or TruncatedError."""
+        return cast("npt.NDArray[np.uint8]", self._stream.decode(data, *view))
+
+
 GivenLayer = tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int]
 """Weights (out, in), biases (out,), shift."""
 

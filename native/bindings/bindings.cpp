@@ -9,6 +9,7 @@ NB_MODULE(_native, m) {
   bind_voxel_index(m);
   bind_images(m);
   bind_mask(m);
+  bind_mask_stream(m);
   bind_motion(m);
   bind_intensity(m);
   bind_riddle(m);

@@ -36,6 +36,7 @@ void bind_images(nb::module_& m);
 void bind_assembly(nb::module_& m);
 void bind_simulator(nb::module_& m);
 void bind_mask(nb::module_& m);
+void bind_mask_stream(nb::module_& m);
 void bind_motion(nb::module_& m);
 void bind_intensity(nb::module_& m);
 void bind_predictive(nb::module_& m);

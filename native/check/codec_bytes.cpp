@@ -12,6 +12,7 @@
 
 #include "intensity_coder.hpp"
 #include "mask_coder.hpp"
+#include "mask_stream.hpp"
 #include "motion_search.hpp"
 #include "predictive_coder.hpp"
 #include "warp.hpp"
@@ -188,6 +189,31 @@ void check_masks(const Scene& scene) {
   hash.print("mask");
 }
 
+// Masks of a stream, which the motion and what is expected help to say.
+void check_mask_stream(const Scene& scene) {
+  Hash hash;
+  MaskStream encoder, decoder;
+  RangeHistory history;
+  for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
+    const Ranges image = scene.ranges(frame);
+    const Bytes mask = returns_of(image);
+    const auto azimuth = scene.azimuths(frame);
+    const Columns columns{scene.width, azimuth.data(), scene.fired.data()};
+    MaskView view;
+    view.geometry = scene.geometry;
+    view.azimuth = azimuth.data();
+    view.vertical = scene.table.vertical;
+    view.motion.translation = {-4'800, 160, 16};
+    const Ranges expected = expected_ranges(history, scene.table, view.motion, columns);
+    if (frame > 0) view.expected = expected.data();
+    const Bytes data = encoder.encode(mask.data(), view);
+    if (decoder.decode(data.data(), data.size(), view) != mask) fail("masks of a stream");
+    hash.add(data);
+    history.remember(image.data(), columns, scene.table.half);
+  }
+  hash.print("mask of a stream");
+}
+
 void check_intensities(const Scene& scene) {
   Hash hash;
   for (const std::uint32_t levels : {4u, 64u, 256u}) {
@@ -240,6 +266,7 @@ int main(int count, char** words) {
     check_slabs(scene, path);
   }
   check_masks(scene);
+  check_mask_stream(scene);
   check_intensities(scene);
   check_motion(Scene(1'200));
 }

@@ -11,7 +11,7 @@
 namespace lidarcodec {
 namespace {
 
-enum Kind : std::uint8_t { kNone = 0, kAll = 1, kAlone = 2, kWithEarlier = 3 };
+constexpr std::uint8_t kNone = kMaskNone, kAll = kMaskAll, kAlone = 2, kWithEarlier = 3;
 
 // Surer than 1 in 128, the first model is used alone: nothing to gain, and two thirds of the cells are done fast.
 constexpr std::uint32_t kSure = 512;

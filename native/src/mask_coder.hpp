@@ -13,6 +13,9 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kMaskRows = 64;
 
+// Kinds of masks of one byte: no returns, and nothing but returns.
+inline constexpr std::uint8_t kMaskNone = 0, kMaskAll = 1;
+
 // What encoder and decoder know beforehand.
 struct MaskGeometry {
   std::size_t width = 0;

@@ -23,6 +23,13 @@ class PaddedRowOf {
   Cell* cells() { return cells_.data() + kMargin; }
   const Cell* cells() const { return cells_.data() + kMargin; }
 
+  // Beyond its ends a row of n cells goes on as it ends.
+  void pad(std::size_t n) {
+    if (n == 0) return;
+    std::fill(cells_.data(), cells(), *cells());
+    std::fill_n(cells() + n, kMargin, cells()[n - 1]);
+  }
+
  private:
   std::vector<Cell> cells_;
 };
@@ -84,7 +91,7 @@ class MaskLayout {
         const auto at = static_cast<std::ptrdiff_t>(across[static_cast<std::size_t>(k)]) + shift;
         to[k] = above_cells[std::clamp<std::ptrdiff_t>(at, 0, have - 1)];
       }
-      pad(out, n);
+      out.pad(static_cast<std::size_t>(n));
     }
   }
 
@@ -102,19 +109,10 @@ class MaskLayout {
             static_cast<std::ptrdiff_t>(at[static_cast<std::size_t>(k)]) + shift, 0, have - 1)];
       }
     }
-    pad(out, n);
+    out.pad(static_cast<std::size_t>(n));
   }
 
  private:
-  template <class Cell>
-  static void pad(PaddedRowOf<Cell>& row, std::ptrdiff_t n) {
-    constexpr std::ptrdiff_t margin = PaddedRowOf<Cell>::kMargin;
-    Cell* cells = row.cells();
-    if (n == 0) return;
-    std::fill(cells - margin, cells, cells[0]);
-    std::fill(cells + n, cells + n + margin, cells[n - 1]);
-  }
-
   // to[i] = from[clamp(i + first)] for i < n.
   template <class Cell>
   static void copy_clamped(const Cell* from, std::ptrdiff_t have, std::ptrdiff_t first, Cell* to, std::ptrdiff_t n) {

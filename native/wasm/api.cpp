@@ -50,8 +50,11 @@ EXPORT(lidarcodec_columns) void lidarcodec_columns(Stream* stream, std::uint32_t
   stream->decoder.columns(stream->part(at, size), width);
 }
 
-EXPORT(lidarcodec_mask) void lidarcodec_mask(Stream* stream, std::uint32_t at, std::uint32_t size, std::uint32_t keep, std::uint32_t follows) {
-  stream->decoder.mask(stream->part(at, size), keep != 0, follows != 0);
+// motion_at: 0xFFFFFFFF where there is no MOTION section.
+EXPORT(lidarcodec_mask) void lidarcodec_mask(Stream* stream, std::uint32_t at, std::uint32_t size, std::uint32_t keep, std::uint32_t motion_at,
+                     std::uint32_t motion_size, std::uint32_t follows) {
+  const Bytes motion = motion_at == kNone ? Bytes{} : stream->part(motion_at, motion_size);
+  stream->decoder.mask(stream->part(at, size), keep != 0, motion, follows != 0);
 }
 
 EXPORT(lidarcodec_intensity) void lidarcodec_intensity(Stream* stream, std::uint32_t at, std::uint32_t size) {
@@ -68,11 +71,8 @@ EXPORT(lidarcodec_net) void lidarcodec_net(Stream* stream, std::uint32_t at, std
 
 EXPORT(lidarcodec_use_nets) void lidarcodec_use_nets(Stream* stream, std::uint32_t learned) { stream->decoder.use_nets(learned != 0); }
 
-// motion_at: 0xFFFFFFFF where there is no MOTION section.
-EXPORT(lidarcodec_ranges) void lidarcodec_ranges(Stream* stream, std::uint32_t at, std::uint32_t size, std::uint32_t step, std::uint32_t motion_at,
-                       std::uint32_t motion_size, std::uint32_t follows) {
-  const Bytes motion = motion_at == kNone ? Bytes{} : stream->part(motion_at, motion_size);
-  stream->decoder.ranges(stream->part(at, size), step, motion, follows != 0);
+EXPORT(lidarcodec_ranges) void lidarcodec_ranges(Stream* stream, std::uint32_t at, std::uint32_t size, std::uint32_t step, std::uint32_t follows) {
+  stream->decoder.ranges(stream->part(at, size), step, follows != 0);
 }
 
 EXPORT(lidarcodec_done) void lidarcodec_done(Stream* stream, std::uint32_t follows) { stream->decoder.done(follows != 0); }

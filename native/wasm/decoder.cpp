@@ -82,7 +82,31 @@ void Decoder::columns(Bytes coded, std::size_t width) {
   range.assign(kRows * width, 0);
 }
 
-void Decoder::mask(Bytes coded, bool keep, bool follows) {
+MaskView Decoder::view() const {
+  MaskView view;
+  view.geometry = geometry();
+  view.azimuth = azimuth.data();
+  view.vertical = beams_.vertical;
+  view.expected = expected_.empty() ? nullptr : expected_.data();
+  view.motion = motion_;
+  return view;
+}
+
+void Decoder::mask(Bytes coded, bool keep, Bytes motion, bool follows) {
+  if (!follows) {
+    memory_.forget();
+    stream_.forget();
+  }
+  motion_ = {};
+  expected_.clear();
+  if (motion.data != nullptr) {
+    motion_ = memory_.motion(motion.data, motion.size);
+    expected_ = memory_.expected(motion_, seen(), beams_);
+  }
+  if (!keep && coded.size > 0 && (coded.data[0] == kMaskBegins || coded.data[0] == kMaskGoesOn)) {
+    returns = stream_.decode(coded.data, coded.size, view());
+    return;
+  }
   std::vector<std::uint8_t> seen_before;
   EarlierMask earlier;
   if (follows) {
@@ -122,13 +146,10 @@ void Decoder::use_nets(bool learned) {
   coder_ = std::make_unique<PredictiveCoder>(quickest_path(), learned ? nets_ : nullptr);
 }
 
-void Decoder::ranges(Bytes coded, std::uint32_t step, Bytes motion, bool follows) {
-  if (!follows) {
-    coder_->reset();
-    memory_.forget();
-  }
-  std::vector<std::uint16_t> expected;
-  if (motion.data != nullptr) expected = memory_.expected(memory_.motion(motion.data, motion.size), seen(), beams_);
+void Decoder::ranges(Bytes coded, std::uint32_t step, bool follows) {
+  if (!follows) coder_->reset();
+  std::vector<std::uint16_t> expected = std::move(expected_);
+  expected_.clear();
   const RangeCells cells{step, level_};
   const bool slab = of_slab(coded);
   if (!slab) {

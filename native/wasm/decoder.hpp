@@ -12,6 +12,7 @@
 
 #include "beams.hpp"
 #include "mask_coder.hpp"
+#include "mask_stream.hpp"
 #include "predictive_coder.hpp"
 #include "range_history.hpp"
 #include "stream_memory.hpp"
@@ -33,8 +34,9 @@ class Decoder {
   void sensor(const std::int32_t* rows);
 
   // Sections AZIMUTH, and MASK or KEEP. follows: whether the message needs another, whose mask may be referred to.
+  // motion: section MOTION, by which what is expected is known before the mask; its data is nullptr if there is none.
   void columns(Bytes azimuth, std::size_t width);
-  void mask(Bytes mask, bool keep, bool follows);
+  void mask(Bytes mask, bool keep, Bytes motion, bool follows);
 
   // Modelled intensities, of the returns.
   void intensity(Bytes coded);
@@ -44,8 +46,8 @@ class Decoder {
   void net(Bytes layers, std::size_t first, std::size_t second, std::array<std::uint32_t, kNetLayers> shifts, bool expects);
   void use_nets(bool learned);
 
-  // Section RANGE behind its step (and what names the weights). motion: section MOTION; its data is nullptr if there is none.
-  void ranges(Bytes coded, std::uint32_t step, Bytes motion, bool follows);
+  // Section RANGE behind its step (and what names the weights).
+  void ranges(Bytes coded, std::uint32_t step, bool follows);
 
   // Notes what the message was, for those that need it; ranges of codecs that are not decoded here need none of it.
   void done(bool follows);
@@ -55,13 +57,17 @@ class Decoder {
 
  private:
   MaskGeometry geometry() const;
+  MaskView view() const;
   Columns seen() const { return {width_, azimuth.data(), fired.data()}; }
 
   std::size_t width_ = 0;
   BeamTable beams_;
   std::array<std::int32_t, kMaskRows> level_{};
   MaskMemory masks_;
+  MaskStream stream_;
   StreamMemory memory_;
+  Motion motion_;                        // of the message at hand
+  std::vector<std::uint16_t> expected_;  // (64, W), or nothing
   std::shared_ptr<RiddleNets> nets_;
   std::unique_ptr<PredictiveCoder> coder_ = std::make_unique<PredictiveCoder>();
 };

@@ -21,6 +21,7 @@ GOLDEN = {
     "ranges with motion": "f685f170b114f086",
     "slabs": "3addc21bddb04354",
     "mask": "da0f69b12ad0ee1a",
+    "mask of a stream": "c6dd2774adbdd03f",
     "intensity": "03bd171deff4646f",
     "warp": "d77449e8cb63100e",
     "motion search": "8dfa9ab55c2d30af",

@@ -54,6 +54,10 @@ def settings_of() -> dict[str, StreamSettings]:
         found[f"{name}_turns_lossless"] = StreamSettings(
             codec=name, codec_settings={"motion": True}, max_error_m=0, key_interval=20
         )
+    # Those before were written when masks of such streams were coded one by one.
+    found["predictive_masks_motion"] = found["predictive_motion"]
+    found["predictive_masks_slabs_motion"] = found["predictive_slabs_motion"]
+    found["riddle_masks_turns_lossless"] = found["riddle_turns_lossless"]
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 

@@ -10,7 +10,15 @@ interface Exports {
   lidarcodec_input(stream: number, size: number): number;
   lidarcodec_sensor(stream: number): void;
   lidarcodec_columns(stream: number, at: number, size: number, width: number): void;
-  lidarcodec_mask(stream: number, at: number, size: number, keep: number, follows: number): void;
+  lidarcodec_mask(
+    stream: number,
+    at: number,
+    size: number,
+    keep: number,
+    motionAt: number,
+    motionSize: number,
+    follows: number,
+  ): void;
   lidarcodec_intensity(stream: number, at: number, size: number): void;
   lidarcodec_begin_nets(stream: number): void;
   lidarcodec_net(
@@ -25,15 +33,7 @@ interface Exports {
     expects: number,
   ): void;
   lidarcodec_use_nets(stream: number, learned: number): void;
-  lidarcodec_ranges(
-    stream: number,
-    at: number,
-    size: number,
-    step: number,
-    motionAt: number,
-    motionSize: number,
-    follows: number,
-  ): void;
+  lidarcodec_ranges(stream: number, at: number, size: number, step: number, follows: number): void;
   lidarcodec_done(stream: number, follows: number): void;
   lidarcodec_azimuth(stream: number): number;
   lidarcodec_fired(stream: number): number;
@@ -103,8 +103,9 @@ export class NativeStream {
     this.#exports.lidarcodec_columns(this.#stream, at, size, width);
   }
 
-  mask({ at, size }: Part, keep: boolean, follows: boolean): void {
-    this.#exports.lidarcodec_mask(this.#stream, at, size, +keep, +follows);
+  mask({ at, size }: Part, keep: boolean, motion: Part | null, follows: boolean): void {
+    const [motionAt, motionSize] = [motion?.at ?? NONE, motion?.size ?? 0];
+    this.#exports.lidarcodec_mask(this.#stream, at, size, +keep, motionAt, motionSize, +follows);
   }
 
   intensity({ at, size }: Part): void {
@@ -121,8 +122,8 @@ export class NativeStream {
     this.#exports.lidarcodec_use_nets(this.#stream, +(networks !== null));
   }
 
-  ranges({ at, size }: Part, step: number, motion: Part | null, follows: boolean): void {
-    this.#exports.lidarcodec_ranges(this.#stream, at, size, step, motion?.at ?? NONE, motion?.size ?? 0, +follows);
+  ranges({ at, size }: Part, step: number, follows: boolean): void {
+    this.#exports.lidarcodec_ranges(this.#stream, at, size, step, +follows);
   }
 
   done(follows: boolean): void {

@@ -90,7 +90,10 @@ export class StreamDecoder {
     native.give(data);
     native.columns(part(Section.AZIMUTH, "azimuths"), width);
     const keep = message.section(Section.KEEP);
-    native.mask(keep ? partOf(data, keep) : part(Section.MASK, "a mask"), keep !== null, follows);
+    const expects = codec === Codec.predictive || codec === Codec.riddle;
+    const motion = expects ? message.section(Section.MOTION) : null;
+    const mask = keep ? partOf(data, keep) : part(Section.MASK, "a mask");
+    native.mask(mask, keep !== null, motion && partOf(data, motion), follows);
     const intensity = this.#intensity(message, data, native, sensor);
     const range = await this.#range(message, data, native, follows);
     native.done(follows);
@@ -141,8 +144,7 @@ export class StreamDecoder {
     if (message.codec === Codec.zstd) return readZstdRanges(section, native.returns);
     if (message.codec === Codec.png) return pngRanges(rest, step, message.width, native.returns);
     const coded = message.codec === Codec.riddle ? rest.subarray(1 + NAME_BYTES) : rest;
-    const motion = message.section(Section.MOTION);
-    native.ranges(partOf(data, coded), step, motion && partOf(data, motion), follows);
+    native.ranges(partOf(data, coded), step, follows);
     return null;
   }
 
