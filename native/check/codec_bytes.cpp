@@ -3,9 +3,11 @@
 // Usage: codec_bytes [COLUMNS]
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <memory>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -15,6 +17,8 @@
 #include "mask_stream.hpp"
 #include "motion_search.hpp"
 #include "predictive_coder.hpp"
+#include "random_nets.hpp"
+#include "riddle_train.hpp"
 #include "warp.hpp"
 
 using namespace lidarcodec;
@@ -117,13 +121,38 @@ Bytes returns_of(const Ranges& image) {
   return returns;
 }
 
-void check_ranges(const Scene& scene, Path path) {
+// What ranges are coded with: a path of the processor, and maybe networks.
+struct Way {
+  Path path;
+  std::shared_ptr<const RiddleNets> nets;
+  std::string codec, name;
+
+  PredictiveCoder coder() const { return PredictiveCoder(path, nets); }
+};
+
+std::vector<Way> ways_here() {
+  const std::vector<NetForm> forms = net_forms_here();
+  std::vector<Way> ways;
+  const auto with_nets = [&](Path path, NetForm form) {
+    for (const bool in_bytes : {false, true})
+      ways.push_back({path, random_nets(form, in_bytes), in_bytes ? "riddle, bytes, " : "riddle, ",
+                      name_of(path) + std::string("/") + std::to_string(static_cast<int>(form))});
+  };
+  for (const Path path : paths_here()) {
+    ways.push_back({path, nullptr, "", name_of(path)});
+    if (path != paths_here().back()) with_nets(path, forms.front());
+  }
+  for (const NetForm form : forms) with_nets(paths_here().back(), form);
+  return ways;
+}
+
+void check_ranges(const Scene& scene, const Way& way) {
   for (const bool expects : {false, true}) {
     Hash hash;
     for (const std::uint32_t step : kSteps) {
       RangeCells cells = scene.cells;
       cells.step = step;
-      PredictiveCoder encoder(path), decoder(path);
+      PredictiveCoder encoder = way.coder(), decoder = way.coder();
       RangeHistory history;
       for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
         const Ranges image = scene.ranges(frame);
@@ -141,14 +170,14 @@ void check_ranges(const Scene& scene, Path path) {
         history.remember(came.data(), columns, scene.table.half);
       }
     }
-    hash.print(std::string(expects ? "ranges with motion, " : "ranges, ") + name_of(path));
+    hash.print(way.codec + (expects ? "ranges with motion, " : "ranges, ") + way.name);
   }
 }
 
 // The same in slabs of a third of a turn, each of which goes on where the one before ended.
-void check_slabs(const Scene& scene, Path path) {
+void check_slabs(const Scene& scene, const Way& way) {
   Hash hash;
-  PredictiveCoder encoder(path), decoder(path);
+  PredictiveCoder encoder = way.coder(), decoder = way.coder();
   const Ranges image = scene.ranges(0);
   const std::size_t each = scene.width / 3;
   for (std::size_t slab = 0; slab < 3; ++slab) {
@@ -172,7 +201,38 @@ void check_slabs(const Scene& scene, Path path) {
       if (i % width >= known && came[i] != ranges[i]) fail("slabs");
     hash.add(data);
   }
-  hash.print(std::string("slabs, ") + name_of(path));
+  hash.print(way.codec + "slabs, " + way.name);
+}
+
+// Weights that a network has after some steps on returns that were coded with it.
+void check_training(const Scene& scene) {
+  constexpr std::size_t kMiddle = 16;
+  const std::array<std::size_t, 4> dims = {kInputsAlone, kMiddle, kMiddle, kNetOutputs};
+  std::array<std::vector<std::int16_t>, kNetLayers> weights;
+  std::array<std::vector<std::int32_t>, kNetLayers> biases;
+  std::array<GivenLayer, kNetLayers> layers;
+  for (std::uint32_t l = 0; l < kNetLayers; ++l) {
+    for (std::uint32_t i = 0; i < dims[l] * dims[l + 1]; ++i)
+      weights[l].push_back(static_cast<std::int16_t>(static_cast<int>(noise(i, l, 60) % 255) - 127));
+    biases[l].resize(dims[l + 1]);
+    layers[l] = {dims[l], dims[l + 1], weights[l].data(), biases[l].data(), l == 0 ? 6u : 11u};
+  }
+  const auto nets = std::make_shared<RiddleNets>();
+  nets->alone.emplace(layers);
+  PredictiveCoder coder(paths_here().back(), nets);
+  RiddleSamples samples;
+  const Ranges image = scene.ranges(0);
+  coder.encode(image.data(), returns_of(image).data(), scene.cells, scene.geometry, 0, nullptr, kWholeFrame, &samples);
+  TrainSettings settings;
+  settings.batch = 64;
+  RiddleTrainer trainer(layers, settings, 1);
+  trainer.add(samples, false);
+  trainer.train(40, [] { return true; });
+  Hash hash;
+  for (const RiddleTrainer::Layer& layer : trainer.layers())
+    for (const auto* numbers : {&layer.weights, &layer.bias})
+      for (const float number : *numbers) hash.add_number(std::bit_cast<std::int32_t>(number));
+  hash.print("training");
 }
 
 void check_masks(const Scene& scene) {
@@ -261,10 +321,11 @@ int main(int count, char** words) {
   const long columns = count > 1 ? std::atol(words[1]) : 300;
   if (columns < 1 || columns > 4096) return 2;
   const Scene scene(static_cast<std::size_t>(columns));
-  for (const Path path : paths_here()) {
-    check_ranges(scene, path);
-    check_slabs(scene, path);
+  for (const Way& way : ways_here()) {
+    check_ranges(scene, way);
+    check_slabs(scene, way);
   }
+  check_training(scene);
   check_masks(scene);
   check_mask_stream(scene);
   check_intensities(scene);

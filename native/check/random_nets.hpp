@@ -7,8 +7,8 @@
 
 #include "predictive_coder.hpp"
 
-// Networks with weights at random, whose results go to all ends.
-inline std::shared_ptr<const lidarcodec::RiddleNets> random_nets(lidarcodec::NetForm form) {
+// Networks with weights at random, whose results go to all ends. in_bytes: whether the first layer's weights fit 8 bits.
+inline std::shared_ptr<const lidarcodec::RiddleNets> random_nets(lidarcodec::NetForm form, bool in_bytes = false) {
   std::uint32_t seed = 7;
   const auto random = [&](int size) {
     seed = seed * 1664525u + 1013904223u;
@@ -21,9 +21,11 @@ inline std::shared_ptr<const lidarcodec::RiddleNets> random_nets(lidarcodec::Net
     std::array<std::vector<std::int32_t>, 3> biases;
     std::array<lidarcodec::GivenLayer, 3> layers;
     for (std::size_t l = 0; l < layers.size(); ++l) {
-      for (std::size_t i = 0; i < dims[l] * dims[l + 1]; ++i) weights[l].push_back(static_cast<std::int16_t>(random(9000)));
-      for (std::size_t i = 0; i < dims[l + 1]; ++i) biases[l].push_back(random(100000));
-      layers[l] = {dims[l], dims[l + 1], weights[l].data(), biases[l].data(), 12};
+      const bool bytes = in_bytes && l == 0;
+      for (std::size_t i = 0; i < dims[l] * dims[l + 1]; ++i)
+        weights[l].push_back(static_cast<std::int16_t>(random(bytes ? 127 : 9000)));
+      for (std::size_t i = 0; i < dims[l + 1]; ++i) biases[l].push_back(random(bytes ? 1000 : 100000));
+      layers[l] = {dims[l], dims[l + 1], weights[l].data(), biases[l].data(), bytes ? 6u : 12u};
     }
     (inputs == lidarcodec::kInputsAlone ? nets->alone : nets->expecting).emplace(layers, form);
   }
