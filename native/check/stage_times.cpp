@@ -65,6 +65,10 @@ struct Watched {
     watch.contexts.add(watch.found - begun);
   }
   template <bool kExpects>
+  static void inputs(const Surroundings& of, std::int8_t* in) {
+    Forms::template inputs<kExpects>(of, in);
+  }
+  template <bool kExpects>
   static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
     const std::uint64_t begun = ticks();
     watch.looked_at = 0;

@@ -8,6 +8,7 @@
 #include "cells.hpp"
 #include "positions.hpp"
 #include "predictive_model.hpp"
+#include "riddle_inputs.hpp"
 
 namespace lidarcodec {
 
@@ -88,6 +89,11 @@ struct NarrowForm {
 #pragma GCC unroll 20
     for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + at);
     return sum;
+  }
+
+  template <bool kExpects>
+  static void inputs(const Surroundings& of, std::int8_t* in) {
+    find_inputs<kExpects>(of, in);
   }
 
   template <bool kExpects>

@@ -243,7 +243,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     s.gap = part.begun && cell > part.last_cell ? cell - part.last_cell : 1u;
     s.step = step_;
     s.begun = part.begun;
-    find_inputs<kExpects>(s, place.net.values.in.data());
+    Forms::template inputs<kExpects>(s, place.net.values.in.data());
   }
 
   // Ranges around, the likeliest first, as they lie from the base.

@@ -117,32 +117,39 @@ struct Forms {
   Ints from_base(const std::int32_t* ranges) const { return (four(ranges) - base) << 2; }
 };
 
+// Two times four distances, in quarters, in one of the forms, to where they belong; those of `a` first.
+struct OneByOne {
+  static void straight(const Forms& forms, Ints a, Ints b, std::int8_t* to_a, std::int8_t* to_b) {
+    put(forms.straight(a), to_a);
+    put(forms.straight(b), to_b);
+  }
+  static void companded(const Forms& forms, Ints a, Ints b, std::int8_t* to_a, std::int8_t* to_b) {
+    put(forms.companded(a), to_a);
+    put(forms.companded(b), to_b);
+  }
+};
+
 }  // namespace inputs
 
-// Fills the inputs of a return.
-template <bool kExpects>
+// Fills the inputs of a return. What is written later may overwrite what was too much before. Pairs: OneByOne, or the
+// same for a processor that does both at once.
+template <bool kExpects, class Pairs = inputs::OneByOne>
 inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   using inputs::four, inputs::Ints, inputs::put, inputs::put_flags;
   const std::int32_t base = s.last[0];
   const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale], Ints{} + base};
-  const auto straight = [&](const std::int32_t* ranges, std::size_t at) { put(forms.straight(forms.from_base(ranges)), in + at); };
-  const auto companded = [&](const std::int32_t* ranges, std::size_t at) { put(forms.companded(forms.from_base(ranges)), in + at); };
-  const auto steps = [&](const std::int32_t* a, const std::int32_t* b, std::size_t at) {
-    put(forms.companded((four(a) - four(b)) << 2), in + at);
-  };
-  straight(s.last + 1, 0);
-  straight(s.last + 4, 3);
-  straight(s.up - 3, 7);
-  straight(s.up + 1, 11);
-  straight(s.up + 3, 13);
-  straight(s.upper - 1, 17);
-  companded(s.last + 1, 21);
-  companded(s.up - 1, 24);
-  companded(s.up + 1, 26);
-  put(forms.companded(forms.from_base(s.up) + (s.level >> 2)), in + 30);
-  steps(s.up, s.up - 1, 32);
+  const auto away = [&](const std::int32_t* ranges) { return forms.from_base(ranges); };
+  const auto apart = [&](const std::int32_t* a, const std::int32_t* b) { return (four(a) - four(b)) << 2; };
+  const auto straight = [&](Ints a, std::size_t at, Ints b, std::size_t at_b) { Pairs::straight(forms, a, b, in + at, in + at_b); };
+  const auto companded = [&](Ints a, std::size_t at, Ints b, std::size_t at_b) { Pairs::companded(forms, a, b, in + at, in + at_b); };
+  const Ints levelled = away(s.up) + (s.level >> 2);
+  straight(away(s.last + 1), 0, away(s.last + 4), 3);
+  straight(away(s.up - 3), 7, away(s.up + 1), 11);
+  straight(away(s.up + 3), 13, away(s.upper - 1), 17);
+  companded(away(s.last + 1), 21, away(s.up - 1), 24);
+  companded(away(s.up + 1), 26, levelled, 30);
   const std::int32_t upper = s.upper[0], next = s.upper[1];
-  put(forms.companded(Ints{upper - base, next - base, next - s.up[1], next - upper} << 2), in + 35);
+  companded(apart(s.up, s.up - 1), 32, Ints{upper - base, next - base, next - s.up[1], next - upper} << 2, 35);
   const std::int32_t scale_of = 8 * static_cast<std::int32_t>(s.scale) + 12;
   const auto sizes = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
     using Unsigned = std::uint32_t __attribute__((vector_size(16)));
@@ -161,24 +168,21 @@ inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   put_flags(s.here + 1, in + 58);
   put_flags(s.above - 1, in + 61);
   put_flags(s.below - 1, in + 65);
-  put(forms.straight(forms.from_base(s.up) + (s.level >> 2)), in + 69);
-  if constexpr (kExpects) {
-    straight(s.seen - 3, 72);
-    straight(s.seen + 1, 76);
-    straight(s.seen + 3, 78);
-    companded(s.seen - 1, 82);
-    companded(s.seen + 1, 84);
-    put(forms.companded(forms.from_base(s.seen) + (s.bias >> 2)), in + 88);
-    steps(s.seen, s.seen - 1, 90);
-    steps(s.up - 1, s.seen_above - 1, 93);
+  if constexpr (!kExpects) {
+    put(forms.straight(levelled), in + 69);
+  } else {
+    straight(levelled, 69, away(s.seen - 3), 72);
+    straight(away(s.seen + 1), 76, away(s.seen + 3), 78);
+    companded(away(s.seen - 1), 82, away(s.seen + 1), 84);
+    companded(away(s.seen) + (s.bias >> 2), 88, apart(s.seen, s.seen - 1), 90);
     const Ints below = Ints{s.seen_below[0] - base, s.seen_below[1] - base, s.seen_below[0] - s.seen[0], 0} << 2;
-    put(forms.companded(below + Ints{0, 0, 0, s.bias >> 2}), in + 97);
+    companded(apart(s.up - 1, s.seen_above - 1), 93, below + Ints{0, 0, 0, s.bias >> 2}, 97);
     in[101] = in[100];
     in[100] = static_cast<std::int8_t>(sizes(s.miss, 0, 0, 0)[0]);
     put_flags(s.known - 1, in + 102);
-    put(forms.straight((four(s.up) - four(s.seen_above)) << 2), in + 106);
     const std::int32_t step_below = s.seen_below[1] - s.seen_below[0];
-    put(forms.straight((Ints{s.up[2] - s.seen_above[2], s.up[3] - s.seen_above[3], 0, step_below} << 2) + Ints{0, 0, s.bias >> 2, 0}), in + 108);
+    const Ints last = Ints{s.up[2] - s.seen_above[2], s.up[3] - s.seen_above[3], 0, step_below} << 2;
+    straight(apart(s.up, s.seen_above), 106, last + Ints{0, 0, s.bias >> 2, 0}, 108);
   }
 }
 
