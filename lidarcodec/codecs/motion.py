@@ -31,6 +31,8 @@ MOST_SHIFT: Final = 320_000
 """Largest part of a shift: 20 m within a turn."""
 _ROTATION_UNIT: Final = 1 << 30
 _BYTES: Final = 3
+_SAME_SIZE: Final = 0.1
+"""By how much the volume of what a pose moves may change: poses come from others, rounded as they will be."""
 
 Triple = tuple[int, int, int]
 Matrix = npt.NDArray[np.float64]
@@ -102,6 +104,13 @@ STILL: Final = Motion()
 def _triple(values: npt.NDArray[np.float64]) -> Triple:
     x, y, z = (int(value) for value in values)
     return x, y, z
+
+
+def is_rigid(pose: npt.NDArray[np.float64]) -> bool:
+    """Whether a (4, 4) matrix moves things without changing their size much or turning them inside out."""
+    if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        return False
+    return bool(abs(np.linalg.det(pose[:3, :3]) - 1) < _SAME_SIZE)
 
 
 def encode_motion(motion: Motion) -> bytes:

@@ -19,7 +19,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.motion import STILL, Motion
+from lidarcodec.codecs.motion import STILL, Motion, is_rigid
 from lidarcodec.codecs.warp import RangeHistory, beam_rows, swept
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
@@ -114,6 +114,8 @@ class MotionFinder:
     def _from_poses(self, frame: Frame) -> FoundMotion | None:
         before = self._before
         if before is None or before.pose is None or frame.pose is None or frame.stamp_ns <= before.stamp_ns:
+            return None
+        if not (is_rigid(frame.pose) and is_rigid(before.pose)):  # such a frame is refused when its pose is coded
             return None
         passed_ns = frame.stamp_ns - before.stamp_ns
         gap = (_first(frame) - _last(before)) % AZIMUTH_TURN

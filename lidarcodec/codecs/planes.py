@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarcodec import entropy
 from lidarcodec.codecs.history import MaskHistory
 from lidarcodec.codecs.intensity import decode_intensity, encode_intensity
+from lidarcodec.codecs.motion import is_rigid
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -127,7 +128,7 @@ def pose_sections(frame: Frame) -> list[Section]:
     """The POSE section, twelve float64 in row order, or nothing."""
     if frame.pose is None:
         return []
-    if not np.isfinite(frame.pose).all() or frame.pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+    if not is_rigid(frame.pose):
         raise LidarCodecError(f"frame {frame.index} has a pose that is no rigid transform")
     return [Section(SectionType.POSE, frame.pose[:3].astype("<f8").tobytes())]
 

@@ -12,7 +12,9 @@ from lidarcodec.codecs.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError, TruncatedError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.sensor_model import Calibration, SensorModel
+from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
 
 
@@ -149,9 +151,15 @@ def test_a_zstd_frame_must_say_the_size_that_is_expected() -> None:
 
 def test_a_pose_must_be_a_rigid_transform() -> None:
     frame = frames.scene(1)
-    for wrong in (np.full((4, 4), np.nan), np.zeros((4, 4)), np.ones((4, 4))):
+    flat, mirrored = np.diag([1.0, 1.0, 0.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
+    for wrong in (np.full((4, 4), np.nan), np.zeros((4, 4)), np.ones((4, 4)), flat, mirrored):
         with pytest.raises(LidarCodecError, match="pose"):
             pose_sections(frame.with_(pose=wrong))
+        encoder = StreamEncoder(StreamSettings(codec="predictive", codec_settings={"motion": True}))
+        for index in range(2):
+            encoder.encode(frame.with_(pose=np.eye(4), index=index, stamp_ns=10**8 * index))
+        with pytest.raises(LidarCodecError, match="pose"):  # also where the motion is taken from poses
+            encoder.encode(frame.with_(pose=wrong, index=2, stamp_ns=2 * 10**8))
     for data in (bytes(95), bytes(97), b"\xff" * 96):
         with pytest.raises(SectionError, match="pose"):
             decode_pose(message(SectionType.POSE, data))
