@@ -4,7 +4,6 @@ python clients/python/to_pcap.py OUT.pcap [VEHICLE/SENSOR] [--connect tcp/HOST:7
 """
 
 import argparse
-import contextlib
 import sys
 import time
 from pathlib import Path
@@ -23,12 +22,16 @@ def main() -> None:
 
     with options.out.open("wb") as file, lidarcodec.subscribe(options.stream, connect=options.connect) as live:
         capture, packets, until = PcapWriter(file), 0, float("inf")
-        with contextlib.suppress(KeyboardInterrupt):  # enough
+        whole = file.tell()
+        try:
             for frame in live:
-                packets += capture.write_all(lidarcodec.packets_of(frame))
+                written = capture.write_all(lidarcodec.packets_of(frame))
+                packets, whole = packets + written, file.tell()
                 until = min(until, time.monotonic() + options.seconds)
                 if time.monotonic() >= until:
                     break
+        except KeyboardInterrupt:  # enough, maybe in the middle of a frame
+            file.truncate(whole)
     print(f"{packets} packets in {options.out}; {live.summary().get('missing', 0)} frames were replaced on the way")
 
 
