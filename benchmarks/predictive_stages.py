@@ -114,6 +114,8 @@ class _Watch:
 WATCHED = (
     (entropy, "encode_mask", "encode mask"),
     (entropy, "decode_mask", "decode mask"),
+    (entropy.MaskStream, "encode", "encode mask"),
+    (entropy.MaskStream, "decode", "decode mask"),
     (entropy.PredictiveCoder, "encode", "encode ranges"),
     (entropy.PredictiveCoder, "decode", "decode ranges"),
     (RangeHistory, "expected", "warp"),

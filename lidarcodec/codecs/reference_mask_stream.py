@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.reference_warp import angle_of_table, rounded30, turned
 from lidarcodec.entropy.reference import SQUASH, SUREST, BitModel, BitReader, Bits, BitWriter
-from lidarcodec.entropy.reference_mask import ALL, NONE, ROWS
+from lidarcodec.entropy.reference_mask import ROWS, closed_rows
 from lidarcodec.errors import SectionError, TruncatedError
 
 BEGINS, GOES_ON = 6, 7
@@ -82,14 +82,9 @@ class MaskStreamReference:
     def encode(self, mask: Mask, view: View) -> bytes:
         """Bytes of a (64, W) mask."""
         columns = _columns(view)
-        rows = [[int(mask[row, column]) for column in columns[row]] for row in range(ROWS)]
-        returned = sum(map(sum, rows))
-        if returned != int(mask.sum()):
-            raise SectionError("a mask is set in a block that did not fire")
-        if returned == 0:
-            return bytes([NONE])
-        if returned == sum(map(len, rows)):
-            return bytes([ALL])
+        rows, alike = closed_rows(mask, columns)
+        if alike is not None:
+            return alike
         kind, bits = GOES_ON if self.begun else BEGINS, BitWriter()
         self._code(bits, view, kind == BEGINS, rows)
         return bytes([kind]) + bits.finish()

@@ -28,8 +28,8 @@ DRAWS: Final = 4
 """How often a sample is learned from: where more steps are taken, more samples are. More often, they are learned by
 heart."""
 BESIDE_ANEW: Final = 0.3
-"""How much of what contexts said still goes for another network: they soon learn again what is left of it. On drive
-0005 this tells what other weights bring in the stream within 0.001 bits; 1.0 would find them worse than they are."""
+"""How much of what contexts said still goes for another network: they soon learn again what is left of it. Measured
+on drive 0005 (docs/decisions/0013): 1.0 would find other weights worse than they turn out to be."""
 HELD_EVERY: Final = 8
 """Of so many frames one is measured on instead."""
 WAITING: Final = 8

@@ -127,16 +127,24 @@ def code_mask(bits: Bits, layout: Layout, rows: list[list[int]], turn: int, shif
         code_row(bits, models, rows[row], u, v, p)
 
 
-def encode_mask(mask: Mask, layout: Layout, turn: int, shift: int = 0, earlier: Mask | None = None) -> bytes:
-    """Bytes of a (64, W) mask."""
-    rows = [[int(mask[row, column]) for column in layout.columns[layout.half[row]]] for row in range(ROWS)]
+def closed_rows(mask: Mask, columns: list[list[int]]) -> tuple[list[list[int]], bytes | None]:
+    """Rows of a (64, W) mask, closed up to their columns; and the section of one whose cells are all alike, else None.
+
+    Raises SectionError if a cell is set that is in no column.
+    """
+    rows = [[int(mask[row, column]) for column in columns[row]] for row in range(ROWS)]
     returned = sum(map(sum, rows))
     if returned != int(mask.sum()):
         raise SectionError("a mask is set in a block that did not fire")
-    if returned == 0:
-        return bytes([NONE])
-    if returned == sum(map(len, rows)):
-        return bytes([ALL])
+    alike = NONE if returned == 0 else ALL if returned == sum(map(len, rows)) else None
+    return rows, None if alike is None else bytes([alike])
+
+
+def encode_mask(mask: Mask, layout: Layout, turn: int, shift: int = 0, earlier: Mask | None = None) -> bytes:
+    """Bytes of a (64, W) mask."""
+    rows, alike = closed_rows(mask, [layout.columns[half] for half in layout.half])
+    if alike is not None:
+        return alike
     head = bytes([ALONE if earlier is None else WITH_EARLIER]) + turn.to_bytes(2, "little")
     bits = BitWriter()
     code_mask(bits, layout, rows, turn, shift, earlier)

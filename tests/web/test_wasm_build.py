@@ -26,5 +26,5 @@ def test_the_module_is_small_and_asks_its_host_for_one_function():
     """A page fetches it; and what it may do is decode, nothing else."""
     data = (WORKER / "decoder.wasm").read_bytes()
     assert data[:4] == b"\0asm"
-    assert len(data) < 450_000
+    assert len(data) < 400_000
     assert b"wasi_snapshot" not in data
