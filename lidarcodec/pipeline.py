@@ -76,12 +76,15 @@ class StreamEncoder:
         self._rate = self._rate_control(self.settings)
         self._steer()
         self._held: list[Message] = []
+        self._last_index = -1
+        self._index_again = False
         self.reduced: Frame | None = None
         """The last frame, as it was encoded: with `keep` set where it was reduced."""
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
         frame = self.reduced = self._reducing.reduce(frame)
+        key = key or self._index_again
         if self._rate is not None:
             key_is_due = key or (self._rate.dear and self._encoder.apply(self._rate.settings))
             self._encoder.apply(self._rate.settings_for(frame, key=key_is_due))
@@ -91,6 +94,8 @@ class StreamEncoder:
             messages = self._encoder.encode(frame, key=True)
         if self._rate is not None:
             self._rate.sent(frame, messages)
+        # An index that was there before names two frames: what needs it might go on from the wrong one.
+        self._index_again, self._last_index = frame.index <= self._last_index, frame.index
         held, self._held = self._held, []
         return held + messages
 

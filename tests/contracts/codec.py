@@ -18,6 +18,7 @@ from lidarcodec.codecs.base import Decoder, Encoder
 from lidarcodec.errors import DecodeError, LidarCodecError, MissingReferenceError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.side import SideInfo
 from lidarcodec.wire.checksum import with_checksum
@@ -178,6 +179,25 @@ def check_lost_message(codec: CodecUnderTest) -> None:
                 continue
             for frame in came:
                 assert_equal(frame, sent[frame.index], codec)
+
+
+def check_index_twice(codec: CodecUnderTest) -> None:
+    """Two messages of one index, of which the second is lost: nothing goes on from the first in its place."""
+    exact, coarse = (codec.settings(max_error_m=bound, key_interval=100) for bound in (0, 0.1))
+    for again, settings in ((frames.scene(9, index=2), exact), (frames.scene(3, index=2), coarse)):
+        sent = [frames.scene(3, index=index) for index in (0, 1, 2, 2, 3, 4, 5)]
+        sent[3] = again
+        encoder, decoder = StreamEncoder(exact, STREAM, lambda settings, _: codec.encoder(settings)), codec.decoder()
+        for number, frame in enumerate(sent):
+            encoder.apply(settings if number == 3 else exact)
+            messages = encoder.encode(frame) + (encoder.flush() if number in (2, 3, 6) else [])
+            for message in messages if number != 3 else []:
+                try:
+                    came = decoder.decode(message)
+                except MissingReferenceError:
+                    continue
+                for one in came:
+                    assert_equal(one, sent[one.index + (one.index > 2)], codec)
 
 
 def check_join(codec: CodecUnderTest) -> None:
@@ -358,6 +378,7 @@ CHECKS: tuple[Callable[[CodecUnderTest], None], ...] = (
     check_intensity,
     check_same_bytes,
     check_lost_message,
+    check_index_twice,
     check_join,
     check_key_interval,
     check_settings_change,
