@@ -2,7 +2,7 @@
 
 The motion that a frame needs is that of one turn, whatever the frame's length: in every direction the history holds
 what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. A frame of
-half a turn or more is registered with the history (`find_motion` of the native core, 6 ms). A slab does not hold a
+half a turn or more is registered with the history (`find_motion` of the native core). A slab does not hold a
 motion firmly: those of the last turn are registered together with the turn before, twice a turn, and the slabs between
 keep what was found.
 
@@ -75,7 +75,7 @@ class _Seen(NamedTuple):
 class MotionFinder:
     """Gives the motion for each frame of a stream, in order. Call `next` before the history remembers the frame.
 
-    refine: whether poses are only where the search begins (6 ms), or are taken as they are (free). KITTI's, from GPS
+    refine: whether poses are only where the search begins, or are taken as they are (free). KITTI's, from GPS
     and inertia, are 0.2 bit worse than what is found.
     """
 

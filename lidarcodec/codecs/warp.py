@@ -70,7 +70,7 @@ class RangeHistory:
         self.native.remember(np.ascontiguousarray(ranges), azimuth, fired8, beam_rows(sensor))
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
-        """(64, W) uint16, the range that each cell of a frame should have, 0 where nothing is known; 7 ms a turn.
+        """(64, W) uint16, the range that each cell of a frame should have, 0 where nothing is known.
 
         motion: since what is remembered was seen; azimuth, fired: those of the frame, as above
         Raises SectionError as `remember` does.

@@ -43,19 +43,18 @@ struct Turned {
   std::int32_t cos, sin;  // 2^-30
 };
 
-// Cosine and sine, within 2^-28.
+// Cosine and sine, within 2^-28. Without branches: which way a step turns is as good as random.
 inline Turned turned(Angle angle) {
   const bool back = angle + 0x40000000u >= 0x80000000u;
   const Angle within = back ? angle + 0x80000000u : angle;
   std::int64_t left = static_cast<std::int64_t>(static_cast<std::int32_t>(within)) * 256;
   std::int64_t x = kShrink * 1024, y = 0;
   for (std::size_t i = 0; i < kArctangent.size(); ++i) {
-    const std::int64_t dx = x >> i, dy = y >> i;
-    if (left >= 0) {
-      x -= dy, y += dx, left -= kArctangent[i];
-    } else {
-      x += dy, y -= dx, left += kArctangent[i];
-    }
+    const std::int64_t under = left >> 63;  // all ones: turned too far
+    const std::int64_t dx = ((x >> i) ^ under) - under, dy = ((y >> i) ^ under) - under;
+    x -= dy;
+    y += dx;
+    left -= (kArctangent[i] ^ under) - under;
   }
   if (back) x = -x, y = -y;
   return {static_cast<std::int32_t>((x + 512) >> 10), static_cast<std::int32_t>((y + 512) >> 10)};

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <vector>
 
@@ -11,11 +12,11 @@ namespace lidarcodec {
 namespace {
 
 constexpr std::size_t kEvery = 6;           // slots from candidate to candidate in a row
+constexpr std::size_t kTried = 3;            // slots of which the first with a return is a candidate
 constexpr std::size_t kPerFacing = 500;      // points of each way to face
 constexpr double kCubeM = 0.4;              // of points in a cube of this side one is used
 constexpr double kBaseM = 0.3;               // to the neighbours of which a normal is made, at least
 constexpr int kRingsAway = 6;                // to those above and below, at most
-constexpr std::size_t kReach = 3;            // slots in which a neighbour is looked for
 constexpr double kFlatM = 0.05, kFlatPart = 0.005;  // a neighbour further off the plane: no plane
 constexpr std::uint32_t kIterations = 20;
 constexpr std::uint32_t kLeastMatched = 150, kLeastMatchedHeld = 40;
@@ -34,7 +35,7 @@ bool far_enough(const View& view, std::size_t row, int by, Angle angle, const Me
   for (int k = 1; k <= kRingsAway; ++k) {
     const int ring = static_cast<int>(row) + k * by;
     if (ring < 0 || ring >= static_cast<int>(kRows)) break;
-    if (!view.near(static_cast<std::size_t>(ring), angle, kReach, point)) continue;
+    if (!view.near_angle(static_cast<std::size_t>(ring), angle, point)) continue;
     if (length_of(point - from) > kBaseM) return true;
   }
   return false;
@@ -47,8 +48,12 @@ bool make_patch(const View& view, std::size_t row, std::size_t slot, Patch& patc
   const double away = length_of(patch.at);
   if (!(away > 1) || away > 80) return false;
   const auto side = static_cast<Angle>(std::clamp(kBaseM / away, 0.006, 0.06) * 683'565'276.0);
-  if (!view.near(row, angle - side, kReach, left) || !view.near(row, angle + side, kReach, right) ||
-      !far_enough(view, row, -1, angle, patch.at, up) || !far_enough(view, row, 1, angle, patch.at, down)) {
+  // Most have none: what is known first is asked first.
+  const auto close = [&](const Metres& neighbour) { return !(length_of(neighbour - patch.at) > 0.3 + 0.15 * away); };
+  if (!view.near_angle(row, angle - side, left) || !close(left) ||
+      !view.near_angle(row, angle + side, right) || !close(right) ||
+      !far_enough(view, row, -1, angle, patch.at, up) || !close(up) ||
+      !far_enough(view, row, 1, angle, patch.at, down) || !close(down)) {
     return false;
   }
   const Metres across = cross(left - right, up - down);
@@ -56,10 +61,8 @@ bool make_patch(const View& view, std::size_t row, std::size_t slot, Patch& patc
   if (!(size > 1e-9)) return false;
   patch.normal = (1 / size) * across;
   const double flat = kFlatM + kFlatPart * away;
-  for (const Metres* neighbour : {&left, &right, &up, &down}) {
+  for (const Metres* neighbour : {&left, &right, &up, &down})
     if (std::abs(dot(patch.normal, *neighbour - patch.at)) > flat) return false;
-    if (length_of(*neighbour - patch.at) > 0.3 + 0.15 * away) return false;
-  }
   if (dot(patch.normal, patch.at) > 0) patch.normal = -1 * patch.normal;
   return std::abs(dot(patch.normal, patch.at)) > 0.03 * away;  // seen too flat
 }
@@ -76,17 +79,23 @@ std::size_t facing(const Metres& n) {
 // Cubes in which there is a point already: near things would otherwise outweigh far ones.
 class Cubes {
  public:
-  bool taken(const Metres& p) const { return cell_[cell(p)] != 0; }
-  void take(const Metres& p) { cell_[cell(p)] = 1; }
-
- private:
   // Two cubes that share a cell are no harm: one of them goes without a point.
   static std::size_t cell(const Metres& p) {
-    const auto part = [](double v) { return static_cast<std::uint32_t>(static_cast<std::int32_t>(std::floor(v / kCubeM))); };
     return (part(p.x) * 73'856'093u ^ part(p.y) * 19'349'663u ^ part(p.z) * 83'492'791u) * 2'654'435'761u >> 16;
   }
 
-  std::vector<std::uint8_t> cell_ = std::vector<std::uint8_t>(1u << 16);
+  bool taken(std::size_t cell) const { return (cells_[cell / 64] >> cell % 64 & 1u) != 0; }
+  void take(std::size_t cell) { cells_[cell / 64] |= std::uint64_t{1} << cell % 64; }
+
+ private:
+  // Rounded down, without a call of the library's.
+  static std::uint32_t part(double metres) {
+    const double cubes = metres / kCubeM;
+    const auto whole = static_cast<std::int32_t>(cubes);
+    return static_cast<std::uint32_t>(whole - (cubes < whole));
+  }
+
+  std::array<std::uint64_t, (1u << 16) / 64> cells_{};
 };
 
 // Points that hold the motion in all directions: as many of each way to face as there are, up to a limit.
@@ -96,14 +105,13 @@ std::vector<Patch> patches_of(const View& view) {
   Patch patch;
   for (std::size_t row = 1; row + 1 < kRows; ++row) {
     for (std::size_t s = row * 5 % kEvery; s < kSlots; s += kEvery) {
-      for (std::size_t d = 0; d < 3 && s + d < kSlots; ++d) {
-        if (!view.at(row, s + d, patch.at)) continue;
-        if (!cubes.taken(patch.at) && make_patch(view, row, s + d, patch)) {
-          cubes.take(patch.at);
-          by_facing[facing(patch.normal)].push_back(patch);
-        }
-        break;
-      }
+      const std::size_t slot = s + static_cast<std::size_t>(std::countr_zero(view.returns_from(row, s) | 1u << kTried));
+      if (slot >= std::min(s + kTried, kSlots)) continue;
+      patch.at = view.at(row, slot);
+      const std::size_t cell = Cubes::cell(patch.at);
+      if (cubes.taken(cell) || !make_patch(view, row, slot, patch)) continue;
+      cubes.take(cell);
+      by_facing[facing(patch.normal)].push_back(patch);
     }
   }
   std::vector<Patch> chosen;
@@ -202,9 +210,12 @@ struct Match {
 class Search {
  public:
   Search(const View& before, const Beams& beams, const std::vector<Patch>& patches)
-      : before_(before), beams_(beams), patches_(patches), x_(patches.size()), y_(x_), angle_(patches.size()) {
-    for (std::size_t r = 0; r < kRows; ++r)
-      if (beams[r].usable) rows_.push_back(r);
+      : before_(before), patches_(patches), x_(patches.size()), y_(x_), angle_(patches.size()), looks_(patches.size()) {
+    for (std::size_t r = 0; r < kRows; ++r) {
+      if (!beams[r].usable) continue;
+      rings_.push_back({r, static_cast<double>(beams[r].slope), static_cast<double>(beams[r].sideways * 16) * kLengthM});
+    }
+    sorted_rings_ = std::is_sorted(rings_.begin(), rings_.end(), [](const Ring& a, const Ring& b) { return a.slope > b.slope; });
   }
 
   // Points of the frame, moved, beside the closest point that was seen there before.
@@ -222,21 +233,22 @@ class Search {
     for (std::size_t i = 0; i < moved_.size(); ++i) {
       const double away = static_cast<double>(x_[i]) * (kLengthM / 16 / 1.646760258);
       if (!(away > 0.5)) continue;
-      const Metres &p = moved_[i], normal = rigid.turn(patches_[i].normal);
-      Metres closest, seen;
+      const Metres& p = moved_[i];
+      const Metres* closest = nullptr;
       double best = farthest_m * farthest_m;
-      bool any = false;
-      const std::size_t ring = ring_of(p.z / away);
-      for (std::size_t k = ring == 0 ? 0 : ring - 1; k <= ring + 1 && k < rows_.size(); ++k) {
-        const std::size_t row = rows_[k];
-        const double sideways = static_cast<double>(beams_[row].sideways * 16) * kLengthM / away;
-        const Angle angle = angle_[i] + static_cast<Angle>(static_cast<std::int32_t>(sideways * 42'722'830.0));
-        if (!before_.near(row, angle, kReach, seen)) continue;
-        const Metres apart = p - seen;
+      Looks& looks = looks_[i];
+      const std::size_t ring = ring_of(p.z / away, looks.over);
+      for (std::size_t k = ring == 0 ? 0 : ring - 1; k <= ring + 1 && k < rings_.size(); ++k) {
+        const auto turned = static_cast<Angle>(static_cast<std::int32_t>(rings_[k].sideways / away * 42'722'830.0));
+        const Look& look = looked(looks.at[k % looks.at.size()], rings_[k].row, angle_[i] + turned);
+        if (!look.any) continue;
+        const Metres apart = p - look.seen;
         const double distance = dot(apart, apart);
-        if (distance < best) best = distance, closest = seen, any = true;
+        if (distance < best) best = distance, closest = &look.seen;
       }
-      if (any) matches_.push_back({p, normal, dot(normal, p - closest)});
+      if (closest == nullptr) continue;
+      const Metres normal = rigid.turn(patches_[i].normal);
+      matches_.push_back({p, normal, dot(normal, p - *closest)});
     }
   }
 
@@ -278,31 +290,62 @@ class Search {
   std::size_t matched() const { return matches_.size(); }
 
  private:
-  // Index in rows_ of the beam that looks closest to a slope.
-  std::size_t ring_of(double slope) const {
-    std::size_t low = 0, high = rows_.size();
+  struct Ring {
+    std::size_t row;
+    double slope, sideways;  // of its beam; how far its laser sits to the side, m
+  };
+
+  // What was seen where a patch was looked for: from step to step it is mostly the same.
+  struct Look {
+    std::uint32_t where = 0xFFFFFFFF;
+    bool any = false;
+    Metres seen;
+  };
+  struct Looks {
+    std::array<Look, 3> at;
+    std::size_t over = 0;  // ring_of's
+  };
+
+  const Look& looked(Look& look, std::size_t row, Angle angle) const {
+    const std::size_t slot = before_.slot_of(row, angle);
+    const auto where = static_cast<std::uint32_t>(row * kSlots + slot);
+    if (look.where != where) {
+      look.where = where;
+      look.any = before_.near(row, slot, look.seen);
+    }
+    return look;
+  }
+
+  // Index in rings_ of the beam that looks closest to a slope. low: where it was found last, the first not above it.
+  std::size_t ring_of(double slope, std::size_t& low) const {
     const double wanted = slope * (1 << 24);
-    while (low < high) {
-      const std::size_t middle = (low + high) / 2;
-      if (static_cast<double>(beams_[rows_[middle]].slope) > wanted) {
-        low = middle + 1;
-      } else {
-        high = middle;
+    const std::size_t n = rings_.size();
+    const bool still = sorted_rings_ && (low == 0 || rings_[low - 1].slope > wanted) && (low == n || rings_[low].slope <= wanted);
+    if (!still) {
+      low = 0;
+      for (std::size_t high = n; low < high;) {
+        const std::size_t middle = (low + high) / 2;
+        if (rings_[middle].slope > wanted) {
+          low = middle + 1;
+        } else {
+          high = middle;
+        }
       }
     }
-    if (low == rows_.size()) return low == 0 ? 0 : low - 1;
+    if (low == n) return low == 0 ? 0 : low - 1;
     if (low == 0) return 0;
-    const double under = wanted - static_cast<double>(beams_[rows_[low]].slope);
-    const double over = static_cast<double>(beams_[rows_[low - 1]].slope) - wanted;
+    const double under = wanted - rings_[low].slope;
+    const double over = rings_[low - 1].slope - wanted;
     return over < under ? low - 1 : low;
   }
 
   const View& before_;
-  const Beams& beams_;
   const std::vector<Patch>& patches_;
   std::vector<std::int32_t> x_, y_;
   std::vector<Angle> angle_;
-  std::vector<std::size_t> rows_;
+  std::vector<Looks> looks_;  // of each patch
+  std::vector<Ring> rings_;
+  bool sorted_rings_ = false;
   std::vector<Metres> moved_;
   std::vector<Match> matches_;
   std::vector<double> sorted_;

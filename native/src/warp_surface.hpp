@@ -42,69 +42,105 @@ class RingPlaces {
   Place* places_;
 };
 
+// What the beam of a row meets in each direction, and in the first again.
+class MetByRow {
+ public:
+  MetByRow(const std::int32_t* lengths, std::int64_t distance) : lengths_(lengths), distance_(distance) {}
+
+  // When it looks at this angle: range steps, 0: unknown.
+  std::uint16_t range(Angle angle) const {
+    const std::int64_t left = lengths_[angle / kDirection], right = lengths_[angle / kDirection + 1];
+    const std::int64_t part = angle % kDirection;
+    std::int64_t length;
+    if (left != 0 && right != 0 && std::abs(right - left) * 16 <= std::min(left, right)) [[likely]] {
+      length = left + (((right - left) * part + kDirection / 2) >> 21);
+    } else if (left != 0 && right != 0) {
+      length = 2 * part < kDirection ? left : right;
+    } else {
+      length = left + right;
+      if (length == 0) return 0;
+    }
+    const std::int64_t steps = (length - distance_ + kLengthsPerStep / 2) >> 5;
+    return steps > 65'535 ? std::uint16_t{0} : static_cast<std::uint16_t>(std::max<std::int64_t>(steps, 1));
+  }
+
+ private:
+  const std::int32_t* lengths_;
+  std::int64_t distance_;
+};
+
 class Surface {
  public:
   // Rows a little longer than the turn: else a column's places would all fall into the same lines of the cache.
   static constexpr std::size_t kStride = kDirections + 8;
   static constexpr std::size_t kPlaces = kStride * kRows;
 
-  // rows: those whose beams ask, from the top; points, met: kPlaces each, those of `met` 0.
+  // rows: those whose beams ask, from the top; points, met: kPlaces each, those of `met` 0 where `cross` is not called. Call `ring` for
+  // each row first.
   Surface(const Beams& beams, const std::vector<std::uint8_t>& rows, Place* points, std::int32_t* met)
       : beams_(beams), rows_(rows), points_(points), met_(met) {
-    std::fill(points, points + kPlaces, Place{kUnknown, 0});
-    for (std::size_t i = 0; i < rows.size(); ++i) asking_[i] = {beams[rows[i]].up_0, beams[rows[i]].back, beams[rows[i]].slope};
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const Beam& beam = beams[rows[i]];
+      asking_[i + 1] = {beam.up_0, beam.back, beam.slope, beam.lengthen, rows[i] * kStride};
+    }
+    asking_[0] = {kBeyondAll};
+    asking_[rows.size() + 1] = {-kBeyondAll};
   }
 
-  RingPlaces ring(std::size_t row) const { return RingPlaces(points_ + row * kStride); }
+  // A ring, with no places yet.
+  RingPlaces ring(std::size_t row) const {
+    std::fill_n(points_ + row * kStride, kDirections, Place{kUnknown, 0});
+    return RingPlaces(points_ + row * kStride);
+  }
 
   // Finds what each beam that looks in this direction meets first.
   void cross(std::size_t direction);
 
-  // What the beam of a row meets when it looks at this angle, range steps, 0: unknown.
-  std::uint16_t range(Angle angle, std::size_t row) const {
-    const std::uint32_t direction = angle / kDirection;
-    const std::int64_t left = met_[row * kStride + direction], right = met_[row * kStride + (direction + 1) % kDirections];
-    const std::int64_t part = angle % kDirection;
-    std::int64_t length;
-    if (left != 0 && right != 0 && std::abs(right - left) * 16 <= std::min(left, right)) {
-      length = left + (((right - left) * part + kDirection / 2) >> 21);
-    } else if (left != 0 && right != 0) {
-      length = 2 * part < kDirection ? left : right;
-    } else {
-      length = left + right;
-    }
-    if (length == 0) return 0;
-    const std::int64_t steps = (length - beams_[row].distance + kLengthsPerStep / 2) >> 5;
-    return steps > 65'535 ? std::uint16_t{0} : static_cast<std::uint16_t>(std::max<std::int64_t>(steps, 1));
+  // What the beams of a row meet, by direction. Call `close` first.
+  MetByRow met_by(std::size_t row) const { return MetByRow(met_ + row * kStride, beams_[row].distance); }
+
+  // After the last direction of a row comes the first.
+  void close() {
+    for (const std::size_t row : rows_) met_[row * kStride + kDirections] = met_[row * kStride];
   }
 
  private:
   struct Asking {
-    std::int64_t up_0, back, slope;
+    std::int64_t up_0 = 0, back = 0, slope = 0, lengthen = 0;
+    std::size_t at = 0;  // of its row, in met_
+  };
+
+  // The places of a direction, from the top, of the rings that have one.
+  struct Column {
+    std::array<Place, kRows> places;
+    std::array<std::uint8_t, kRows> below;  // how many beams pass above each or through it
+    std::size_t size = 0;
+  };
+
+  // A beam that passes between a place and the one before it.
+  struct Passing {
+    std::uint8_t place, beam;
   };
 
   // How far the point lies above a beam.
-  std::int64_t above(std::size_t beam, const Place& at) const {
-    const Asking& asking = asking_[beam];
+  static std::int64_t above(const Asking& asking, const Place& at) {
     return at.height - asking.up_0 - (((at.away + asking.back) * asking.slope) >> 24);
   }
 
-  // A depth edge, or two surfaces at one height: nothing is between them.
-  static bool jumps(const Place& a, const Place& b) {
-    const std::int64_t apart = std::abs(std::int64_t{b.away} - a.away), near = std::min(a.away, b.away);
-    return apart * 20 > near * 7 ||
-           (apart > 150 * kLengthsPerStep && apart * 4 > near && std::abs(std::int64_t{b.height} - a.height) * 50 < apart);
-  }
+  // Finds the places of a direction, and the beams that pass between two of them; how many. They are at most 64 for each place.
+  std::size_t descend(std::size_t direction, Column& column, Passing* passings) const;
 
   // An open beam, one that meets nothing, but passes a point within 0.006 of its distance: it meets the closest such point.
-  void graze(std::uint64_t open, std::array<std::int64_t, kRows>& met, const Place* places, const std::uint8_t* below,
-             std::size_t n) const;
+  void graze(std::uint64_t open, std::int32_t* met, const Column& column) const;
+
+  // Points are at most 2^25 above or below a real beam: this is above all of them.
+  static constexpr std::int64_t kBeyondAll = std::int64_t{1} << 40;
 
   const Beams& beams_;
   const std::vector<std::uint8_t>& rows_;
-  std::array<Asking, kRows> asking_{};
-  Place* points_;      // [ring][direction]
-  std::int32_t* met_;  // [row][direction], length along the beam, 0: none
+  std::array<Asking, kRows + 2> asking_{};  // of each beam, with one before them that passes above everything and one after them below
+  Place* points_;                           // [ring][direction]
+  std::int32_t* met_;                       // [row][direction], length along the beam, 0: none
 };
 
 }  // namespace lidarcodec
