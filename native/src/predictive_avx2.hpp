@@ -162,34 +162,67 @@ struct Avx2Forms {
  private:
   // What inputs::OneByOne does, eight distances at a time.
   struct AtOnce {
-    LIDARCODEC_AVX2 static void straight(const inputs::Forms& forms, inputs::Ints a, inputs::Ints b, std::int8_t* to_a, std::int8_t* to_b) {
-      const __m256i quarters = both(a, b);
-      const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters)), _mm256_set1_ps(forms.units[0] * 16.0f));
-      const __m256 kept = _mm256_min_ps(_mm256_add_ps(size, _mm256_set1_ps(0.5f)), _mm256_set1_ps(127.0f));
-      put(with_sign(_mm256_cvttps_epi32(kept), quarters), to_a, to_b);
-    }
-    LIDARCODEC_AVX2 static void companded(const inputs::Forms& forms, inputs::Ints a, inputs::Ints b, std::int8_t* to_a, std::int8_t* to_b) {
-      const __m256i quarters = both(a, b);
-      const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters)), _mm256_set1_ps(forms.units[0]));
-      const __m256i bits = _mm256_castps_si256(_mm256_add_ps(size, _mm256_set1_ps(1.0f)));
-      const __m256i log2 = _mm256_srai_epi32(_mm256_sub_epi32(bits, _mm256_set1_epi32(0x3f800000)), 19);
-      put(with_sign(_mm256_min_epi32(log2, _mm256_set1_epi32(127)), quarters), to_a, to_b);
+    template <std::size_t Straight, inputs::Places A, inputs::Places B>
+    LIDARCODEC_AVX2 static void put(const inputs::Forms& forms, const inputs::Aparts& a, const inputs::Aparts& b, std::int8_t* in) {
+      const __m256 units = _mm256_set1_ps(forms.units[0]), sixteenths = _mm256_set1_ps(forms.units[0] * 16.0f);
+      __m256i quarters[4], sizes[4];
+#pragma GCC unroll 4
+      for (std::size_t g = 0; g < 4; ++g) {
+        const __m256i apart = _mm256_sub_epi32(both(a[g].of, b[g].of), both(a[g].from, b[g].from));
+        quarters[g] = _mm256_add_epi32(_mm256_slli_epi32(apart, 2), both(a[g].more, b[g].more));
+        const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Straight ? sixteenths : units);
+        sizes[g] = g < Straight ? _mm256_cvttps_epi32(_mm256_add_ps(size, _mm256_set1_ps(0.5f))) : log2_16(size);
+      }
+      // Packing keeps sizes within 127, and the sign of a quarter what it is.
+      const __m256i numbers = _mm256_sign_epi8(packed(sizes), packed(quarters));
+      put<A>(_mm256_castsi256_si128(numbers), in);
+      put<B>(_mm256_extracti128_si256(numbers, 1), in);
     }
 
    private:
     LIDARCODEC_AVX2 static __m256i both(inputs::Ints a, inputs::Ints b) {
       return _mm256_inserti128_si256(_mm256_castsi128_si256(std::bit_cast<__m128i>(a)), std::bit_cast<__m128i>(b), 1);
     }
-    LIDARCODEC_AVX2 static __m256i with_sign(__m256i sizes, __m256i of) {
-      const __m256i signs = _mm256_srai_epi32(of, 31);
-      return _mm256_sub_epi32(_mm256_xor_si256(sizes, signs), signs);
+    LIDARCODEC_AVX2 static __m256i log2_16(__m256 size) {
+      const __m256i bits = _mm256_castps_si256(_mm256_add_ps(size, _mm256_set1_ps(1.0f)));
+      return _mm256_srai_epi32(_mm256_sub_epi32(bits, _mm256_set1_epi32(0x3f800000)), 19);
     }
-    LIDARCODEC_AVX2 static void put(__m256i numbers, std::int8_t* to_a, std::int8_t* to_b) {
-      const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(numbers), _mm256_extracti128_si256(numbers, 1));
-      const __m128i bytes = _mm_packs_epi16(words, words);
-      const std::int32_t first = _mm_cvtsi128_si32(bytes), second = _mm_extract_epi32(bytes, 1);
-      std::memcpy(to_a, &first, sizeof first);
-      std::memcpy(to_b, &second, sizeof second);
+    LIDARCODEC_AVX2 static __m256i packed(const __m256i (&of)[4]) {
+      return _mm256_packs_epi16(_mm256_packs_epi32(of[0], of[1]), _mm256_packs_epi32(of[2], of[3]));
+    }
+
+    // How many bytes there are if the groups stand behind each other, else 0.
+    static constexpr std::size_t run_of(const inputs::Places& places) {
+      std::size_t bytes = places[0].count;
+      for (std::size_t g = 1; g < places.size(); bytes += places[g++].count)
+        if (places[g].at != places[0].at + bytes) return 0;
+      return bytes;
+    }
+    // Which bytes are the first eight of a run, and which the last eight.
+    static constexpr std::array<std::uint8_t, 16> ends_of(const inputs::Places& places) {
+      std::array<std::uint8_t, 16> run{}, ends{};
+      std::size_t bytes = 0;
+      for (std::size_t g = 0; g < places.size(); ++g)
+        for (std::size_t i = 0; i < places[g].count; ++i) run[bytes++] = static_cast<std::uint8_t>(4 * g + i);
+      for (std::size_t i = 0; i < 8; ++i) {
+        ends[i] = run[i];
+        ends[8 + i] = run[bytes - 8 + i];
+      }
+      return ends;
+    }
+    template <inputs::Places To>
+    LIDARCODEC_AVX2 static void put(__m128i numbers, std::int8_t* in) {
+      constexpr std::size_t kBytes = run_of(To);
+      if constexpr (kBytes >= 8) {
+        static constexpr std::array<std::uint8_t, 16> kEnds = ends_of(To);
+        const __m128i ends = _mm_shuffle_epi8(numbers, _mm_loadu_si128(reinterpret_cast<const __m128i*>(kEnds.data())));
+        _mm_storel_epi64(reinterpret_cast<__m128i*>(in + To[0].at), ends);
+        _mm_storeh_pd(reinterpret_cast<double*>(in + To[0].at + kBytes - 8), _mm_castsi128_pd(ends));
+      } else {
+        alignas(16) std::array<std::int8_t, 16> bytes;
+        _mm_store_si128(reinterpret_cast<__m128i*>(bytes.data()), numbers);
+        for (std::size_t g = 0; g < To.size(); ++g) std::memcpy(in + To[g].at, bytes.data() + 4 * g, To[g].count);
+      }
     }
   };
 

@@ -138,6 +138,8 @@ class PredictiveRows : RangeDecisions<Coder> {
         std::array<NetValues*, N> values;
         for (std::size_t p = 0; p < N; ++p) values[p] = &place[p].net.values;
         teaching_.net->run(values);
+      } else {
+        for (Place& at : place) at.net.values.out.fill(0);
       }
       for (Place& at : place)
         Forms::template weigh<kExpects>(model_.cells(), at.slots, at.net.values.out.data(), model_.balance[at.scale], at.net.said.data(), at.chances);

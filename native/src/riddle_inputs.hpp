@@ -18,6 +18,8 @@
 
 #if defined(__SSE2__)
 #include <emmintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 namespace lidarcodec {
@@ -76,29 +78,56 @@ inline void put(Ints numbers, std::int8_t* to) {
   const __m128i lanes = std::bit_cast<__m128i>(numbers), words = _mm_packs_epi32(lanes, lanes);
   const std::int32_t bytes = _mm_cvtsi128_si32(_mm_packs_epi16(words, words));
   std::memcpy(to, &bytes, sizeof bytes);
+#elif defined(__aarch64__)
+  const int16x4_t words = vqmovn_s32(std::bit_cast<int32x4_t>(numbers));
+  const std::int32_t bytes = vget_lane_s32(vreinterpret_s32_s8(vqmovn_s16(vcombine_s16(words, words))), 0);
+  std::memcpy(to, &bytes, sizeof bytes);
 #else
   for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<std::int8_t>(numbers[i]);
 #endif
 }
 
-inline Ints kept(Ints numbers) { return most(least(numbers, Ints{} + 127), Ints{} - 127); }
+// Four times four numbers, kept within -127 and 127.
+inline void put(Ints a, Ints b, Ints c, Ints d, std::int8_t* to) {
+#if defined(__SSE2__)
+  const auto words = [](Ints low, Ints high) {
+    const __m128i both = _mm_packs_epi32(std::bit_cast<__m128i>(low), std::bit_cast<__m128i>(high));
+    return _mm_max_epi16(both, _mm_set1_epi16(-127));
+  };
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm_packs_epi16(words(a, b), words(c, d)));
+#else
+  for (const Ints& four : {a, b, c, d}) {
+    put(most(least(four, Ints{} + 127), Ints{} - 127), to);
+    to += 4;
+  }
+#endif
+}
 
 // Of four bytes, 0 or 1 each: 32 where they are 1.
-inline constexpr auto kFlags = [] {
-  std::array<std::array<std::int8_t, 4>, 16> flags{};
-  for (std::size_t bits = 0; bits < 16; ++bits)
-    for (std::size_t i = 0; i < 4; ++i) flags[bits][i] = (bits >> i & 1u) != 0 ? 32 : 0;
-  return flags;
-}();
 inline void put_flags(const std::uint8_t* from, std::int8_t* to) {
-  const auto bits = static_cast<std::size_t>(from[0] | from[1] << 1 | from[2] << 2 | from[3] << 3);
-  std::memcpy(to, kFlags[bits].data(), sizeof kFlags[bits]);
+  std::uint32_t flags;
+  std::memcpy(&flags, from, sizeof flags);
+  flags <<= 5;  // no byte reaches into the next
+  std::memcpy(to, &flags, sizeof flags);
 }
+
+// Four distances: how far `of` lies above `from`, and quarters of a range more.
+struct Apart {
+  Ints of, from, more{};
+  Ints quarters() const { return ((of - from) << 2) + more; }
+};
+using Aparts = std::array<Apart, 4>;
+
+// Where the first so many of four inputs stand.
+struct Place {
+  std::uint8_t at, count;
+};
+using Places = std::array<Place, 4>;
+inline constexpr Places kNowhere{};
 
 // The two forms of distances in ranges or quarters of them, in units of one scale.
 struct Forms {
   Floats units;  // in a quarter
-  Ints base;
 
   // By logarithm: 16 log2(1 + units), up to 127, with the sign.
   Ints companded(Ints quarters) const {
@@ -113,76 +142,84 @@ struct Forms {
     const Floats size = __builtin_convertvector(with_sign(quarters, signs), Floats) * (units * 16.0f);
     return with_sign(__builtin_convertvector(least(size + 0.5f, Floats{} + 127.0f), Ints), signs);
   }
-
-  Ints from_base(const std::int32_t* ranges) const { return (four(ranges) - base) << 2; }
 };
 
-// Two times four distances, in quarters, in one of the forms, to where they belong; those of `a` first.
+// Puts two times four groups of distances where A and B say, the first Straight of each four straight, the others by
+// their logarithm.
 struct OneByOne {
-  static void straight(const Forms& forms, Ints a, Ints b, std::int8_t* to_a, std::int8_t* to_b) {
-    put(forms.straight(a), to_a);
-    put(forms.straight(b), to_b);
+  template <std::size_t Straight, Places A, Places B>
+  static void put(const Forms& forms, const Aparts& a, const Aparts& b, std::int8_t* in) {
+    put_four<Straight, A>(forms, a, in);
+    put_four<Straight, B>(forms, b, in);
   }
-  static void companded(const Forms& forms, Ints a, Ints b, std::int8_t* to_a, std::int8_t* to_b) {
-    put(forms.companded(a), to_a);
-    put(forms.companded(b), to_b);
+
+ private:
+  template <std::size_t Straight, Places To>
+  static void put_four(const Forms& forms, const Aparts& groups, std::int8_t* in) {
+    for (std::size_t g = 0; g < To.size(); ++g) {
+      if (To[g].count == 0) continue;
+      const Ints quarters = groups[g].quarters(), numbers = g < Straight ? forms.straight(quarters) : forms.companded(quarters);
+      std::array<std::int8_t, 4> bytes;
+      inputs::put(numbers, bytes.data());
+      std::memcpy(in + To[g].at, bytes.data(), To[g].count);
+    }
   }
 };
 
 }  // namespace inputs
 
-// Fills the inputs of a return. What is written later may overwrite what was too much before. Pairs: OneByOne, or the
-// same for a processor that does both at once.
-template <bool kExpects, class Pairs = inputs::OneByOne>
+// Fills the inputs of a return. AtOnce: OneByOne, or the same for a processor that does more at once.
+template <bool kExpects, class AtOnce = inputs::OneByOne>
 inline void find_inputs(const Surroundings& s, std::int8_t* in) {
-  using inputs::four, inputs::Ints, inputs::put, inputs::put_flags;
+  using inputs::four, inputs::Ints, inputs::put, inputs::put_flags, inputs::Apart, inputs::Aparts, inputs::Places, inputs::kNowhere;
   const std::int32_t base = s.last[0];
-  const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale], Ints{} + base};
-  const auto away = [&](const std::int32_t* ranges) { return forms.from_base(ranges); };
-  const auto apart = [&](const std::int32_t* a, const std::int32_t* b) { return (four(a) - four(b)) << 2; };
-  const auto straight = [&](Ints a, std::size_t at, Ints b, std::size_t at_b) { Pairs::straight(forms, a, b, in + at, in + at_b); };
-  const auto companded = [&](Ints a, std::size_t at, Ints b, std::size_t at_b) { Pairs::companded(forms, a, b, in + at, in + at_b); };
-  const Ints levelled = away(s.up) + (s.level >> 2);
-  straight(away(s.last + 1), 0, away(s.last + 4), 3);
-  straight(away(s.up - 3), 7, away(s.up + 1), 11);
-  straight(away(s.up + 3), 13, away(s.upper - 1), 17);
-  companded(away(s.last + 1), 21, away(s.up - 1), 24);
-  companded(away(s.up + 1), 26, levelled, 30);
-  const std::int32_t upper = s.upper[0], next = s.upper[1];
-  companded(apart(s.up, s.up - 1), 32, Ints{upper - base, next - base, next - s.up[1], next - upper} << 2, 35);
+  const Ints bases = Ints{} + base;
+  const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale]};
+  const auto away = [&](const std::int32_t* ranges) { return Apart{four(ranges), bases}; };
+  const auto apart = [&](const std::int32_t* a, const std::int32_t* b) { return Apart{four(a), four(b)}; };
+  const Apart levelled = {four(s.up), bases, Ints{} + (s.level >> 2)};
+  const Ints upper = four(s.upper);
+  const Apart of_upper = {Ints{upper[0], upper[1], upper[1], upper[1]}, Ints{base, base, s.up[1], upper[0]}};
+  constexpr Places kRow = {{{0, 3}, {3, 4}, {7, 4}, {11, 2}}}, kAbove = {{{13, 4}, {17, 4}, {21, 3}, {24, 2}}},
+                   kAround = {{{26, 4}, {30, 2}, {32, 3}, {35, 4}}};
+  const Aparts row = {away(s.last + 1), away(s.last + 4), away(s.up - 3), away(s.up + 1)};
+  const Aparts above = {away(s.up + 3), away(s.upper - 1), away(s.last + 1), away(s.up - 1)};
+  const Aparts around = {away(s.up + 1), levelled, apart(s.up, s.up - 1), of_upper};
+  if constexpr (kExpects) {
+    constexpr Places kSeen = {{{69, 3}, {72, 4}, {76, 2}, {78, 4}}}, kSeenOn = {{{82, 2}, {84, 4}, {88, 2}, {90, 3}}},
+                     kSurprise = {{{106, 2}, {108, 4}, {93, 4}, {97, 4}}};
+    const Ints seen = four(s.seen), bias = Ints{} + (s.bias >> 2), last_only = {0, 0, 0, -1}, third_only = {0, 0, -1, 0};
+    const std::int32_t next_below = s.seen_below[1], this_below = s.seen_below[0];
+    const Apart below = {Ints{this_below, next_below, this_below, 0}, Ints{base, base, s.seen[0], 0}, bias & last_only};
+    const Apart last = {Ints{s.up[2], s.up[3], 0, next_below}, Ints{s.seen_above[2], s.seen_above[3], 0, this_below}, bias & third_only};
+    AtOnce::template put<4, kRow, kSeen>(forms, row, {levelled, away(s.seen - 3), away(s.seen + 1), away(s.seen + 3)}, in);
+    AtOnce::template put<2, kAbove, kSurprise>(forms, above, {apart(s.up, s.seen_above), last, apart(s.up - 1, s.seen_above - 1), below}, in);
+    AtOnce::template put<0, kAround, kSeenOn>(forms, around, {away(s.seen - 1), away(s.seen + 1), Apart{seen, bases, bias}, apart(s.seen, s.seen - 1)}, in);
+  } else {
+    constexpr Places kLevelled = {{{69, 3}, {}, {}, {}}};
+    AtOnce::template put<4, kRow, kLevelled>(forms, row, {levelled}, in);
+    AtOnce::template put<2, kAbove, kNowhere>(forms, above, {}, in);
+    AtOnce::template put<0, kAround, kNowhere>(forms, around, {}, in);
+  }
   const std::int32_t scale_of = 8 * static_cast<std::int32_t>(s.scale) + 12;
   const auto sizes = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
     using Unsigned = std::uint32_t __attribute__((vector_size(16)));
     const auto numbers = std::bit_cast<Ints>(Unsigned{a, b, c, d} + 2);  // at most 2^20 and two
-    return inputs::kept(inputs::log2_16(__builtin_convertvector(numbers, inputs::Floats)) - scale_of);
+    return inputs::log2_16(__builtin_convertvector(numbers, inputs::Floats)) - scale_of;
   };
-  put(sizes(s.size1, s.size2, s.mean, s.sizes[-1]), in + 39);
-  put(sizes(s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]), in + 43);
   const auto native = static_cast<std::uint32_t>(std::max(base, 1)) * s.step;
   const auto leaves = static_cast<std::int32_t>(s.leaves);
-  put(inputs::kept(Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90,
-                        inputs::log2_16(s.step) - 48, 8 * (leaves >> 4 & 15) - 60}), in + 47);
-  put(inputs::kept(Ints{8 * (leaves & 15) - 60, 2 * static_cast<std::int32_t>(s.row) - 64, inputs::log2_16(s.gap),
-                        s.begun ? 32 : 0}), in + 51);
+  put(sizes(s.size1, s.size2, s.mean, s.sizes[-1]), sizes(s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]),
+      Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90, inputs::log2_16(s.step) - 48, 8 * (leaves >> 4 & 15) - 60},
+      Ints{8 * (leaves & 15) - 60, 2 * static_cast<std::int32_t>(s.row) - 64, inputs::log2_16(s.gap), s.begun ? 32 : 0}, in + 39);
   put_flags(s.here - 3, in + 55);
   put_flags(s.here + 1, in + 58);
   put_flags(s.above - 1, in + 61);
   put_flags(s.below - 1, in + 65);
-  if constexpr (!kExpects) {
-    put(forms.straight(levelled), in + 69);
-  } else {
-    straight(levelled, 69, away(s.seen - 3), 72);
-    straight(away(s.seen + 1), 76, away(s.seen + 3), 78);
-    companded(away(s.seen - 1), 82, away(s.seen + 1), 84);
-    companded(away(s.seen) + (s.bias >> 2), 88, apart(s.seen, s.seen - 1), 90);
-    const Ints below = Ints{s.seen_below[0] - base, s.seen_below[1] - base, s.seen_below[0] - s.seen[0], 0} << 2;
-    companded(apart(s.up - 1, s.seen_above - 1), 93, below + Ints{0, 0, 0, s.bias >> 2}, 97);
+  if constexpr (kExpects) {
     in[101] = in[100];
-    in[100] = static_cast<std::int8_t>(sizes(s.miss, 0, 0, 0)[0]);
+    in[100] = static_cast<std::int8_t>(std::clamp(inputs::log2_16(s.miss + 2) - scale_of, -127, 127));
     put_flags(s.known - 1, in + 102);
-    const std::int32_t step_below = s.seen_below[1] - s.seen_below[0];
-    const Ints last = Ints{s.up[2] - s.seen_above[2], s.up[3] - s.seen_above[3], 0, step_below} << 2;
-    straight(apart(s.up, s.seen_above), 106, last + Ints{0, 0, s.bias >> 2, 0}, 108);
   }
 }
 
