@@ -30,8 +30,6 @@ ROOT = HERE.parent
 CORE = ROOT / "build" / "native" / "liblidarcodec_core.a"
 COMPILER = os.environ.get("CXX", "c++")
 KITTI_WEIGHTS = HERE / "weights" / "riddle-kitti.lcrw"
-PLAIN_FRAMES = 2
-"""Where networks run plainly, which takes long, so many frames are coded, once."""
 
 Ways = dict[str, dict[str, float]]
 """Nanoseconds a return by way (`encode`, `decode with motion`, ...) and stage."""
@@ -44,13 +42,16 @@ class Processor(NamedTuple):
     form: str
 
     def __str__(self) -> str:
-        return self.path if self.form == "plain" else self.form
+        return self.form
 
 
 def processors() -> list[Processor]:
-    """Kinds that the processor at hand can pass for: any of its family, with AVX2, with AVX-512 VNNI; the best last."""
-    paths = fast.coding_paths()
-    return [Processor(paths[1] if form == "plain" else paths[-1], form) for form in fast.net_forms()]
+    """Kinds that the processor at hand can pass for, the best last: any of its family, with AVX2, with AVX-512 VNNI.
+
+    On ARM: any, with dot products.
+    """
+    paths, forms = fast.coding_paths(), fast.net_forms()
+    return [Processor(paths[1], forms[1]), *(Processor(paths[-1], form) for form in forms[2:])]
 
 
 def networks() -> dict[str, list[Net]]:
@@ -81,17 +82,14 @@ def stages(program: Path, given: list[Frame], rounds: int) -> dict[str, Any]:
     frames = fed(given)
     kinds: dict[str, dict[str, Ways]] = {}
     ticks, paths = 0.0, set[str]()
-    for number, processor in enumerate(processors()):
+    for processor in processors():
         codecs = kinds[str(processor)] = {}
-        plain = processor.form == "plain"
         for codec, nets in networks().items():
             if not nets and processor.path in paths:
                 continue  # it has none, so that their form is nothing to it
             paths.add(processor.path)
-            slow = plain and nets
-            data = _networks_fed(nets) + (frames if not slow else fed(given[:PLAIN_FRAMES]))
-            words = [program, processor.path, str(number), "1" if slow else str(rounds)]
-            done = subprocess.run(words, input=data, stdout=subprocess.PIPE, check=True)
+            words = [program, processor.path, processor.form, str(rounds)]
+            done = subprocess.run(words, input=_networks_fed(nets) + frames, stdout=subprocess.PIPE, check=True)
             first, *lines = done.stdout.decode().splitlines()
             ticks = float(first)
             codecs[codec] = _ways(lines, ticks)

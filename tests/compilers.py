@@ -2,9 +2,10 @@
 
 python -m tests.compilers [--columns 300] [--only TEXT]     also: make identity
 
-Compilers: g++, clang++, each with -O0 to -O3, for any x86-64 and for the processor at hand, and the cross compiler
-aarch64-linux-gnu-g++, whose program runs under qemu-aarch64. What is not installed is named and left out. The program
-itself tries every path that the processor can run, and decodes what it coded.
+Compilers: g++, clang++, each with -O0 to -O3, for any x86-64 and for the processor at hand, and for 64-bit ARM the
+cross compiler aarch64-linux-gnu-g++, and clang++ with its libraries; their programs run under qemu-aarch64, as a
+processor that has all there is and, once, as one without dot products. What is not installed is named and left out. The
+program itself tries every path and every form of networks that the processor can run, and decodes what it coded.
 """
 
 from __future__ import annotations
@@ -37,19 +38,21 @@ LEVELS = ("-O0", "-O1", "-O2", "-O3")
 
 
 class Build(NamedTuple):
-    """A way to build: compiler, its options, and what runs the program."""
+    """A way to build: compiler, its options, what runs the program, and whose libraries are needed."""
 
     compiler: str
     options: tuple[str, ...]
     runner: tuple[str, ...] = ()
+    libraries_of: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return " ".join((self.compiler, *self.options))
+        return " ".join((self.compiler, *self.options, *self.runner[1:]))
 
     @property
     def missing(self) -> str:
         """The program that is not installed, or nothing."""
-        return next((name for name in (self.compiler, *self.runner[:1]) if not shutil.which(name)), "")
+        needed = (self.compiler, *self.runner[:1], *self.libraries_of)
+        return next((name for name in needed if not shutil.which(name)), "")
 
 
 def builds() -> list[Build]:
@@ -60,7 +63,12 @@ def builds() -> list[Build]:
         for level in LEVELS
         for march in ("-march=x86-64" if os.uname().machine == "x86_64" else "-mtune=generic", "-march=native")
     ]
-    return here + [Build("aarch64-linux-gnu-g++", (level, "-static"), ("qemu-aarch64",)) for level in LEVELS]
+    cross, emulator = "aarch64-linux-gnu-g++", "qemu-aarch64"
+    arm = [Build(cross, (level, "-static"), (emulator,)) for level in LEVELS]
+    arm.append(Build(cross, ("-O2", "-static"), (emulator, "-cpu", "cortex-a53")))
+    for_arm = "--target=aarch64-linux-gnu"
+    arm += [Build("clang++", (for_arm, level, "-static"), (emulator,), (cross,)) for level in ("-O0", "-O2")]
+    return here + arm
 
 
 def build(way: Build, folder: Path, jobs: int = 2) -> Path:
@@ -111,7 +119,7 @@ def main() -> int:
     different = 0
     for number, way in enumerate(way for way in builds() if chosen.only in str(way)):
         if way.missing:
-            print(f"{way!s:48} left out: no {way.missing} here", flush=True)
+            print(f"{way!s:52} left out: no {way.missing} here", flush=True)
             continue
         with tempfile.TemporaryDirectory() as folder:
             program = build(way, Path(folder) / f"build-{number}")
@@ -120,8 +128,8 @@ def main() -> int:
         first = first or kinds
         same = kinds == first and all(len(values) == 1 for values in kinds.values())
         different += not same
-        paths = ", ".join(name.rpartition(", ")[2] for name in found if name.startswith("ranges, "))
-        print(f"{way!s:48} {paths:18} {'the same' if same else f'DIFFERENT: {kinds}'}", flush=True)
+        tried = [name.rpartition(", ")[2] for name in found if name.startswith(("ranges, ", "networks, "))]
+        print(f"{way!s:52} {', '.join(tried):60} {'the same' if same else f'DIFFERENT: {kinds}'}", flush=True)
     for kind, values in first.items():
         print(f"  {kind:20} {' '.join(sorted(values))}")
     return 1 if different else 0

@@ -19,18 +19,6 @@ using lidarcodec::NetValues;
 using lidarcodec::RiddleNet;
 using lidarcodec::RiddleNets;
 
-const char* name_of(NetForm form) {
-  return form == NetForm::Plain ? "plain" : form == NetForm::Avx2 ? "avx2" : "avx512vnni";
-}
-
-NetForm form_named(const std::string& name) {
-  const std::vector<NetForm> here = lidarcodec::net_forms_here();
-  if (name.empty()) return here.back();
-  for (const NetForm form : here)
-    if (name == name_of(form)) return form;
-  throw Error(ErrorCode::Settings, "this processor cannot run networks in such a form");
-}
-
 }  // namespace
 
 void bind_riddle(nb::module_& m) {
@@ -38,7 +26,7 @@ void bind_riddle(nb::module_& m) {
       "net_forms",
       [] {
         nb::list names;
-        for (const NetForm form : lidarcodec::net_forms_here()) names.append(name_of(form));
+        for (const NetForm form : lidarcodec::net_forms_here()) names.append(lidarcodec::name_of(form));
         return names;
       },
       "Ways to run networks on this processor, the quickest last.");
@@ -49,7 +37,7 @@ void bind_riddle(nb::module_& m) {
           [](RiddleNets& nets, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1,
              In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int16_t, 2> w3,
              In<std::int32_t, 1> b3, std::uint32_t s3, const char* form) {
-            RiddleNet net({layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)}, form_named(form));
+            RiddleNet net({layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)}, lidarcodec::net_form_named(form));
             (net.inputs() == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone).emplace(std::move(net));
           },
           nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("w2").noconvert(),

@@ -136,7 +136,7 @@ std::vector<Way> ways_here() {
   const auto with_nets = [&](Path path, NetForm form) {
     for (const bool in_bytes : {false, true})
       ways.push_back({path, random_nets(form, in_bytes), in_bytes ? "riddle, bytes, " : "riddle, ",
-                      name_of(path) + std::string("/") + std::to_string(static_cast<int>(form))});
+                      name_of(path) + std::string("/") + name_of(form)});
   };
   for (const Path path : paths_here()) {
     ways.push_back({path, nullptr, "", name_of(path)});
@@ -202,6 +202,15 @@ void check_slabs(const Scene& scene, const Way& way) {
     hash.add(data);
   }
   hash.print(way.codec + "slabs, " + way.name);
+}
+
+// Networks alone, in every form.
+void check_networks() {
+  for (const NetForm form : net_forms_here()) {
+    Hash hash;
+    hash.add(odds_of_networks(form));
+    hash.print(std::string("networks, ") + name_of(form));
+  }
 }
 
 // Weights that a network has after some steps on returns that were coded with it.
@@ -325,6 +334,7 @@ int main(int count, char** words) {
     check_ranges(scene, way);
     check_slabs(scene, way);
   }
+  check_networks();
   check_training(scene);
   check_masks(scene);
   check_mask_stream(scene);

@@ -279,17 +279,15 @@ bool read_task(Task& task, NetForm form) {
 
 }  // namespace
 
-// Words: path; which of the forms of networks that run here, from 0; rounds. Input: networks u32 (0, or 2: of frames alone,
-// and of those that expect something), those; frames u32, halves (64,) u8, rotations (64,) i64, levels (64,) i32; a frame:
+// Words: path; form of networks; rounds. Input: networks u32 (0, or 2: of frames alone, and of those that expect
+// something), those; frames u32, halves (64,) u8, rotations (64,) i64, levels (64,) i32; a frame:
 // width u32, ranges, returns u8, fired u8, expected ranges.
 int main(int count, char** words) {
-  const std::vector<NetForm> forms = net_forms_here();
   Task task;
   if (count != 4) return 2;
-  const auto form = static_cast<std::size_t>(std::atoi(words[2]));
   task.path = path_named(words[1]);
   task.rounds = std::atoi(words[3]);
-  if (form >= forms.size() || !read_task(task, forms[form])) return 2;
+  if (!read_task(task, net_form_named(words[2]))) return 2;
   const auto begun = std::chrono::steady_clock::now();
   const std::uint64_t from = ticks();
   while (std::chrono::steady_clock::now() - begun < std::chrono::milliseconds(50)) {

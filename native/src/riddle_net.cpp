@@ -2,22 +2,28 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <cstring>
 #include <limits>
 
 #include "error.hpp"
+#include "processor.hpp"
+#include "riddle_net_lanes.hpp"
+#include "riddle_net_plain.hpp"
 
 #if defined(__x86_64__)
-#include <immintrin.h>
-#elif defined(__wasm__)
-#include "riddle_layer.hpp"
+#include "riddle_net_avx2.hpp"
+#include "riddle_net_vnni.hpp"
+#elif defined(__aarch64__) && defined(__linux__)
+#include <asm/hwcap.h>
+#include <sys/auxv.h>
+
+#include "riddle_net_dot.hpp"
+#define LIDARCODEC_NET_DOT
 #endif
 
 namespace lidarcodec {
 namespace {
 
-using Layer = RiddleNet::Layer;
-constexpr std::size_t kBlock = 16;
+using namespace net_forms;
 
 // By how many bits the weights of each layer may be shifted, and how many more (or fewer) their sums are: the units of what
 // goes in and comes out are 32 and 8, 8 and 8, 8 and 4096.
@@ -28,199 +34,9 @@ struct Shifts {
 constexpr std::array<Shifts, kNetLayers> kShifts = {{{3, 13, 2}, {3, 13, 0}, {9, 13, -9}}};
 constexpr std::int64_t kMostHalf = 1 << 14;  // that rounds a sum
 
-// Inputs or hidden values of one return, between two layers.
-struct alignas(64) Words {
-  std::array<std::int16_t, kMostHidden> of;
-};
-struct alignas(64) Bytes {
-  std::array<std::uint8_t, kMostHidden> of;
-};
-
-std::int16_t settled(std::int32_t sum, const Layer& layer) {
-  return static_cast<std::int16_t>(std::clamp(sum >> layer.shift, layer.low, layer.high));
-}
-
-// Weights of block after block, for the inputs from `in` on, an even number.
-const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_t in) {
-  return layer.weights.data() + (in / 2 * layer.blocks() + block) * 2 * kBlock;
-}
-
-[[maybe_unused]] void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
-  for (std::size_t block = 0; block < layer.blocks(); ++block) {
-    std::array<std::int32_t, kBlock> sums;
-    std::copy_n(layer.bias.data() + block * kBlock, kBlock, sums.begin());
-    for (std::size_t i = 0; i < layer.in; i += 2) {
-      const std::int16_t* const w = weights_at(layer, block, i);
-      for (std::size_t o = 0; o < kBlock; ++o) sums[o] += w[2 * o] * in[i] + w[2 * o + 1] * in[i + 1];
-    }
-    for (std::size_t o = 0; o < kBlock; ++o) out[block * kBlock + o] = settled(sums[o], layer);
-  }
-}
-
-#if defined(__x86_64__)
-#define LIDARCODEC_VNNI __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni")))
-
-// Two neighbouring values, or four that are bytes, to be multiplied with as many weights.
-inline std::int32_t four_bytes_at(const void* in) {
-  std::int32_t bytes;
-  std::memcpy(&bytes, in, sizeof bytes);
-  return bytes;
-}
-
-// N returns at once, two blocks of sums each.
-template <std::size_t N>
-__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<const std::int16_t*, N>& in,
-                                                const std::array<std::int16_t*, N>& out) {
-  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
-  const __m256i low = _mm256_set1_epi32(layer.low), high = _mm256_set1_epi32(layer.high);
-  for (std::size_t block = 0; block < layer.blocks(); ++block) {
-    const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
-    // Odd and even pairs are added up apart, so that additions need not wait for each other.
-    __m256i sums[N][4];
-#pragma GCC unroll 2
-    for (std::size_t r = 0; r < N; ++r) {
-      sums[r][0] = _mm256_loadu_si256(bias);
-      sums[r][1] = _mm256_loadu_si256(bias + 1);
-      sums[r][2] = sums[r][3] = _mm256_setzero_si256();
-    }
-    for (std::size_t i = 0; i < layer.in; i += 4) {
-#pragma GCC unroll 2
-      for (std::size_t odd = 0; odd < 2; ++odd) {
-        const auto* from = reinterpret_cast<const __m256i*>(weights_at(layer, block, i + 2 * odd));
-        const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
-#pragma GCC unroll 2
-        for (std::size_t r = 0; r < N; ++r) {
-          const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + i + 2 * odd));
-          sums[r][2 * odd] = _mm256_add_epi32(sums[r][2 * odd], _mm256_madd_epi16(x, w0));
-          sums[r][2 * odd + 1] = _mm256_add_epi32(sums[r][2 * odd + 1], _mm256_madd_epi16(x, w1));
-        }
-      }
-    }
-#pragma GCC unroll 2
-    for (std::size_t r = 0; r < N; ++r) {
-      __m256i done[2];
-#pragma GCC unroll 2
-      for (std::size_t v = 0; v < 2; ++v) {
-        const __m256i sum = _mm256_sra_epi32(_mm256_add_epi32(sums[r][v], sums[r][v + 2]), shift);
-        done[v] = _mm256_min_epi32(_mm256_max_epi32(sum, low), high);
-      }
-      const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(done[0], done[1]), 0xd8);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + block * kBlock), packed);
-    }
-  }
-}
-
-// Blocks of sums of N returns, from `first` on: of values without a sign, in 8 or 16 bits. Sums of S steps in turns are
-// added up apart: enough of them at once that none waits for its last product, and few enough for the registers.
-template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
-LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, std::size_t first, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
-  constexpr bool kBytes = sizeof(Value) == 1;
-  constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
-  const std::int32_t* const bias = layer.unsigned_bias.data() + first * kBlock;
-  const auto* w = reinterpret_cast<const std::byte*>(kBytes ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data()) + first * 64;
-  __m512i sums[N][Blocks][S];
-#pragma GCC unroll 4
-  for (std::size_t r = 0; r < N; ++r)
-#pragma GCC unroll 8
-    for (std::size_t b = 0; b < Blocks; ++b)
-#pragma GCC unroll 4
-      for (std::size_t s = 0; s < S; ++s)
-        sums[r][b][s] = s == 0 ? _mm512_load_si512(bias + b * kBlock) : _mm512_setzero_si512();
-  for (std::size_t i = 0; i < layer.in; i += kAtOnce * S) {
-#pragma GCC unroll 4
-    for (std::size_t s = 0; s < S; ++s, w += layer.blocks() * 64) {
-      __m512i x[N];
-#pragma GCC unroll 4
-      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(four_bytes_at(in[r] + i + kAtOnce * s));
-#pragma GCC unroll 8
-      for (std::size_t b = 0; b < Blocks; ++b) {
-        const __m512i of = _mm512_load_si512(w + b * 64);
-#pragma GCC unroll 4
-        for (std::size_t r = 0; r < N; ++r)
-          sums[r][b][s] = kBytes ? _mm512_dpbusd_epi32(sums[r][b][s], x[r], of) : _mm512_dpwssd_epi32(sums[r][b][s], x[r], of);
-      }
-    }
-  }
-  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
-  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
-#pragma GCC unroll 4
-  for (std::size_t r = 0; r < N; ++r)
-#pragma GCC unroll 8
-    for (std::size_t b = 0; b < Blocks; ++b) {
-      __m512i sum = sums[r][b][0];
-#pragma GCC unroll 4
-      for (std::size_t s = 1; s < S; ++s) sum = _mm512_add_epi32(sum, sums[r][b][s]);
-      const __m512i done = _mm512_min_epi32(_mm512_max_epi32(_mm512_sra_epi32(sum, shift), low), high);
-      auto* const to = out[r] + (first + b) * kBlock;
-      if constexpr (sizeof(Out) == 1) {
-        _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm512_cvtepi32_epi8(done));
-      } else {
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(done));
-      }
-    }
-}
-
-template <std::size_t N, class Value, class Out>
-void all_blocks_vnni(const Layer& layer, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
-  const std::size_t blocks = layer.blocks();
-  constexpr std::size_t kTurns = N == 4 ? 1 : 2;  // so that a few blocks of few returns need not wait for their sums
-  std::size_t at = 0;
-  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, at, in, out);
-  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kTurns>(layer, at, in, out);
-  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, at, in, out);
-  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, at, in, out);
-}
-
-// Inputs larger by 128, without a sign.
-LIDARCODEC_VNNI void shift_vnni(const std::int8_t* in, std::size_t count, Bytes& to) {
-  const __m512i by = _mm512_set1_epi8(-128);
-  for (std::size_t i = 0; i < count; i += 64) {
-    const auto here = count - i >= 64 ? ~__mmask64{0} : (__mmask64{1} << (count - i)) - 1;
-    _mm512_store_si512(to.of.data() + i, _mm512_xor_si512(_mm512_maskz_loadu_epi8(here, in + i), by));
-  }
-}
-
-LIDARCODEC_VNNI void widen_vnni(const std::uint8_t* in, std::size_t count, Words& to) {
-  for (std::size_t i = 0; i < count; i += 32)
-    _mm512_store_si512(to.of.data() + i, _mm512_cvtepu8_epi16(_mm256_load_si256(reinterpret_cast<const __m256i*>(in + i))));
-}
-
-template <std::size_t N, class Out>
-void layer_vnni(const Layer& layer, const std::array<Bytes, N>& in, const std::array<Out*, N>& out) {
-  std::array<Words, N> words;
-  std::array<const std::uint8_t*, N> bytes_at;
-  std::array<const std::int16_t*, N> words_at;
-  for (std::size_t r = 0; r < N; ++r) {
-    bytes_at[r] = in[r].of.data();
-    words_at[r] = words[r].of.data();
-    if (!layer.in_bytes) widen_vnni(bytes_at[r], layer.in, words[r]);
-  }
-  layer.in_bytes ? all_blocks_vnni(layer, bytes_at, out) : all_blocks_vnni(layer, words_at, out);
-}
-
-template <std::size_t N>
-void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
-  std::array<Bytes, N> in, first, second;
-  std::array<std::uint8_t*, N> to_first, to_second;
-  std::array<std::int16_t*, N> to_odds;
-  for (std::size_t r = 0; r < N; ++r) {
-    shift_vnni(values[r]->in.data(), layers[0].in, in[r]);
-    to_first[r] = first[r].of.data();
-    to_second[r] = second[r].of.data();
-    to_odds[r] = values[r]->out.data();
-  }
-  layer_vnni(layers[0], in, to_first);
-  layer_vnni(layers[1], first, to_second);
-  layer_vnni(layers[2], second, to_odds);
-}
-
-#endif
-
-template <std::size_t N>
-void run_layers([[maybe_unused]] NetForm form, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
-#if defined(__x86_64__)
-  if (form == NetForm::Vnni) return run_vnni(layers, values);
-#endif
+// Layers whose values are words, one after the other.
+template <std::size_t N, class Run>
+void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values, const Run& run) {
   std::array<std::array<Words, kNetLayers>, N> words;  // what goes into each layer
   std::array<const std::int16_t*, N> in;
   std::array<std::int16_t*, N> out;
@@ -230,39 +46,85 @@ void run_layers([[maybe_unused]] NetForm form, const std::array<Layer, kNetLayer
       in[r] = words[r][l].of.data();
       out[r] = l + 1 == kNetLayers ? values[r]->out.data() : words[r][l + 1].of.data();
     }
+    run(layers[l], in, out);
+  }
+}
+
+// Four returns as two times two, where that is what the registers hold.
+template <std::size_t kAtOnce, std::size_t N, class Run>
+void in_turns(const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out, const Run& run) {
+  if constexpr (N <= kAtOnce) {
+    run(in, out);
+  } else {
+    run(std::array{in[0], in[1]}, std::array{out[0], out[1]});
+    run(std::array{in[2], in[3]}, std::array{out[2], out[3]});
+  }
+}
+
+template <std::size_t N>
+void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+  switch (form) {
 #if defined(__x86_64__)
-    if (form == NetForm::Avx2) {
-      if constexpr (N == 4) {  // two at a time are what the registers hold
-        layer_avx2<2>(layers[l], {in[0], in[1]}, {out[0], out[1]});
-        layer_avx2<2>(layers[l], {in[2], in[3]}, {out[2], out[3]});
-      } else {
-        layer_avx2<N>(layers[l], in, out);
-      }
-      continue;
-    }
+    case NetForm::Vnni:
+      return run_vnni(layers, values);
+    case NetForm::Avx2:
+      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
+        in_turns<2>(in, out, [&](const auto& from, const auto& to) { layer_avx2(layer, from, to); });
+      });
+#endif
+#if defined(LIDARCODEC_NET_DOT)
+    case NetForm::Dot:
+      return run_dot(layers, values);
 #endif
 #if defined(__wasm__)
-    wasm::layer_by_vectors<N>(layers[l], in, out);
-#else
-    for (std::size_t r = 0; r < N; ++r) layer_plainly(layers[l], in[r], out[r]);
+    default:  // no plain form, which a page would load for nothing
+#endif
+#if defined(LIDARCODEC_NET_LANES)
+    case NetForm::Vector:
+      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
+        in_turns<Lanes::kReturns>(in, out, [&](const auto& from, const auto& to) { layer_in_lanes(layer, from, to); });
+      });
+#endif
+#if !defined(__wasm__)
+    default:
+      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
+        for (std::size_t r = 0; r < N; ++r) layer_plainly(layer, in[r], out[r]);
+      });
 #endif
   }
 }
 
-// Weights once more as bytes, if they fit, and biases for inputs that are larger by `more`.
-void put_unsigned(const GivenLayer& from, std::int32_t more, Layer& layer) {
-  layer.in_bytes = std::all_of(from.weights, from.weights + from.in * from.out, [](std::int16_t w) { return w >= -128 && w <= 127; });
-  if (layer.in_bytes) layer.byte_weights.assign(layer.blocks() * kBlock * from.in);
-  layer.unsigned_bias.assign(layer.blocks() * kBlock);
+// By how much inputs of each layer are larger where all are bytes, without a sign for VNNI, with one for dot products on ARM;
+// and whether weights of two bytes are of use.
+#if defined(__aarch64__)
+constexpr std::array<std::int32_t, kNetLayers> kMoved = {0, -128, -128};
+constexpr bool kTwoPlanes = true;
+#else
+constexpr std::array<std::int32_t, kNetLayers> kMoved = {128, 0, 0};
+constexpr bool kTwoPlanes = false;
+#endif
+
+// Weights once more as bytes, where they fit, and biases for inputs that are larger by `moved`.
+void put_bytes(const GivenLayer& from, std::int32_t moved, Layer& layer) {
+  const auto fit = [&](int least, int most) {
+    return std::all_of(from.weights, from.weights + from.in * from.out, [&](std::int16_t w) { return w >= least && w <= most; });
+  };
+  layer.planes = fit(-128, 127) ? 1 : kTwoPlanes && fit(-32768, 127 * 256 + 127) ? 2 : 0;
+  const std::size_t size = layer.blocks() * kBlock * from.in;  // of a plane
+  layer.byte_weights.assign(layer.planes * size);
+  layer.moved_bias.assign(layer.blocks() * kBlock);
   for (std::size_t o = 0; o < from.out; ++o) {
     auto bias = static_cast<std::uint32_t>(layer.bias.data()[o]);
     for (std::size_t i = 0; i < from.in; ++i) {
       const std::int16_t w = from.weights[o * from.in + i];
-      bias -= static_cast<std::uint32_t>(more * w);
-      if (layer.in_bytes)
-        layer.byte_weights.data()[(i / 4 * layer.blocks() + o / kBlock) * 4 * kBlock + o % kBlock * 4 + i % 4] = static_cast<std::int8_t>(w);
+      bias -= static_cast<std::uint32_t>(moved * w);
+      if (layer.planes == 0) continue;
+      std::int8_t* const to = layer.byte_weights.data() + (i / 4 * layer.blocks() + o / kBlock) * 4 * kBlock + o % kBlock * 4 + i % 4;
+      const auto low = static_cast<std::int8_t>(w);
+      if (layer.planes == 2) *to = static_cast<std::int8_t>((w - low) / 256);
+      to[(layer.planes - 1) * size] = low;
     }
-    layer.unsigned_bias.data()[o] = static_cast<std::int32_t>(bias);
+    layer.moved_bias.data()[o] = static_cast<std::int32_t>(bias);
   }
 }
 
@@ -283,6 +145,12 @@ void check(const GivenLayer& given, std::size_t number, std::int64_t largest) {
 
 std::vector<NetForm> net_forms_here() {
   std::vector<NetForm> forms = {NetForm::Plain};
+#if defined(LIDARCODEC_NET_LANES)
+  forms.push_back(NetForm::Vector);
+#endif
+#if defined(LIDARCODEC_NET_DOT)
+  if ((getauxval(AT_HWCAP) & HWCAP_ASIMDDP) != 0) forms.push_back(NetForm::Dot);
+#endif
 #if defined(__x86_64__)
   __builtin_cpu_init();
   if (__builtin_cpu_supports("avx2")) forms.push_back(NetForm::Avx2);
@@ -291,6 +159,30 @@ std::vector<NetForm> net_forms_here() {
     forms.push_back(NetForm::Vnni);
 #endif
   return forms;
+}
+
+const char* name_of(NetForm form) {
+  switch (form) {
+    case NetForm::Plain:
+      return "plain";
+    case NetForm::Vector:
+      return name_of(Path::Vector);
+    case NetForm::Dot:
+      return "dotprod";
+    case NetForm::Avx2:
+      return "avx2";
+    case NetForm::Vnni:
+      return "avx512vnni";
+  }
+  return "";
+}
+
+NetForm net_form_named(const std::string& name) {
+  const std::vector<NetForm> here = net_forms_here();
+  if (name.empty()) return here.back();
+  for (const NetForm form : here)
+    if (name == name_of(form)) return form;
+  throw Error(ErrorCode::Settings, "this processor cannot run networks in such a form");
 }
 
 RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm form) : form_(form) {
@@ -314,7 +206,8 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     for (std::size_t o = 0; o < from.out; ++o)
       for (std::size_t i = 0; i < from.in; ++i)
         layer.weights.data()[(i / 2 * layer.blocks() + o / kBlock) * 2 * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
-    put_unsigned(from, l == 0 ? 128 : 0, layer);
+    put_bytes(from, kMoved[l], layer);
+    if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }
 }
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 namespace lidarcodec {
@@ -14,16 +15,23 @@ inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
 inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
 inline constexpr std::int32_t kMiddleTop = 255;
 
-// Ways to compute: C++ alone, sixteen numbers of 16 bits at a time, thirty-two of them. All give the same.
-enum class NetForm { Plain, Avx2, Vnni };
+// Ways to compute, all with the same results. Plain: C++ alone. Vector: vectors of 128 bits, as every x86-64 (SSE2) and every
+// 64-bit ARM (NEON) has them. Dot: the dot products of newer ARM. Avx2, Vnni: vectors of 256 and of 512 bits.
+enum class NetForm { Plain, Vector, Dot, Avx2, Vnni };
 
 // Those that this processor can run, the quickest last.
 std::vector<NetForm> net_forms_here();
 
-// Inputs, and what comes of them.
+// "plain", "sse2" or "neon", "dotprod", "avx2", "avx512vnni".
+const char* name_of(NetForm form);
+
+// The form of a name; of an empty one the quickest. Raises Settings if this processor cannot run it.
+NetForm net_form_named(const std::string& name);
+
+// Inputs, as many as the network has, and what comes of them. Not set to 0 before: that took 3 % of the time of a return.
 struct alignas(64) NetValues {
-  std::array<std::int8_t, kInputsExpecting> in{};
-  std::array<std::int16_t, kNetOutputs> out{};
+  std::array<std::int8_t, kInputsExpecting> in;
+  std::array<std::int16_t, kNetOutputs> out;
 };
 
 // A layer as given: weights (out, in), a bias for each sum, and the shift of the weights.
@@ -71,12 +79,13 @@ class RiddleNet {
     // For every two inputs, blocks of 16 sums with a pair of weights each. Sums beyond `out` are 0.
     Lines<std::int16_t> weights;
     Lines<std::int32_t> bias;
-    // Where all weights fit 8 bits: for every four inputs, blocks of 16 sums with four weights each.
-    bool in_bytes = false;
+    // The same as bytes: for every four inputs, blocks of 16 sums with four weights each. One plane of them where all
+    // weights fit 8 bits; else that of the upper bytes and that of the lower ones, with signs; none where those do not fit.
+    std::size_t planes = 0;
     Lines<std::int8_t> byte_weights;
-    // For inputs without a sign, which in the first layer are larger by 128: biases that are smaller by as much as that
-    // makes. Modulo 2^32, as all sums are.
-    Lines<std::int32_t> unsigned_bias;
+    // For inputs as bytes, which some layers take larger or smaller by 128: biases that make up for that. Modulo 2^32, as
+    // all sums are.
+    Lines<std::int32_t> moved_bias;
     std::size_t blocks() const { return (out + 15) / 16; }
   };
 

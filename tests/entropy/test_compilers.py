@@ -26,6 +26,7 @@ GOLDEN = {
     "riddle, bytes, ranges": "b48292a823496883",
     "riddle, bytes, ranges with motion": "1643e642d7f4397f",
     "riddle, bytes, slabs": "f9a57e268019068a",
+    "networks": "c27b5467c7f5c223",
     "training": "6f1ae0ef825c9c90",
     "mask": "da0f69b12ad0ee1a",
     "mask of a stream": "c6dd2774adbdd03f",

@@ -45,6 +45,9 @@ inline __m128i _mm_mulhi_epu16(__m128i a, __m128i b) {
   return wasm_i16x8_shuffle(wasm_u32x4_extmul_low_u16x8(a, b), wasm_u32x4_extmul_high_u16x8(a, b), 1, 3, 5, 7, 9, 11, 13, 15);
 }
 
+// A macro, since what it picks has to be a constant.
+#define _mm_shuffle_epi32(a, picked) wasm_i32x4_shuffle(a, a, (picked) & 3, (picked) >> 2 & 3, (picked) >> 4 & 3, (picked) >> 6 & 3)
+
 inline __m128i _mm_packs_epi32(__m128i a, __m128i b) { return wasm_i16x8_narrow_i32x4(a, b); }
 inline __m128i _mm_packs_epi16(__m128i a, __m128i b) { return wasm_i8x16_narrow_i16x8(a, b); }
 inline int _mm_cvtsi128_si32(__m128i a) { return wasm_i32x4_extract_lane(a, 0); }

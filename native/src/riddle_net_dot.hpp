@@ -1,0 +1,98 @@
+// Networks for 64-bit ARM with the instructions for dot products (Armv8.2 and later): sixteen products of 8 bits at a time.
+//
+// All values are bytes with a sign: hidden ones, 0 to 255, less 128, which the biases make good. Weights that take 16 bits
+// are two bytes, upper and lower, and the sums of the upper ones count 256 times.
+#pragma once
+#include <arm_neon.h>
+
+#include "riddle_net_lanes.hpp"
+
+#if defined(__ARM_FEATURE_DOTPROD)
+#define LIDARCODEC_DOT  // all is compiled for such processors
+#elif defined(__clang__)
+#define LIDARCODEC_DOT __attribute__((target("dotprod")))
+#else
+#define LIDARCODEC_DOT __attribute__((target("arch=armv8.2-a+dotprod")))
+#endif
+
+namespace lidarcodec::net_forms {
+
+// Four sums and what four inputs, the first or the last of `in`, add to each. Written out, since arm_neon.h of clang++ names
+// this instruction only where every processor has it.
+template <int kLane>
+LIDARCODEC_DOT inline int32x4_t with_four(int32x4_t sums, int8x16_t weights, int8x8_t in) {
+  asm("sdot %0.4s, %1.16b, %2.4b[%c3]" : "+w"(sums) : "w"(weights), "w"(in), "i"(kLane));
+  return sums;
+}
+
+template <int kLane, std::size_t N>
+LIDARCODEC_DOT inline void add_four(int32x4_t (&sums)[N][4], const std::int8_t* weights, const int8x8_t (&in)[N]) {
+#pragma GCC unroll 4
+  for (std::size_t v = 0; v < 4; ++v) {
+    const int8x16_t of = vld1q_s8(weights + 16 * v);
+#pragma GCC unroll 4
+    for (std::size_t r = 0; r < N; ++r) sums[r][v] = with_four<kLane>(sums[r][v], of, in[r]);
+  }
+}
+
+// Hidden values, less 128, or log odds.
+inline void settle(const Lanes::Sums& sums, const Layer& layer, std::int8_t* out) {
+  vst1_s8(out, veor_s8(vmovn_s16(Lanes::settled(sums, layer)), vdup_n_s8(-128)));
+}
+inline void settle(const Lanes::Sums& sums, const Layer& layer, std::int16_t* out) { Lanes::settle(sums, layer, out); }
+
+template <std::size_t N, class Out>
+LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<const std::int8_t*, N>& in, const std::array<Out*, N>& out) {
+  const std::size_t next = layer.blocks() * 4 * kBlock;
+  for (std::size_t block = 0; block < layer.blocks(); ++block) {
+    const std::int8_t* w = layer.byte_weights.data() + block * 4 * kBlock;
+    int32x4_t sums[N][4] = {};
+    for (std::size_t plane = 0; plane < layer.planes; ++plane) {
+#pragma GCC unroll 4
+      for (std::size_t r = 0; r < N; ++r)
+#pragma GCC unroll 4
+        for (std::size_t v = 0; v < 4; ++v) sums[r][v] = vshlq_n_s32(sums[r][v], 8);
+      for (std::size_t i = 0; i < layer.in; i += 8, w += 2 * next) {
+        int8x8_t x[N];
+#pragma GCC unroll 4
+        for (std::size_t r = 0; r < N; ++r) x[r] = vld1_s8(in[r] + i);
+        add_four<0>(sums, w, x);
+        add_four<1>(sums, w + next, x);
+      }
+    }
+    const std::int32_t* const bias = layer.moved_bias.data() + block * kBlock;
+#pragma GCC unroll 4
+    for (std::size_t r = 0; r < N; ++r) {
+#pragma GCC unroll 2
+      for (std::size_t h = 0; h < 2; ++h) {
+        const Lanes::Sums begun = Lanes::sums(bias + 8 * h);
+        const Lanes::Sums all = {vaddq_s32(begun.low, sums[r][2 * h]), vaddq_s32(begun.high, sums[r][2 * h + 1])};
+        settle(all, layer, out[r] + block * kBlock + 8 * h);
+      }
+    }
+  }
+}
+
+template <std::size_t N>
+void run_dot(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+  struct alignas(64) Bytes {
+    std::array<std::int8_t, kMostHidden> of;
+  };
+  std::array<Bytes, N> first, second;
+  std::array<const std::int8_t*, N> in, from_first, from_second;
+  std::array<std::int8_t*, N> to_first, to_second;
+  std::array<std::int16_t*, N> odds;
+  for (std::size_t r = 0; r < N; ++r) {
+    in[r] = values[r]->in.data();
+    from_first[r] = to_first[r] = first[r].of.data();
+    from_second[r] = to_second[r] = second[r].of.data();
+    odds[r] = values[r]->out.data();
+  }
+  layer_dot(layers[0], in, to_first);
+  layer_dot(layers[1], from_first, to_second);
+  layer_dot(layers[2], from_second, odds);
+}
+
+}  // namespace lidarcodec::net_forms
+
+#undef LIDARCODEC_DOT

@@ -1,0 +1,123 @@
+// Networks for processors with AVX-512 VNNI: sixty-four products of 8 bits at a time, or thirty-two of 16 bits.
+#pragma once
+#include <immintrin.h>
+
+#include "riddle_net_avx2.hpp"
+
+#define LIDARCODEC_VNNI __attribute__((target("avx512f,avx512bw,avx512vl,avx512vnni")))
+
+namespace lidarcodec::net_forms {
+
+struct alignas(64) Bytes {
+  std::array<std::uint8_t, kMostHidden> of;
+};
+
+// Blocks of sums of N returns, from `first` on: of values without a sign, in 8 or 16 bits. Sums of S steps in turns are
+// added up apart: enough of them at once that none waits for its last product, and few enough for the registers.
+template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
+LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, std::size_t first, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+  constexpr bool kBytes = sizeof(Value) == 1;
+  constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
+  const std::int32_t* const bias = layer.moved_bias.data() + first * kBlock;
+  const auto* w = reinterpret_cast<const std::byte*>(kBytes ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data()) + first * 64;
+  __m512i sums[N][Blocks][S];
+#pragma GCC unroll 4
+  for (std::size_t r = 0; r < N; ++r)
+#pragma GCC unroll 8
+    for (std::size_t b = 0; b < Blocks; ++b)
+#pragma GCC unroll 4
+      for (std::size_t s = 0; s < S; ++s)
+        sums[r][b][s] = s == 0 ? _mm512_load_si512(bias + b * kBlock) : _mm512_setzero_si512();
+  for (std::size_t i = 0; i < layer.in; i += kAtOnce * S) {
+#pragma GCC unroll 4
+    for (std::size_t s = 0; s < S; ++s, w += layer.blocks() * 64) {
+      __m512i x[N];
+#pragma GCC unroll 4
+      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(four_bytes_at(in[r] + i + kAtOnce * s));
+#pragma GCC unroll 8
+      for (std::size_t b = 0; b < Blocks; ++b) {
+        const __m512i of = _mm512_load_si512(w + b * 64);
+#pragma GCC unroll 4
+        for (std::size_t r = 0; r < N; ++r)
+          sums[r][b][s] = kBytes ? _mm512_dpbusd_epi32(sums[r][b][s], x[r], of) : _mm512_dpwssd_epi32(sums[r][b][s], x[r], of);
+      }
+    }
+  }
+  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
+  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
+#pragma GCC unroll 4
+  for (std::size_t r = 0; r < N; ++r)
+#pragma GCC unroll 8
+    for (std::size_t b = 0; b < Blocks; ++b) {
+      __m512i sum = sums[r][b][0];
+#pragma GCC unroll 4
+      for (std::size_t s = 1; s < S; ++s) sum = _mm512_add_epi32(sum, sums[r][b][s]);
+      const __m512i done = _mm512_min_epi32(_mm512_max_epi32(_mm512_sra_epi32(sum, shift), low), high);
+      auto* const to = out[r] + (first + b) * kBlock;
+      if constexpr (sizeof(Out) == 1) {
+        _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm512_cvtepi32_epi8(done));
+      } else {
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(done));
+      }
+    }
+}
+
+template <std::size_t N, class Value, class Out>
+void all_blocks_vnni(const Layer& layer, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+  const std::size_t blocks = layer.blocks();
+  constexpr std::size_t kTurns = N == 4 ? 1 : 2;  // so that a few blocks of few returns need not wait for their sums
+  std::size_t at = 0;
+  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, at, in, out);
+  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kTurns>(layer, at, in, out);
+  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, at, in, out);
+  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, at, in, out);
+}
+
+// Inputs larger by 128, without a sign.
+LIDARCODEC_VNNI inline void shift_vnni(const std::int8_t* in, std::size_t count, Bytes& to) {
+  const __m512i by = _mm512_set1_epi8(-128);
+  for (std::size_t i = 0; i < count; i += 64) {
+    const auto here = count - i >= 64 ? ~__mmask64{0} : (__mmask64{1} << (count - i)) - 1;
+    _mm512_store_si512(to.of.data() + i, _mm512_xor_si512(_mm512_maskz_loadu_epi8(here, in + i), by));
+  }
+}
+
+inline bool in_bytes(const Layer& layer) { return layer.planes == 1; }
+
+LIDARCODEC_VNNI inline void widen_vnni(const std::uint8_t* in, std::size_t count, Words& to) {
+  for (std::size_t i = 0; i < count; i += 32)
+    _mm512_store_si512(to.of.data() + i, _mm512_cvtepu8_epi16(_mm256_load_si256(reinterpret_cast<const __m256i*>(in + i))));
+}
+
+template <std::size_t N, class Out>
+void layer_vnni(const Layer& layer, const std::array<Bytes, N>& in, const std::array<Out*, N>& out) {
+  std::array<Words, N> words;
+  std::array<const std::uint8_t*, N> bytes_at;
+  std::array<const std::int16_t*, N> words_at;
+  for (std::size_t r = 0; r < N; ++r) {
+    bytes_at[r] = in[r].of.data();
+    words_at[r] = words[r].of.data();
+    if (!in_bytes(layer)) widen_vnni(bytes_at[r], layer.in, words[r]);
+  }
+  in_bytes(layer) ? all_blocks_vnni(layer, bytes_at, out) : all_blocks_vnni(layer, words_at, out);
+}
+
+template <std::size_t N>
+void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
+  std::array<Bytes, N> in, first, second;
+  std::array<std::uint8_t*, N> to_first, to_second;
+  std::array<std::int16_t*, N> to_odds;
+  for (std::size_t r = 0; r < N; ++r) {
+    shift_vnni(values[r]->in.data(), layers[0].in, in[r]);
+    to_first[r] = first[r].of.data();
+    to_second[r] = second[r].of.data();
+    to_odds[r] = values[r]->out.data();
+  }
+  layer_vnni(layers[0], in, to_first);
+  layer_vnni(layers[1], first, to_second);
+  layer_vnni(layers[2], second, to_odds);
+}
+
+}  // namespace lidarcodec::net_forms
+
+#undef LIDARCODEC_VNNI
