@@ -68,9 +68,7 @@ void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const
     case NetForm::Vnni:
       return run_vnni(layers, values);
     case NetForm::Avx2:
-      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
-        in_turns<2>(in, out, [&](const auto& from, const auto& to) { layer_avx2(layer, from, to); });
-      });
+      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) { layer_avx2(layer, in, out); });
 #endif
 #if defined(LIDARCODEC_NET_DOT)
     case NetForm::Dot:
@@ -203,9 +201,12 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     const std::int32_t half = layer.shift == 0 ? 0 : 1 << (layer.shift - 1);
     for (std::size_t o = 0; o < from.out; ++o) layer.bias.data()[o] = from.bias[o] + half;
     layer.weights.assign(layer.blocks() * kBlock * layer.in);
+    const bool by_block = form_ == NetForm::Avx2;
+    layer.pair_step = 2 * kBlock * (by_block ? 1 : layer.blocks());
+    layer.block_step = 2 * kBlock * (by_block ? layer.in / 2 : 1);
     for (std::size_t o = 0; o < from.out; ++o)
       for (std::size_t i = 0; i < from.in; ++i)
-        layer.weights.data()[(i / 2 * layer.blocks() + o / kBlock) * 2 * kBlock + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
+        layer.weights.data()[i / 2 * layer.pair_step + o / kBlock * layer.block_step + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
     put_bytes(from, kMoved[l], layer);
     if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }

@@ -76,8 +76,10 @@ class RiddleNet {
     std::size_t in = 0, out = 0;
     std::uint32_t shift = 0;  // of the sums, whose biases have the half that rounds them in them
     std::int32_t low = 0, high = 0;
-    // For every two inputs, blocks of 16 sums with a pair of weights each. Sums beyond `out` are 0.
+    // For every two inputs and every block of 16 sums a pair of weights each, in the order in which the form fetches them:
+    // so many weights from one two inputs to the next, and from one block to the next. Sums beyond `out` are 0.
     Lines<std::int16_t> weights;
+    std::size_t pair_step = 0, block_step = 0;
     Lines<std::int32_t> bias;
     // The same as bytes: for every four inputs, blocks of 16 sums with four weights each. One plane of them where all
     // weights fit 8 bits; else that of the upper bytes and that of the lower ones, with signs; none where those do not fit.

@@ -15,7 +15,7 @@ inline std::int32_t four_bytes_at(const void* in) {
   return bytes;
 }
 
-// N returns at once, two blocks of sums each.
+// N returns at once, two blocks of eight sums each.
 template <std::size_t N>
 __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<const std::int16_t*, N>& in,
                                                 const std::array<std::int16_t*, N>& out) {
@@ -23,35 +23,29 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
   const __m256i low = _mm256_set1_epi32(layer.low), high = _mm256_set1_epi32(layer.high);
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
-    // Odd and even pairs are added up apart, so that additions need not wait for each other.
-    __m256i sums[N][4];
-#pragma GCC unroll 2
+    __m256i sums[N][2];
+#pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r) {
       sums[r][0] = _mm256_loadu_si256(bias);
       sums[r][1] = _mm256_loadu_si256(bias + 1);
-      sums[r][2] = sums[r][3] = _mm256_setzero_si256();
     }
-    for (std::size_t i = 0; i < layer.in; i += 4) {
-#pragma GCC unroll 2
-      for (std::size_t odd = 0; odd < 2; ++odd) {
-        const auto* from = reinterpret_cast<const __m256i*>(weights_at(layer, block, i + 2 * odd));
-        const __m256i w0 = _mm256_loadu_si256(from), w1 = _mm256_loadu_si256(from + 1);
-#pragma GCC unroll 2
-        for (std::size_t r = 0; r < N; ++r) {
-          const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + i + 2 * odd));
-          sums[r][2 * odd] = _mm256_add_epi32(sums[r][2 * odd], _mm256_madd_epi16(x, w0));
-          sums[r][2 * odd + 1] = _mm256_add_epi32(sums[r][2 * odd + 1], _mm256_madd_epi16(x, w1));
-        }
+    const std::int16_t* w = weights_at(layer, block, 0);
+    for (std::size_t i = 0; i < layer.in; i += 2, w += layer.pair_step) {
+      const auto* from = reinterpret_cast<const __m256i*>(w);
+      const __m256i w0 = _mm256_load_si256(from), w1 = _mm256_load_si256(from + 1);
+#pragma GCC unroll 4
+      for (std::size_t r = 0; r < N; ++r) {
+        const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + i));
+        sums[r][0] = _mm256_add_epi32(sums[r][0], _mm256_madd_epi16(x, w0));
+        sums[r][1] = _mm256_add_epi32(sums[r][1], _mm256_madd_epi16(x, w1));
       }
     }
-#pragma GCC unroll 2
+#pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r) {
       __m256i done[2];
 #pragma GCC unroll 2
-      for (std::size_t v = 0; v < 2; ++v) {
-        const __m256i sum = _mm256_sra_epi32(_mm256_add_epi32(sums[r][v], sums[r][v + 2]), shift);
-        done[v] = _mm256_min_epi32(_mm256_max_epi32(sum, low), high);
-      }
+      for (std::size_t v = 0; v < 2; ++v)
+        done[v] = _mm256_min_epi32(_mm256_max_epi32(_mm256_sra_epi32(sums[r][v], shift), low), high);
       const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(done[0], done[1]), 0xd8);
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + block * kBlock), packed);
     }

@@ -23,7 +23,7 @@ inline std::int16_t settled(std::int32_t sum, const Layer& layer) {
 
 // Weights of block after block, for the inputs from `in` on, an even number.
 inline const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_t in) {
-  return layer.weights.data() + (in / 2 * layer.blocks() + block) * 2 * kBlock;
+  return layer.weights.data() + in / 2 * layer.pair_step + block * layer.block_step;
 }
 
 inline void layer_plainly(const Layer& layer, const std::int16_t* in, std::int16_t* out) {
