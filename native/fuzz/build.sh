@@ -13,7 +13,7 @@ for source in "$here"/../src/*.cpp; do
   if [ ! "$object" -nt "$source" ] || [ -n "$(find "$here/../src" -name '*.hpp' -newer "$object")" ]; then
     echo "$source" "$object"
   fi
-done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-link,address,undefined -c "$1" -o "$2"' "$clangxx"
+done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-link,address,undefined -fsanitize-coverage-ignorelist='"$here"'/not_followed.txt -c "$1" -o "$2"' "$clangxx"
 for harness in "$here"/fuzz_*.cpp; do
   "$clangxx" $flags -fsanitize=fuzzer,address,undefined "$harness" "$out"/core/*.o -o "$out/$(basename "$harness" .cpp)"
 done
