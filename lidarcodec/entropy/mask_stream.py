@@ -1,4 +1,4 @@
-"""The mask coder of streams with memory: a sixth to a fifth less than `mask_coder` needs, for 3 ms more a frame.
+"""The mask coder of streams with memory: a sixth to a fifth less than `mask_coder` needs, for 2 ms more a frame.
 
 It looks at which directions returned in the last turns and at what the ranges are expected to be, and learns from one
 frame to the next. So one at each end of a stream has to see the same masks, from one that begins on. The format is

@@ -259,9 +259,9 @@ void check_masks(const Scene& scene) {
 }
 
 // Masks of a stream, which the motion and what is expected help to say.
-void check_mask_stream(const Scene& scene) {
+void check_mask_stream(const Scene& scene, Path path) {
   Hash hash;
-  MaskStream encoder, decoder;
+  MaskStream encoder(path), decoder(path);
   RangeHistory history;
   for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
     const Ranges image = scene.ranges(frame);
@@ -280,7 +280,7 @@ void check_mask_stream(const Scene& scene) {
     hash.add(data);
     history.remember(image.data(), columns, scene.table.half);
   }
-  hash.print("mask of a stream");
+  hash.print(std::string("mask of a stream, ") + name_of(path));
 }
 
 void check_intensities(const Scene& scene) {
@@ -337,7 +337,7 @@ int main(int count, char** words) {
   check_networks();
   check_training(scene);
   check_masks(scene);
-  check_mask_stream(scene);
+  for (const Path path : paths_here()) check_mask_stream(scene, path);
   check_intensities(scene);
   check_motion(Scene(1'200));
 }

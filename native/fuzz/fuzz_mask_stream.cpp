@@ -45,7 +45,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::uint8_t pattern = input.byte(), turned = input.byte(), kind = input.byte(), holes = input.byte();
   const std::vector<std::uint8_t> rest = input.rest();
   Numbers numbers(rest);
-  MaskStream sender, receiver, hostile;
+  MaskStream sender(Path::Plain), receiver, hostile;  // on all paths that code differently
   try {
     for (std::uint8_t frame = 0; frame < 3; ++frame) {
       const Frame seen((width + 5u * frame) % 48, pattern, turned, kind, numbers);

@@ -31,6 +31,7 @@ MaskFrame::MaskFrame(const MaskView& view, MaskPlaces& tables)
     : view_(view), layout_(view.geometry), tables_(tables) {
   tables.next_ = tables.places_;
   const std::size_t width = view.geometry.width;
+  values_.resize(width + DirectionPicks::kRoom);
   check_azimuths({width, view.azimuth, view.geometry.fired});
   std::array<bool, 2> done{};
   for (std::size_t row = 0; row < kMaskRows; ++row) {
@@ -43,16 +44,21 @@ MaskFrame::MaskFrame(const MaskView& view, MaskPlaces& tables)
     std::uint16_t *const first = slots.data() + kMargin, *const last = first + columns.size() - 1;
     for (std::size_t k = 0; k < columns.size(); ++k)
       first[k] = static_cast<std::uint16_t>(RangeHistory::slot_of(view.azimuth[half * width + columns[k]]));
-    std::vector<std::uint8_t>& filled = filled_[half];
-    for (std::size_t k = 0; k + 1 < columns.size(); ++k) {
-      const std::size_t apart = (first[k + 1] + kPlaces - first[k]) % kPlaces;
-      filled.push_back(static_cast<std::uint8_t>(apart == 0 || apart > kMostFilled ? 1 : apart));
+    std::vector<std::uint32_t> owner(kPlaces, DirectionPicks::kNobody);
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      std::size_t own = kStepBeyond;
+      if (k + 1 < columns.size()) {
+        const std::size_t apart = (first[k + 1] + kPlaces - first[k]) % kPlaces;
+        own = apart == 0 || apart > kMostFilled ? 1 : apart;
+      }
+      for (std::size_t j = 0; j < own; ++j) owner[(first[k] + j) % kPlaces] = static_cast<std::uint32_t>(k);
     }
-    filled.push_back(kStepBeyond);
+    owned_[half].begin(std::move(owner));
     for (std::ptrdiff_t j = 1; j <= kMargin; ++j) {
       first[-j] = static_cast<std::uint16_t>((*first + kPlaces - static_cast<std::size_t>(j) * kStepBeyond) % kPlaces);
       last[j] = static_cast<std::uint16_t>((*last + static_cast<std::size_t>(j) * kStepBeyond) % kPlaces);
     }
+    picks_[half] = CellPicks(slots);
   }
   const Motion& motion = view.motion;
   const std::int64_t x = bounded(motion.translation[0], kMostMoved), y = bounded(motion.translation[1], kMostMoved);
@@ -69,20 +75,43 @@ void MaskFrame::begin_row(std::size_t row, const std::uint16_t* expected) {
   const std::vector<std::uint16_t>& slots = slots_[view_.geometry.half[row]];
   n_ = layout_.cells(row);
   at_.resize(slots.size());
-  const std::uint32_t aside = (angle_of_table(static_cast<std::int32_t>(view_.geometry.rotation[row])) + (1u << 19)) >> 20;
+  aside_ = ((angle_of_table(static_cast<std::int32_t>(view_.geometry.rotation[row])) + (1u << 19)) >> 20) % kPlaces;
   for (std::size_t i = 0; i < slots.size(); ++i)
-    at_[i] = static_cast<std::uint16_t>((slots[i] + kPlaces - aside % kPlaces) % kPlaces);
+    at_[i] = static_cast<std::uint16_t>((slots[i] + kPlaces - aside_) % kPlaces);
 
   sine_ = turned(angle_of_table(view_.vertical[row])).sin;
   std::array<std::uint16_t, kBlocks> range{};  // the last that is expected in each block
   std::array<std::uint8_t, kBlocks> here{};
+  std::size_t block = kBlocks;
+  std::uint16_t last = 0;
   for (std::size_t k = 0; k < n_; ++k) {
-    const std::size_t block = at_[k + kMargin] / kBlock;
-    here[block] = 1;
-    if (expected[k] != 0) range[block] = expected[k];
+    if (at_[k + kMargin] / kBlock != block) {
+      block = at_[k + kMargin] / kBlock;
+      here[block] = 1;
+      last = range[block];
+    }
+    if (expected[k] != 0) last = expected[k];
+    range[block] = last;
   }
-  for (std::size_t b = 0; b < kBlocks; ++b)
-    if (here[b]) moved_[b] = moved(b, range[b]);
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    if (!here[b]) continue;
+    moved_[b] = moved(b, range[b]);
+    take_places(b);
+  }
+}
+
+void MaskFrame::take_places(std::size_t block) {
+  const std::size_t begin = block * kBlock;
+  const std::size_t then = (begin + kPlaces + static_cast<std::size_t>(static_cast<std::ptrdiff_t>(moved_[block].directions))) % kPlaces;
+  for (std::size_t j = 0; j < 3; ++j) {
+    const std::uint8_t* const from = row_of(tables_.places_, moved_[block].row + static_cast<std::ptrdiff_t>(j) - 1);
+    std::uint8_t* const to = moved_places_[j].data() + begin;
+    if (then + kBlock <= kPlaces) {
+      std::copy_n(from + then, kBlock, to);
+    } else {
+      for (std::size_t i = 0; i < kBlock; ++i) to[i] = from[(then + i) % kPlaces];
+    }
+  }
 }
 
 // Where the place of a range lay a turn ago; 0: infinitely far.
@@ -101,66 +130,6 @@ MaskFrame::Moved MaskFrame::moved(std::size_t block, std::uint32_t range) const 
   while (row > 0 && off(row - 1) < off(row)) --row;
   found.row = static_cast<std::int32_t>(row);
   return found;
-}
-
-const std::uint8_t* MaskFrame::row_of(const std::vector<std::uint8_t>& table, std::ptrdiff_t row) const {
-  const bool inside = row >= 0 && row < static_cast<std::ptrdiff_t>(kMaskRows);
-  return inside ? table.data() + static_cast<std::size_t>(row) * kPlaces : tables_.everywhere_.data();
-}
-
-void MaskFrame::beams(PaddedRow& above3, PaddedRow& above2, PaddedRow& above, PaddedRow& here, PaddedRow& below) const {
-  const auto row = static_cast<std::ptrdiff_t>(row_);
-  const std::array<PaddedRow*, 5> out = {&above3, &above2, &above, &here, &below};
-  std::array<const std::uint8_t*, 5> from;
-  std::array<std::uint8_t*, 5> to;
-  for (std::size_t j = 0; j < 5; ++j) {
-    from[j] = row_of(tables_.beams_, row + static_cast<std::ptrdiff_t>(j) - 3);
-    to[j] = out[j]->cells() - kMargin;
-  }
-  const std::uint16_t* const at = at_.data();
-  const std::size_t all = at_.size();
-  for (std::size_t i = 0; i < all; ++i)
-    for (std::size_t j = 0; j < 5; ++j) to[j][i] = from[j][at[i]];
-}
-
-void MaskFrame::places(PaddedRow& above, PaddedRow& here, PaddedRow& below) const {
-  std::uint8_t *const a = above.cells(), *const h = here.cells(), *const b = below.cells();
-  std::size_t block = kBlocks;
-  const std::uint8_t *from_a = nullptr, *from_h = nullptr, *from_b = nullptr;
-  std::size_t by = 0;
-  for (std::size_t k = 0; k < n_; ++k) {
-    const std::size_t at = at_[k + kMargin];
-    if (at / kBlock != block) {
-      block = at / kBlock;
-      from_a = row_of(tables_.places_, moved_[block].row - 1);
-      from_h = row_of(tables_.places_, moved_[block].row);
-      from_b = row_of(tables_.places_, moved_[block].row + 1);
-      by = static_cast<std::size_t>(moved_[block].directions + static_cast<std::int32_t>(kPlaces));
-    }
-    const std::size_t then = (at + by) % kPlaces;
-    a[k] = from_a[then];
-    h[k] = from_h[then];
-    b[k] = from_b[then];
-  }
-  for (PaddedRow* row : {&above, &here, &below}) row->pad(n_);
-}
-
-void MaskFrame::put(const std::uint8_t* cells, const PaddedRow& beams, const PaddedRow& places, bool fresh) {
-  std::uint8_t* const beam = tables_.beams_.data() + row_ * kPlaces;
-  std::uint8_t* const place = tables_.next_.data() + row_ * kPlaces;
-  const std::uint8_t *const beam_was = beams.cells(), *const place_was = places.cells();
-  const std::uint8_t* const filled = filled_[layout_.half(row_)].data();
-  const std::uint16_t* const first = at_.data() + kMargin;
-  for (std::size_t k = 0, n = n_; k < n; ++k) {
-    const std::uint32_t bit = cells[k];
-    const auto b = static_cast<std::uint8_t>(fresh ? 0u - bit : beam_was[k] * 2u + bit);
-    const auto p = static_cast<std::uint8_t>(fresh ? 0u - bit : place_was[k] * 2u + bit);
-    for (std::size_t j = 0; j < filled[k]; ++j) {
-      const std::size_t at = (first[k] + j) % kPlaces;
-      beam[at] = b;
-      place[at] = p;
-    }
-  }
 }
 
 }  // namespace lidarcodec

@@ -141,9 +141,14 @@ struct ClosedRows {
       std::size_t in_row = 0;
       for (std::size_t column = 0; column < width; ++column) in_row += from[column] != 0;
       returns += in_row;
-      for (const std::uint32_t column : layout.columns(row)) {
-        *to = from[column] != 0;
-        closed += *to++;
+      if (layout.whole(row)) {
+        for (std::size_t column = 0; column < width; ++column) to[column] = from[column] != 0;
+        closed += in_row;
+      } else {
+        for (const std::uint32_t column : layout.columns(row)) {
+          *to = from[column] != 0;
+          closed += *to++;
+        }
       }
       fired += layout.cells(row);
     }

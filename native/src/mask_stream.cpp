@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "error.hpp"
+#include "mask_avx2.hpp"
 #include "mask_coder.hpp"
 #include "mask_windows.hpp"
 #include "rangecoder.hpp"
@@ -10,71 +11,103 @@
 namespace lidarcodec {
 namespace {
 
-// The cells to the left.
-struct LeftCells {
-  std::uint32_t bits = ~0u;   // the last one lowest
-  std::uint32_t holes = 0;    // among the last 12
-  std::uint32_t run = 0;      // equal ones before the last one
+struct PlainMaskForms {
+  using Odds = PlainOdds;
 
-  void take(bool bit) {
-    run = bit == (bits & 1u) ? std::min(run + 1, 7u) : 0;
-    holes = holes + !bit - (~bits >> 11 & 1u);
-    bits = bits << 1 | static_cast<std::uint32_t>(bit);
+  template <std::size_t count>
+  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at, const CellPicks&,
+                      const std::array<std::uint8_t*, count>& to) {
+    look_up_each(from, at.data(), 0, at.size(), to);
   }
-  std::uint32_t few() const { return holes < 2 ? holes : holes < 4 ? 2 : 3; }
+
+  static void put(const std::uint8_t* values, const DirectionPicks& picks, std::size_t shift, std::uint8_t* to) {
+    put_groups(values, picks, shift, to, [](const std::uint8_t* cells, const std::uint8_t* behind, std::uint8_t* at) {
+      for (std::size_t i = 0; i < DirectionPicks::kGroup; ++i) at[i] = cells[behind[i]];
+    });
+  }
+
+  template <class Work>
+  static void run(const Work& work) {
+    work();
+  }
 };
+
+// Codes a row that was looked at.
+template <class Forms, class Bits>
+void code_row(Bits& bits_so_far, MaskModel& model, const MaskWindows& windows, std::uint8_t* cells, std::size_t n) {
+  Bits bits = bits_so_far;  // and others: so that a compiler sees that nobody else has them
+  std::int32_t left_over = model.left_over();
+  BitModel* const gates = model.gates();
+  const std::uint16_t* const gate_numbers = windows.gate.data();
+  using Odds = typename Forms::Odds;
+  Odds odds(model.cells());
+  typename Odds::Block block;
+  std::size_t known = n;  // the block whose contexts are
+  LeftCells left;
+  for (std::size_t k = 0; k < n; ++k) {
+    BitModel& gate = gates[gate_numbers[k] | left.few() << 6 | (left.bits & 1u) << 8];
+    std::uint32_t likely = gate.probability();
+    const bool sure = MaskModel::sure(likely);
+    if (!sure) {
+      if (known != k / kContextBlock) {
+        known = k / kContextBlock;
+        Forms::run([&windows, &block, known] {
+          ContextBlock numbers;
+          windows.number(known * kContextBlock, numbers);
+          Odds::put_block(numbers, block);
+        });
+      }
+      likely = MaskModel::likely(odds.sum(block, k % kContextBlock, left));
+    }
+    const auto learn = [&](bool bit) {
+      if (!sure) odds.move(MaskModel::move(bit, likely, left_over));
+      gate.update(bit);
+      if constexpr (Bits::kReads) cells[k] = bit;
+      left.take(bit);
+    };
+    // One of two ways, so that what comes next need not wait for a bit that is what it mostly is.
+    if (bits.bit(cells[k], likely)) learn(true);
+    else learn(false);
+  }
+  odds.end();
+  model.left_over() = left_over;
+  bits_so_far = bits;
+}
 
 }  // namespace
 
 template <class Bits>
-void MaskStream::code(Bits& bits, const MaskView& view, std::uint8_t* rows) {
+void MaskStream::code_on_path(const Bits& bits, const MaskView& view, std::uint8_t* rows) {
+#if defined(__x86_64__)
+  if (path_ == Path::Avx2) return code<Avx2MaskForms>(bits, view, rows);
+#endif
+  code<PlainMaskForms>(bits, view, rows);
+}
+
+template <class Forms, class Bits>
+void MaskStream::code(Bits bits, const MaskView& view, std::uint8_t* rows) {
   MaskFrame frame(view, places_);
   const MaskLayout& layout = frame.layout();
   const std::size_t width = view.geometry.width;
   MaskWindows windows(width);
-  PaddedRowOf<std::uint16_t> expected(width);
+  PaddedRowOf<std::uint16_t> expected(width + MaskWindows::kRoom);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const std::size_t n = layout.cells(row);
     if (n == 0) continue;
     std::uint16_t* const range = expected.cells();
     const std::vector<std::uint32_t>& columns = layout.columns(row);
     if (view.expected != nullptr) {
-      for (std::size_t k = 0; k < n; ++k) range[k] = view.expected[row * width + columns[k]];
+      const std::uint16_t* const from = view.expected + row * width;
+      if (layout.whole(row)) std::copy_n(from, n, range);
+      else for (std::size_t k = 0; k < n; ++k) range[k] = from[columns[k]];
       expected.pad(n);
     }
     frame.begin_row(row, range);
-    windows.look(frame, row, n, view.expected == nullptr ? nullptr : range);
+    Forms::run([&] { windows.template look<Forms>(frame, row, n, view.expected == nullptr ? nullptr : range); });
 
     std::uint8_t* const cells = rows + row * width;
-    const std::uint16_t* const gates = windows.gate.data();
-    std::array<const std::uint16_t*, kCellContexts> known;
-    for (std::size_t i = 0; i < kCellContexts; ++i) known[i] = windows.contexts[i].data();
-    LeftCells left;
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::uint32_t l1 = left.bits & 1u;
-      BitModel& gate = model_.gate(gates[k] | left.few() << 6 | l1 << 8);
-      const std::uint32_t sure = gate.probability();
-      bool bit;
-      if (MaskModel::sure(sure)) {
-        bit = bits.bit(cells[k], sure);
-      } else {
-        const std::uint32_t l2 = left.bits >> 1 & 1u, holes = kCountClass[left.holes];
-        CellContexts contexts;  // each begins with the cell to the left; further ones where there is room for them
-        for (std::size_t i = 0; i < kCellContexts; ++i) contexts[i] = known[i][k] + l1;
-        contexts[0] += l2 << 6;
-        contexts[1] += left.run << 8;
-        contexts[2] += l2 << 9;
-        contexts[5] += l2 << 2;
-        contexts[10] += holes << 8;
-        contexts[13] += (holes << 3) + (left.run << 10);
-        contexts[14] += l2 << 10;
-        bit = model_.code(bits, cells[k], contexts);
-      }
-      gate.update(bit);
-      if constexpr (Bits::kReads) cells[k] = bit;
-      left.take(bit);
-    }
-    frame.put(cells, windows.here, windows.place, fresh_);
+    Forms::run([&] { code_row<Forms>(bits, model_, windows, cells, n); });
+    frame.template put<Forms>(cells, windows.here, windows.place, fresh_);
   }
   frame.end();
   bits.finish();
@@ -95,7 +128,7 @@ std::vector<std::uint8_t> MaskStream::encode(const std::uint8_t* mask, const Mas
   std::vector<std::uint8_t> out = {begun_ ? kMaskGoesOn : kMaskBegins};
   begin(!begun_);
   BitWriter bits(out);
-  code(bits, view, closed.cells.data());
+  code_on_path(bits, view, closed.cells.data());
   return out;
 }
 
@@ -108,10 +141,14 @@ std::vector<std::uint8_t> MaskStream::decode(const std::uint8_t* data, std::size
   const std::size_t width = view.geometry.width;
   std::vector<std::uint8_t> rows(kMaskRows * width), mask(kMaskRows * width);
   BitReader bits(data + 1, size - 1);
-  code(bits, view, rows.data());
+  code_on_path(bits, view, rows.data());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const std::uint8_t* from = rows.data() + row * width;
-    for (const std::uint32_t column : layout.columns(row)) mask[row * width + column] = *from++;
+    if (layout.whole(row)) {
+      std::copy_n(from, width, mask.data() + row * width);
+    } else {
+      for (const std::uint32_t column : layout.columns(row)) mask[row * width + column] = *from++;
+    }
   }
   return mask;
 }

@@ -9,6 +9,7 @@
 
 #include "mask_model.hpp"
 #include "mask_places.hpp"
+#include "processor.hpp"
 
 namespace lidarcodec {
 
@@ -18,6 +19,9 @@ inline constexpr std::uint8_t kMaskBegins = 6, kMaskGoesOn = 7;
 // One at each end of a stream. After an error only `forget` may be called.
 class MaskStream {
  public:
+  // path: how it computes. All paths give the same bytes.
+  explicit MaskStream(Path path = quickest_path()) : path_(path) {}
+
   void forget() { begun_ = false; }
 
   // Bytes of a mask, (64, W), of 0 and others. A mask without returns, or of nothing but returns, leaves the memory as it is.
@@ -29,9 +33,12 @@ class MaskStream {
 
  private:
   template <class Bits>
-  void code(Bits& bits, const MaskView& view, std::uint8_t* rows);
+  void code_on_path(const Bits& bits, const MaskView& view, std::uint8_t* rows);
+  template <class Forms, class Bits>
+  void code(Bits bits, const MaskView& view, std::uint8_t* rows);
   void begin(bool fresh);
 
+  [[maybe_unused]] Path path_;  // some processors have one form only
   MaskPlaces places_;
   MaskModel model_;
   bool begun_ = false, fresh_ = false;

@@ -11,8 +11,7 @@
 #include <cstring>
 
 #include "predictive_forms.hpp"
-
-#define LIDARCODEC_AVX2 [[gnu::target("avx2,bmi,bmi2,lzcnt,popcnt")]]
+#include "processor.hpp"
 
 namespace lidarcodec {
 

@@ -3,6 +3,11 @@
 #include <string>
 #include <vector>
 
+// What functions are compiled for that run on the path Avx2 only.
+#if defined(__x86_64__)
+#define LIDARCODEC_AVX2 [[gnu::target("avx2,bmi,bmi2,lzcnt,popcnt")]]
+#endif
+
 namespace lidarcodec {
 
 // Plain: C++ alone. Vector: eight numbers of 16 bits at a time, as every x86-64 (SSE2) and every 64-bit ARM (NEON) can.

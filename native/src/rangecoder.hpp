@@ -24,7 +24,7 @@ inline constexpr int kProbabilityBits = 16;
 class RangeEncoder {
  public:
   // Appends to `out`, which must outlive the encoder; bytes already there are never touched.
-  explicit RangeEncoder(std::vector<std::uint8_t>& out) : out_(out) {}
+  explicit RangeEncoder(std::vector<std::uint8_t>& out) : out_(&out) {}
 
   void encode(bool bit, std::uint32_t probability) {
     const auto bound =
@@ -36,9 +36,7 @@ class RangeEncoder {
       range_ -= bound;
     }
     while (range_ < kRangeTop) {
-      carry();
-      out_.push_back(static_cast<std::uint8_t>(low_ >> 24));
-      low_ = (low_ << 8) & 0xFFFFFFFFu;
+      low_ = moved_on(*out_, low_);
       range_ <<= 8;
     }
   }
@@ -50,27 +48,33 @@ class RangeEncoder {
 
   // Ends the stream. Nothing may be encoded after it.
   void finish() {
-    carry();
+    low_ = carried(*out_, low_);
     if (low_ == 0) return;
     if (low_ + range_ > 0x100000000u) {
-      low_ = 0x100000000u;
-      carry();
+      carried(*out_, 0x100000000u);
     } else {
-      out_.push_back(static_cast<std::uint8_t>((low_ + kRangeTop - 1) >> 24));
+      out_->push_back(static_cast<std::uint8_t>((low_ + kRangeTop - 1) >> 24));
     }
   }
 
  private:
   // The value is below 1, so there is always a byte that takes the carry.
-  void carry() {
-    if (low_ >> 32 == 0) return;
-    std::size_t at = out_.size();
-    while (++out_[--at] == 0) {
+  static std::uint64_t carried(std::vector<std::uint8_t>& out, std::uint64_t low) {
+    if (low >> 32 == 0) return low;
+    std::size_t at = out.size();
+    while (++out[--at] == 0) {
     }
-    low_ &= 0xFFFFFFFFu;
+    return low & 0xFFFFFFFFu;
   }
 
-  std::vector<std::uint8_t>& out_;
+  // Writes a byte. Apart, and without the rest of the coder, so that loops that code have registers for what they need more often.
+  [[gnu::noinline]] static std::uint64_t moved_on(std::vector<std::uint8_t>& out, std::uint64_t low) {
+    low = carried(out, low);
+    out.push_back(static_cast<std::uint8_t>(low >> 24));
+    return (low << 8) & 0xFFFFFFFFu;
+  }
+
+  std::vector<std::uint8_t>* out_;
   std::uint64_t low_ = 0;
   std::uint32_t range_ = kRangeStart;
 };
@@ -127,11 +131,15 @@ class RangeDecoder {
     if (read_ < size_) {
       byte = data_[read_];
     } else if (read_ >= size_ + 4) {
-      throw Error(ErrorCode::Truncated, "a range coded stream ends too early", size_);
+      end_too_early(size_);
     }
     ++read_;
     window_ = window_ << 8 | byte;
     return byte;
+  }
+
+  [[noreturn, gnu::noinline]] static void end_too_early(std::size_t size) {
+    throw Error(ErrorCode::Truncated, "a range coded stream ends too early", size);
   }
 
   const std::uint8_t* data_;

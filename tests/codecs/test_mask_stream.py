@@ -79,7 +79,7 @@ def test_any_stream_comes_back_and_native_writes_what_the_reference_writes(strea
             np.testing.assert_array_equal(reads.decode(data, seen.view(plain=plain)), seen.mask)
 
 
-@pytest.mark.parametrize("width", [1, 7, 174, 2088])
+@pytest.mark.parametrize("width", [1, 7, 63, 64, 65, 174, 2088, 4096])
 def test_masks_of_all_sizes(width):
     sender, receiver = MaskStream(), MaskStream()
     for number in range(4):
