@@ -141,7 +141,7 @@ class Parts:
         near = [-1 - (x - place.base) if down else x - place.base for x in place.near]
         octave = 0
         while leaf == 7:
-            if octave >= 16 or begin > self._limit:
+            if octave >= 17 or begin > 2 * self._limit:
                 raise SectionError("a range beyond what the sensor can give")
             end = begin + (1 << left)
             here, beyond = [begin <= x < end for x in near], [end <= x for x in near]

@@ -280,7 +280,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     std::uint32_t from_begin = near.from(begin), from_end = near.from(end);  // which are not nearer than those
     if (leaf == 7) {
       for (std::uint32_t octave = 0;; ++octave) {
-        if (octave >= kMaxOctaves || begin > static_cast<std::uint32_t>(limit_))
+        if (octave >= kMaxOctaves || this->is_too_far(begin))
           throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
         const std::uint32_t here = from_begin & ~from_end, beyond = from_end;
         const std::uint32_t who = (here & 3) | (beyond & 3) << 2 | (here & 12) << 2 | (beyond & 8) << 3;

@@ -18,7 +18,7 @@ namespace lidarcodec {
 
 inline constexpr std::int32_t kOffsetRate = 655;
 inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
-inline constexpr std::uint32_t kMaxOctaves = 16;  // beyond the last leaf: more than any range
+inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf: more than any range, and than any in other steps
 
 // Distance from the last return at which each leaf begins.
 inline constexpr auto kLeafBegins = [] {
@@ -37,6 +37,9 @@ class RangeDecisions {
  protected:
   // limit: largest range, in cells.
   RangeDecisions(PredictiveModel& model, std::int32_t limit) : model_(model), limit_(limit) {}
+
+  // Whether no range lies so far away. (What is known of a slab before, in other steps, may lie beyond the largest range.)
+  bool is_too_far(std::uint32_t away) const { return away > 2 * static_cast<std::uint32_t>(limit_); }
 
   static std::uint32_t leaf_of(std::uint32_t scale, std::uint32_t away) {
     std::uint32_t leaf = 0;
@@ -89,7 +92,7 @@ class RangeDecisions {
     const std::uint32_t l = back ? 7 - leaf : leaf - 8;
     std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
     for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
-      if (octave > kMaxOctaves || from > static_cast<std::uint32_t>(limit_))
+      if (octave > kMaxOctaves || is_too_far(from))
         throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       const std::uint32_t end = from + (1u << left);
       if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;

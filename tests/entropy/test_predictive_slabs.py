@@ -67,6 +67,23 @@ def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None
         edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
 
 
+@pytest.mark.parametrize("expects", [False, True])
+@pytest.mark.parametrize("steps", [(10001, 1), (40093, 1001)])
+def test_a_near_return_behind_a_far_one_in_longer_steps_comes_back(steps: tuple[int, int], expects: bool) -> None:
+    """In steps this long the largest range is rounded up, to more than what is the largest in shorter ones."""
+    encoder, decoder = PredictiveCoder(), PredictiveCoder()
+    returns, fired, levels = np.ones((64, 4), bool), all_fired(4), np.zeros(64, np.int32)
+    edge = KnownColumns.none()
+    for step, at in zip(steps, (65535, 1), strict=True):
+        ranges = np.full((64, 4), at, np.uint16)
+        expected = ranges if expects else None
+        about = returns, fired, SENSOR, step, levels
+        data = encoder.encode(ranges, *about, turn=TURN, expected=expected, slab_after=edge)
+        came = decoder.decode(data, *about, expected=expected, slab_after=edge)
+        check_bound(came, ranges, returns, step)
+        edge = KnownColumns(came, fired, came if expects else came * np.uint16(0))
+
+
 def sizes(parts: int, expects: bool, looks_back: bool) -> int:
     """Bytes of an image that is sent in so many parts."""
     width = 1200
