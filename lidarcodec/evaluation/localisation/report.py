@@ -57,7 +57,8 @@ def _one_protocol(protocol: str, group: Sequence[Outcome], seed: int) -> Result:
         if name in parts[0]:
             mean[name] = sum(part[name] for part in parts)
     if "found" in parts[0]:
-        mean["found"] = float(np.mean([part["found"] for part in parts]))
+        shares = [part["found"] for part in parts if part["of"]]  # a short drive has no start to look for
+        mean["found"] = float(np.mean(shares)) if shares else None
     return mean
 
 
@@ -114,7 +115,7 @@ def _cells(result: Result) -> dict[str, str]:
 
 def _judged(protocol: str, part: Result) -> dict[str, str]:
     if protocol == "starts":
-        return {"found": f"{part['found']:.2f} of {part['of']}", "found mm": _millimetres(part)}
+        return {"found": f"{number(part['found'], 2)} of {part['of']}", "found mm": _millimetres(part)}
     cells = {f"{protocol} mm": _millimetres(part)}
     if protocol == "track":
         cells |= {

@@ -168,6 +168,17 @@ def test_the_table_says_what_reference_there_was_and_how_uncertain_it_is():
     assert "0 of 2" in text
 
 
+def test_a_drive_too_short_for_a_protocol_has_a_dash_in_the_table_and_no_part_in_the_mean():
+    outcomes = [fake("a", [0.01, 0.02]), fake("b", [0.01])]
+    for outcome, metres in zip(outcomes, ([0.05, 0.05, 3.0, 3.0], []), strict=True):
+        values = np.array(metres)
+        errors = {"trans_m": values, "rot": values * 0, "ape": values, "angle_deg": values * 0}
+        outcome.result["starts"], outcome.errors["starts"] = judged("starts", errors, 1), errors
+    assert "- of 0" in text_tables([outcomes[1].result])
+    assert over_drives(outcomes, seed=1)[0]["starts"]["found"] == 0.5
+    assert over_drives(outcomes[1:] * 2, seed=1)[0]["starts"]["found"] is None
+
+
 def test_against_the_original_counts_what_only_the_decoded_cloud_lost():
     original, decoded = fake("a", [0.01, 0.02, 0.01], lost=1), fake("a", [0.01, 0.02, 0.01], lost=1)
     places = np.tile(np.eye(4), (4, 1, 1))
