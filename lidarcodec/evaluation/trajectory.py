@@ -271,6 +271,13 @@ def refine(scans: Sequence[Scan], start: Trajectory, rounds: int = 1, tick: Tick
     return found
 
 
+def odometer_of(method: str) -> type[KissOdometer] | type[GicpOdometer]:
+    """What chains scans by that name. Raises UnknownNameError; making one raises MissingExtraError."""
+    if method not in ODOMETRIES:
+        raise UnknownNameError("odometry", method, ODOMETRIES)
+    return KissOdometer if method == "kiss-icp" else GicpOdometer
+
+
 def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: None) -> Trajectory:
     """The scans chained one to the next, from the identity; 0.1-0.5 s a scan. `refine` it before centimetres count.
 
@@ -280,9 +287,7 @@ def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: N
     method: kiss-icp (extra `annotate`), small_gicp, or auto, which is small_gicp
     Raises UnknownNameError, MissingExtraError; SourceError for no scans.
     """
-    if method not in ODOMETRIES:
-        raise UnknownNameError("odometry", method, ODOMETRIES)
-    kind = KissOdometer if method == "kiss-icp" else GicpOdometer
+    kind = odometer_of(method)
     chain = _Chain(kind())
     first: list[Scan] = []
     for scan in scans:

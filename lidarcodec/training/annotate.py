@@ -28,7 +28,16 @@ import numpy.typing as npt
 from lidarcodec import _native
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.evaluation.rigid import invert, moved
-from lidarcodec.evaluation.trajectory import CellMeans, Trajectory, deskewed, near, odometry, refine, voxel_means
+from lidarcodec.evaluation.trajectory import (
+    CellMeans,
+    Trajectory,
+    deskewed,
+    near,
+    odometer_of,
+    odometry,
+    refine,
+    voxel_means,
+)
 from lidarcodec.frame import Frame
 from lidarcodec.sources.poses import Poses
 from lidarcodec.training.annotation_folder import AnnotationFolder, Labels, Scans
@@ -99,6 +108,8 @@ def annotate(
     if workers < 1:
         raise SettingsError(f"{workers} workers: at least 1 is needed", "workers")
     ground_finder(settings.ground)  # what is not installed must be said before an hour of work
+    if poses is None:  # and before the folder is begun, which would keep a name that is none
+        odometer_of(settings.odometry)()
     begun = _Stages(stage)
     with begun("frames", 0) as tick:
         _read(frames, folder, settings, tick)

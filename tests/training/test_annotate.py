@@ -195,6 +195,14 @@ def test_wrong_settings_are_named() -> None:
         ground_finder("plough")
 
 
+def test_an_odometry_that_does_not_exist_begins_no_folder(tmp_path: Path) -> None:
+    """What was begun with a wrong name would refuse the same command with the right one."""
+    out = AnnotationFolder(tmp_path / "drive")
+    with pytest.raises(UnknownNameError, match="small_gicp"):
+        annotate(_drive()[0][:2], out, AnnotationSettings(odometry="dead reckoning"))
+    assert not out.path.exists()
+
+
 def test_the_command_annotates_by_odometry_and_says_what_it_found(tmp_path: Path) -> None:
     out = tmp_path / "drive"
     done = run("annotate", "sim:street?seed=4", "--frames", "4", "--odometry", "small_gicp", "--every", "1",
