@@ -237,6 +237,18 @@ def test_info_explains_a_recording_and_each_message(tmp_path):
     assert run("info", recording, "--message", 2).returncode == 2
 
 
+def test_info_takes_a_recording_with_options_as_the_source_that_they_name(tmp_path):
+    recording = tmp_path / "drive.mcap"
+    assert run("encode", "sim:city?frames=1", recording).returncode == 0
+    found = json.loads(run("info", f"{recording}?read=messages", "--json").stdout)
+    assert (found["what"], found["packets"]) == ("recording drive.mcap, decoded messages", 348)
+    assert "no packets" in the_one_line(run_here("info", f"{recording}?read=packets"))
+    assert "'colour'" in the_one_line(run_here("info", f"{recording}?colour=red"))
+    result = run_here("info", f"{recording}?read=messages", "--message", "0")
+    assert result.returncode == 2
+    assert "--message" in the_one_line(result)
+
+
 def test_info_without_a_source_reports_this_installation():
     found = json.loads(run("info", "--json", LIDARCODEC_SET="max_error_m=0.01").stdout)
     assert {"versions", "extras", "ports", "clock", "settings"} <= found.keys()

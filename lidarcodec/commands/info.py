@@ -21,17 +21,26 @@ def run(source: str | None, message: int | None, calibration: Path | None, as_js
         from lidarcodec.commands.about import about
 
         found = about()
-    elif kind_of(parse(source, SCHEMES)) == "recording":
+    else:
+        found = _of_source(source, message, calibration)
+    print(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+
+
+def _of_source(source: str, message: int | None, calibration: Path | None) -> dict[str, Any]:
+    spec = parse(source, SCHEMES)
+    recording = kind_of(spec) == "recording"
+    if message is not None and not recording:
+        raise SettingsError(f"{source} is no recording: it has no messages", "message")
+    if message is not None and spec.options:
+        raise SettingsError(f"--message counts all messages of {spec.path}: leave out what is behind the ?", "message")
+    if recording and not spec.options:
         from lidarcodec.commands.inspect_recording import explain_message, inspect_recording
 
-        found = inspect_recording(Path(source)) if message is None else explain_message(Path(source), message)
-    else:
-        if message is not None:
-            raise SettingsError(f"{source} is no recording: it has no messages", "message")
-        from lidarcodec.commands.inspect_source import inspect_source
+        return inspect_recording(spec.path) if message is None else explain_message(spec.path, message)
+    # Of a recording `?read=` and `?topic=` name packets, as for every command that takes a source.
+    from lidarcodec.commands.inspect_source import inspect_source
 
-        found = inspect_source(source, calibration)
-    print(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+    return inspect_source(source, calibration)
 
 
 def _lines(values: dict[str, Any], indent: str = "") -> list[str]:
