@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.sources.pcap_writer import PcapWriter
 
+log = logging.getLogger(__name__)
 Array = npt.NDArray[Any]
 
 
@@ -198,12 +200,19 @@ class KittiOutput:
         self._stamps[name] = frame.stamp_ns
 
     def close(self) -> None:
-        (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
+        self._write_stamps()
+        others = sum(1 for path in self._folder.glob("*.bin") if path.name not in self._stamps)
+        if others:  # whoever reads the folder would take them for the rest of this drive
+            log.warning("%s holds %d more scans, which were there before: they are not of this recording", self._folder,
+                        others)  # fmt: skip
 
     def leave(self) -> None:
         """Each file of the folder is whole already; have their times beside them if that can be written."""
         with contextlib.suppress(OSError):
-            self.close()
+            self._write_stamps()
+
+    def _write_stamps(self) -> None:
+        (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
 
 
 class WholeFile:

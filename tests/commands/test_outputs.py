@@ -119,3 +119,13 @@ def test_a_file_has_its_name_when_it_is_whole_and_not_before(frames, tmp_path, n
     output.close()
     assert [one.name for one in tmp_path.iterdir()] == [name]
     assert path.stat().st_size > 1000
+
+
+def test_scans_that_were_in_the_folder_before_are_told_of(written, frames, caplog):
+    folder = written("scans")
+    assert not caplog.records
+    output = open_output(folder)
+    output.write(frames[0])
+    output.close()
+    assert f"holds {len(frames) - 1} more scans" in caplog.text
+    assert list(json.loads((folder / "timestamps.json").read_text())) == ["000000.bin"]
