@@ -96,7 +96,11 @@ def read_poses(path: Path) -> Poses:
         if table.shape[1] == 12:
             return _from_kitti(path, table)
         raise SourceError(f"{path}: a line of poses has 8 numbers (TUM) or 12 (KITTI), not {table.shape[1]}")
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, MemoryError, EOFError) as error:
+    except UnicodeDecodeError:
+        raise SourceError(f"cannot read poses from {path}: it is no text") from None
+    except OSError as error:
+        raise SourceError(f"cannot read poses from {path}: {error.strerror or error}") from None
+    except (ValueError, KeyError, zipfile.BadZipFile, MemoryError, EOFError) as error:
         raise SourceError(f"cannot read poses from {path}: {error}") from None
 
 
