@@ -16,6 +16,7 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SourceError
 from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
 
 TICK_S = 0.1
 END_S = 30.0
@@ -66,6 +67,8 @@ def run(load: Load, processes: int | None) -> None:
     if several == 1:
         _run_here(load)
     else:
+        with open_source(load.spec):  # here, so that what is wrong with it is said once and not by every part
+            pass
         _run_parts(load, several)
 
 

@@ -10,7 +10,7 @@ from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from tests.apps.streams import Loop
-from tests.command_line import run
+from tests.command_line import run, the_one_line
 from tests.transport.conftest import free_port
 
 SETTINGS = StreamSettings(codec="pcodec", key_interval=3)
@@ -58,3 +58,9 @@ def test_the_command_runs_a_swarm_in_one_process_and_in_several():
         assert len(lines) == (1 if more == ("--shared",) else 2)
     assert run("swarm", "0").returncode == 2
     assert run("swarm", "1", "sim:road", "--codec", "mp3").returncode == 2
+
+
+def test_a_source_that_cannot_be_opened_is_told_once_and_not_by_every_part():
+    result = run("swarm", 3, "no-such-file.pcap", "--processes", 3)
+    assert result.returncode == 1
+    assert "no-such-file.pcap does not exist" in the_one_line(result)
