@@ -41,7 +41,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder, a rosbag), udp://HOST:PORT, or "
-    "sim:city|road|street[?seed=1&frames=100]. Every option can also be set by an environment variable.",
+    "sim:city|road|street|bend|motorway[?seed=1&frames=100]. Every option can also be set by an environment variable.",
 )
 
 
@@ -207,7 +207,7 @@ def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT.pcap", show_default=False)],
     frames: FrameCount = None,
 ) -> None:
-    """Write a simulated drive as a capture: sim:city, sim:road or sim:street, with ?seed=1&frames=100."""
+    """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?seed=1&frames=100."""
     from lidarcodec.commands import simulate as command
 
     command.run(source, out, frames)

@@ -31,6 +31,7 @@ from tests.conftest import ROOT
         (["simulate", "sim:city", "out.txt", "--frames", "1"], ".pcap"),
         (["decode", "in.mcap", "out.xyz"], ".las"),
         (["info", "--message", "3"], "recording"),
+        (["simulate", "drive.pcap", "out.pcap"], "sim:motorway"),
         (["bench", "sim:city?frames=1", "--plot", "results.doc"], ".png"),
     ],
 )
@@ -169,6 +170,18 @@ def test_a_signal_ends_work_with_code_0_and_leaves_a_file_that_reads(number, tmp
     found = json.loads(run("info", out, "--json").stdout)
     assert found["messages"] >= 1
     assert run("decode", out, tmp_path / "back.pcap").returncode == 0
+
+
+def test_a_simulated_drive_that_is_stopped_leaves_whole_packets_and_says_how_many(tmp_path):
+    out = tmp_path / "drive.pcap"
+    with start("simulate", "sim:city?frames=100000", out) as process:
+        deadline = time.monotonic() + 60
+        while (not out.exists() or out.stat().st_size < 300_000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        said, complaint = process.communicate(timeout=30)
+    assert (process.returncode, complaint) == (0, "")
+    assert f"drive.pcap: {len(payloads(out))} packets" in said
 
 
 def payloads(path):
