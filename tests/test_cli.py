@@ -32,6 +32,7 @@ from tests.conftest import ROOT
         (["decode", "in.mcap", "out.xyz"], ".las"),
         (["info", "--message", "3"], "recording"),
         (["simulate", "drive.pcap", "out.pcap"], "sim:motorway"),
+        (["verify", "drive.mcap", "udp://127.0.0.1:2368"], "live"),
         (["bench", "sim:city?frames=1", "--plot", "results.doc"], ".png"),
     ],
 )

@@ -20,6 +20,12 @@ def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
         raise SettingsError(f"{spec} has no end: say how much of it with --frames N", "frames")
 
 
+def check_recorded(spec: str) -> None:
+    """Raise SettingsError if this source is live: what it gave once it never gives again."""
+    if parse(spec).scheme == "udp":
+        raise SettingsError(f"{spec} is live: compare with what the recording was made from, which is read again")
+
+
 def check_not_input(out: Path, spec: str | Path) -> None:
     """Raise SettingsError if writing `out` would destroy what is read: opening it for writing empties it."""
     path = spec if isinstance(spec, Path) else parse(spec).path

@@ -10,6 +10,7 @@ from typing import Any
 from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.sources import check_recorded
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
@@ -20,6 +21,7 @@ log = logging.getLogger(__name__)
 
 def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> bool:
     """Compare, print, and say whether every promise was kept."""
+    check_recorded(spec)
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
     comparison = Comparison()
