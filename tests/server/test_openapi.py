@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import shlex
 from itertools import pairwise
 
 from lidarcodec.codecs import table
 from lidarcodec.settings import StreamSettings
-from lidarcodec_server import openapi
+from lidarcodec_server import openapi, problems
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from tests.conftest import ROOT
@@ -38,6 +39,27 @@ def test_every_route_has_its_line_in_the_manual():
     for path, methods in json.loads((ROOT / "docs" / "openapi.json").read_text())["paths"].items():
         for method in methods:
             assert f"`{method.upper()} {path}`" in page, f"{method} {path}"
+
+
+def given_problems():
+    """Name and status, as they are written, of every problem that the server raises by name."""
+    for _, status, name in problems.NAMES:
+        yield name, str(status)
+    for path in (ROOT / "server").rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text())):
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "ProblemError" and len(call.args) > 2:
+                status, _, name = call.args[:3]
+                if isinstance(name, ast.Constant) and isinstance(status, ast.Constant):
+                    yield name.value, str(status.value)
+
+
+def test_every_problem_has_its_line_in_the_manual_with_its_status():
+    page = (ROOT / "docs" / "server.md").read_text().partition("\n## Errors\n")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1:3] for line in page.splitlines() if line.startswith("|")]
+    found = set(given_problems())
+    assert ("busy", "409") in found
+    for name, status in found:
+        assert any(f"`{name}`" in names and status in statuses for names, statuses in rows), f"{name}, {status}"
 
 
 def shown_requests():
