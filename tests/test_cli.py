@@ -1,14 +1,17 @@
 """The command line as a user runs it: real processes, their exit codes, and what they write where."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
+from unittest import mock
 
 import pytest
 
 import lidarcodec
+from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.recording import read_recording
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
 from tests.conftest import ROOT
@@ -200,6 +203,22 @@ def test_what_was_encoded_comes_back_byte_for_byte_and_verify_says_so(tmp_path):
     assert payloads(back) == payloads(capture)
     found = json.loads(run("verify", recording, capture, "--json").stdout)
     assert (found["packets_identical"], found["max_error_m"], found["lost"]) == (True, 0, 0)
+
+
+def test_verify_that_is_stopped_says_that_it_did_not_compare_all(tmp_path, caplog):
+    recording = tmp_path / "drive.mcap"
+    assert run("encode", "sim:city?frames=3", recording).returncode == 0
+    frames = list(RecordedFrames(recording))
+
+    def interrupted(_):
+        for frame in frames:
+            os.kill(os.getpid(), signal.SIGINT)
+            yield frame
+
+    with mock.patch.object(RecordedFrames, "__iter__", interrupted):
+        result = run_here("verify", recording, "sim:city?frames=3", "--json")
+    assert (result.returncode, result.stdout) == (0, "")
+    assert "not compared to its end" in caplog.text
 
 
 def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):

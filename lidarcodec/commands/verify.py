@@ -11,6 +11,7 @@ from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_recorded
+from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
@@ -25,7 +26,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
     comparison = Comparison()
-    with open_source(spec, calibration=calibration) as source, progress("comparing") as tick:
+    with open_source(spec, calibration=calibration) as source, progress("comparing") as tick, stoppable() as stopped:
         packets = PacketsByTime(source.packets())
         for frame in recorded:
             message = recorded.message
@@ -34,6 +35,11 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> 
                 promise = promise._replace(reduced=settings.reduction != "all")
             comparison.add(frame, packets, promise)
             tick()
+            if stopped():
+                break
+    if stopped():  # code 0, as for every command, must not be read as a promise that was kept
+        log.warning("stopped: %s was not compared to its end", recording)
+        return True
     for text in recorded.warnings():
         log.warning("%s", text)
     if not comparison.frames:
