@@ -278,6 +278,8 @@ def publish(
         return
     if source is None:
         raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
+    if record is None and (record_as is not None or record_gb is not None):
+        raise SettingsError("--record-as and --record-gb say how it is kept: say where with --record DIR", "record")
     command.run(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),

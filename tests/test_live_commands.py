@@ -99,6 +99,7 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
     [
         (("publish", "sim:city", "--rate", "fast"), 2, "--rate fast"),
         (("publish", "sim:city", "--record", "kept", "--record-gb", "nan"), 2, "--record-gb"),
+        (("publish", "sim:city", "--record-as", "lossless"), 2, "--record DIR"),
         (("serve", "--recordings-gb", "inf"), 2, "--recordings-gb"),
         (("publish", "sim:city", "--connect", "somewhere"), 2, "tcp/192.168.1.5:7447"),
         (("publish", "sim:city", "--vehicle", "a/b"), 2, "a/b"),
