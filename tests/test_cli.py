@@ -37,6 +37,7 @@ from tests.conftest import ROOT
         (["simulate", "drive.pcap", "out.pcap"], "sim:motorway"),
         (["verify", "drive.mcap", "udp://127.0.0.1:2368"], "live"),
         (["bench", "sim:city?frames=1", "--plot", "results.doc"], ".png"),
+        (["bench", "sim:city?frames=1", "--plot", "no-such-folder/results.png"], "no folder no-such-folder"),
     ],
 )
 def test_wrong_usage_is_one_line_that_says_what_to_do_and_code_2(words, says):

@@ -52,6 +52,8 @@ def run(
         raise SettingsError(f"--metrics is {' or '.join(METRICS)}, not '{metrics}'", "metrics")
     if plot is not None and plot.suffix.lower() not in PLOTS:
         raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
+    if plot is not None and not plot.parent.is_dir():  # now, and not after an hour of measuring
+        raise SettingsError(f"cannot draw {plot}: there is no folder {plot.parent}", "plot")
     if plot is not None:
         check_plot()
     jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn) + _peer_jobs(codecs, peers)
