@@ -4,6 +4,7 @@ python clients/python/to_cloud.py [VEHICLE/SENSOR] [--connect tcp/HOST:7447] [--
 """
 
 import argparse
+import signal
 import sys
 import time
 
@@ -20,6 +21,8 @@ def main() -> None:
     options = parser.parse_args()
 
     with lidarcodec.subscribe(options.stream, connect=options.connect) as live:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: live.interrupt())
         first = said = float("-inf")
         for frame in live:
             now = time.monotonic()

@@ -4,6 +4,7 @@ python clients/python/to_pcap.py OUT.pcap [VEHICLE/SENSOR] [--connect tcp/HOST:7
 """
 
 import argparse
+import signal
 import sys
 import time
 from pathlib import Path
@@ -21,17 +22,14 @@ def main() -> None:
     options = parser.parse_args()
 
     with options.out.open("wb") as file, lidarcodec.subscribe(options.stream, connect=options.connect) as live:
+        for number in (signal.SIGINT, signal.SIGTERM):  # enough: the frame that is being written is ended
+            signal.signal(number, lambda *_: live.interrupt())
         capture, packets, until = PcapWriter(file), 0, float("inf")
-        whole = file.tell()
-        try:
-            for frame in live:
-                written = capture.write_all(lidarcodec.packets_of(frame))
-                packets, whole = packets + written, file.tell()
-                until = min(until, time.monotonic() + options.seconds)
-                if time.monotonic() >= until:
-                    break
-        except KeyboardInterrupt:  # enough, maybe in the middle of a frame
-            file.truncate(whole)
+        for frame in live:
+            packets += capture.write_all(lidarcodec.packets_of(frame))
+            until = min(until, time.monotonic() + options.seconds)
+            if time.monotonic() >= until:
+                break
     print(f"{packets} packets in {options.out}; {live.summary().get('missing', 0)} frames were replaced on the way")
 
 
