@@ -108,8 +108,8 @@ def _networks_fed(nets: list[Net]) -> bytes:
     parts = [np.uint32(len(nets)).tobytes()]
     for layer in (layer for net in nets for layer in net.layers):
         out, into = layer.weights.shape
-        head = np.array([into, out, layer.shift], np.uint32)
-        parts += [array.tobytes() for array in (head, np.ascontiguousarray(layer.weights), layer.bias)]
+        head = np.array([into, out, layer.shift, len(layer.cases)], np.uint32)
+        parts += [array.tobytes() for array in (head, np.ascontiguousarray(layer.weights), layer.bias, layer.cases)]
     return b"".join(parts)
 
 

@@ -20,10 +20,10 @@ from lidarcodec.errors import SectionError, SettingsError
 from lidarcodec.frame import Frame
 
 TRAINING: Final = TrainSettings(
-    rate=1e-3, settle=100, mean=0.9995, beside=0.8, batch=512, room=1 << 20, held_room=1 << 15
+    rate=1e-3, settle=100, least=0.3, mean=0.9995, beside=0.8, batch=512, room=1 << 20, held_room=1 << 15
 )
 SAMPLES: Final = 12000
-"""Of each frame, at least; as many are measured on."""
+"""Of each frame, at least."""
 DRAWS: Final = 4
 """How often a sample is learned from: where more steps are taken, more samples are. More often, they are learned by
 heart."""
@@ -32,14 +32,19 @@ BESIDE_ANEW: Final = 0.3
 on drive 0005 (docs/decisions/0013): 1.0 would find other weights worse than they turn out to be."""
 HELD_EVERY: Final = 8
 """Of so many frames one is measured on instead."""
+HELD_SAMPLES: Final = 3000
+"""Of each of those: few of many frames tell more of what comes than many of the last ones."""
+DOUBT: Final = 0.005
+"""Bits a return by which the guess of what weights save may be too good; what saves no more is not offered."""
 WAITING: Final = 8
 """Frames whose samples wait to be learned from; older ones are left out."""
 CHECK_STEPS: Final = 400
 """Steps from one look at what they brought to the next."""
-LEAST_HELD: Final = 6000
+LEAST_HELD: Final = 5000
 """Samples to measure on, before anything is offered."""
-FINENESS: Final = ((7, 8, 8), (7, 7, 7), (6, 6, 6))
-"""How finely differences to the weights before are sent, bits behind the point; what saves most in the end is taken."""
+FINENESS: Final = ((7, 8, 8, 5), (7, 7, 7, 5), (6, 6, 6, 4))
+"""How finely differences to the weights before are sent, bits behind the point: of the three layers, and of biases of
+rows and scales; what saves most in the end is taken."""
 PAID_BACK: Final = 300
 """Frames in which an update has to save what it costs to send."""
 
@@ -68,7 +73,7 @@ class Learner:
         self._base, self._nets = base, {net.expects: net for net in nets}
         self._net = self._nets[expects]
         self.key_interval = 50
-        self._trainer = NetTrainer([(la.weights, la.bias, la.shift) for la in self._net.layers], TRAINING, seed=1)
+        self._trainer = NetTrainer([layer.given for layer in self._net.layers], TRAINING, seed=1)
         self._waiting: deque[tuple[ReturnSamples, bool]] = deque()
         self._beginning = Offer(base, native_nets(nets), None, 0.0)
         self._now = self._beginning  # what the encoder uses, or is about to use
@@ -81,7 +86,7 @@ class Learner:
         """What is to take samples while a frame is coded; None where it is coded by another network."""
         if expects != self._net.expects or not frame.points:
             return None
-        wanted = SAMPLES if self._is_held(self._frames + 1) else max(SAMPLES, self._drawn // DRAWS)
+        wanted = HELD_SAMPLES if self._is_held(self._frames + 1) else max(SAMPLES, self._drawn // DRAWS)
         return ReturnSamples(wanted / frame.points, seed=frame.index * 2654435761 + 1)
 
     def take(self, samples: ReturnSamples, returns: int) -> None:
@@ -153,7 +158,7 @@ class Learner:
         found = []
         for fineness in FINENESS:
             try:
-                net = quantised(self._net.expects, self._net.size, self._trainer.layers())
+                net = quantised(self._net.expects, self._net.size, self._trainer.layers(), self._trainer.cases())
                 nets = [net if old.expects == net.expects else old for old in self._nets.values()]
                 update = update_of(self._base, nets, fineness)
                 native = native_nets(list(update.weights.nets))
@@ -168,7 +173,8 @@ class Learner:
     def _saved(self, offer: Offer, gain: float, *, sent: bool) -> float:
         """Bits of a frame that weights save, without those of sending them with each key message, and once before."""
         size = 0 if offer.update is None else 8 * len(offer.update.data)
-        return gain * self._returns - size / self.key_interval - (0 if sent else size / PAID_BACK)
+        sure = gain if offer.update is None else gain - DOUBT
+        return sure * self._returns - size / self.key_interval - (0 if sent else size / PAID_BACK)
 
 
 def _first(waiting: deque[Waiting]) -> Waiting | None:

@@ -49,7 +49,7 @@ def native_nets(networks: list[Net]) -> entropy.NativeNets:
     """Networks as the coder of ranges takes them."""
     nets = entropy.NativeNets()
     for net in networks:
-        nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
+        nets.add([layer.given for layer in net.layers])
     return nets
 
 

@@ -10,27 +10,39 @@ the same networks takes up to 50. docs/wire-format-riddle-weights.md has the for
 >>> sizes = [(8, 72), (8, 8), (32, 8)]
 >>> net = quantised(False, 0, [(rng.normal(0, 0.2, size), np.zeros(size[0])) for size in sizes])
 >>> base = weights_with([net])
->>> update = update_of(base, [net], (7, 7, 7))
->>> update.weights.name == base.name, applied(update.data, lambda name: base).name == base.name
-(True, True)
+>>> update = update_of(base, [net], (7, 7, 7, 5))
+>>> applied(update.data, lambda name: base).name == update.weights.name
+True
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec._native import crc32c
-from lidarcodec.codecs.riddle_weights import SIZES, Layer, Net, Reader, Weights, pack_weights, unpack_weights
+from lidarcodec.codecs.riddle_weights import (
+    CASE_BITS,
+    CASES,
+    SIZES,
+    Layer,
+    Net,
+    Reader,
+    Weights,
+    pack_weights,
+    unpack_weights,
+)
 from lidarcodec.entropy.fast import decode_numbers, encode_numbers
 from lidarcodec.errors import ChecksumError, SectionError, UnsupportedVersionError
 
 MAGIC: Final = b"LCRU"
-VERSION: Final = 2
+VERSION: Final = 3
+_PLAIN_VERSION: Final = 2
+"""Of updates that leave biases of cases as they are."""
 MAX_GRAIN: Final = 12
 _BIAS_BITS: Final = (5, 3, 3)
 """A step of a bias is so many bits smaller than one of a weight, in each layer."""
@@ -42,7 +54,7 @@ _INT16: Final = 2**15 - 1
 _INT32: Final = 2**31 - 1
 
 Whole = npt.NDArray[np.int64]
-Stored = npt.NDArray[np.int16] | npt.NDArray[np.int32]
+Stored = npt.NDArray[np.int16] | npt.NDArray[np.int32] | Whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +76,10 @@ def is_update(data: bytes) -> bool:
     return data[: len(MAGIC)] == MAGIC
 
 
-def update_of(base: Weights, nets: Sequence[Net], fineness: tuple[int, int, int]) -> Update:
-    """What turns `base` into networks near `nets`: weights of layer i differ by multiples of 2^-fineness[i], or of what
-    they are kept in, if that is more. Layers that fit 8 bits go on fitting them.
+def update_of(base: Weights, nets: Sequence[Net], fineness: tuple[int, int, int, int]) -> Update:
+    """What turns `base` into networks near `nets`: weights of layer i differ by multiples of 2^-fineness[i], biases of
+    cases by those of 2^-fineness[3], or of what they are kept in, if that is more. Layers that fit 8 bits go on fitting
+    them, and all networks then have biases of cases.
 
     nets: of kinds and sizes that `base` has, layers alike; they need not be on the same shifts
     Raises SectionError for others, or if sums may pass 32 bits.
@@ -77,15 +90,20 @@ def update_of(base: Weights, nets: Sequence[Net], fineness: tuple[int, int, int]
         if before.dims != net.dims:
             raise SectionError(f"a network of {net.dims} cannot come of one of {before.dims}")
         layers = []
-        grains = [max(0, layer.shift - fine) for layer, fine in zip(before.layers, fineness, strict=True)]
+        grains = [max(0, layer.shift - fine) for layer, fine in zip(before.layers, fineness[:3], strict=True)]
+        of_cases = max(0, CASE_BITS - fineness[3])
         for old, new, grain, more in zip(before.layers, net.layers, grains, _BIAS_BITS, strict=True):
             scale = 2.0 ** (old.shift - new.shift)
             weights = _steps(new.weights * scale, old.weights, grain, np.int64(_INT8 if old.in_bytes else _INT16))
             bias = _steps(new.bias * scale, old.bias, grain + more, np.int64(_INT32))
             streams += [_folded(weights), _folded(bias)]
             layers.append(_moved(old, weights, bias, grain, grain + more))
+        was, wanted = _cases(before), _cases(net)
+        cases = _steps(wanted, was, of_cases, np.int64(_INT8))
+        streams.append(_folded(cases))
+        layers[0] = replace(layers[0], cases=_moved_cases(was, cases, of_cases))
         given.append(Net(net.expects, net.size, tuple(layers)))
-        heads.append(bytes([net.expects, net.size, *grains]))
+        heads.append(bytes([net.expects, net.size, *grains, of_cases]))
     weights_after = weights_with(given)
     names = bytes.fromhex(base.name) + bytes.fromhex(weights_after.name)
     body = b"".join([MAGIC, bytes([VERSION]), names, bytes([len(nets)]), *heads, encode_numbers(streams)])
@@ -99,8 +117,9 @@ def names_of(data: bytes) -> tuple[str, str]:
     """
     reader = Reader(data[:-4])
     reader.take(len(MAGIC))
-    if (version := reader.number(1)) != VERSION:
-        raise UnsupportedVersionError(f"an update of weights of version {version}: this build reads {VERSION}", 4)
+    if (version := reader.number(1)) not in (_PLAIN_VERSION, VERSION):
+        known = f"{_PLAIN_VERSION} and {VERSION}"
+        raise UnsupportedVersionError(f"an update of weights of version {version}: this build reads {known}", 4)
     names = reader.take(_NAME_BYTES).hex(), reader.take(_NAME_BYTES).hex()
     if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of an update of weights does not match", len(data) - 4)
@@ -116,19 +135,26 @@ def applied(data: bytes, find: Callable[[str], Weights]) -> Weights:
     base = find(of)
     reader = Reader(data[:-4])
     reader.take(_HEAD_BYTES - 1)
-    changed = [_named(base, reader) for _ in range(reader.number(1))]
+    with_cases = data[len(MAGIC)] == VERSION
+    changed = [_named(base, reader, 6 if with_cases else 5) for _ in range(reader.number(1))]
     if not 1 <= len(changed) <= len(base.nets):
         raise SectionError(f"an update of {len(changed)} networks", reader.at)
     if len({(net.expects, net.size) for net, _ in changed}) != len(changed):
         raise SectionError("an update with two networks of one kind and size", reader.at)
-    counts = [values.size for net, _ in changed for layer in net.layers for values in (layer.weights, layer.bias)]
+    counts = []
+    for net, _ in changed:
+        counts += [values.size for layer in net.layers for values in (layer.weights, layer.bias)]
+        counts += [_cases(net).size] * with_cases
     streams = iter(decode_numbers(reader.take(reader.left), counts))
     nets = []
     for net, grains in changed:
         layers = []
-        for layer, grain, more in zip(net.layers, grains, _BIAS_BITS, strict=True):
+        for layer, grain, more in zip(net.layers, grains[:3], _BIAS_BITS, strict=True):
             weights = _unfolded(next(streams)).reshape(layer.weights.shape)
             layers.append(_moved(layer, weights, _unfolded(next(streams)), grain, grain + more))
+        if with_cases:
+            cases = _moved_cases(_cases(net), _unfolded(next(streams)).reshape(_cases(net).shape), grains[3])
+            layers[0] = replace(layers[0], cases=cases)
         nets.append(Net(net.expects, net.size, tuple(layers)))
     given = weights_with(nets)
     if given.name != to:
@@ -143,14 +169,14 @@ def _net_of(weights: Weights, expects: bool, size: int) -> Net:
     raise SectionError(f"an update of a network that weights {weights.name} do not have")
 
 
-def _named(base: Weights, reader: Reader) -> tuple[Net, bytes]:
-    expects, size, *grains = reader.take(5)
+def _named(base: Weights, reader: Reader, head_bytes: int) -> tuple[Net, bytes]:
+    expects, size, *grains = reader.take(head_bytes)
     if expects > 1 or size >= len(SIZES) or max(grains) > MAX_GRAIN:
         raise SectionError(f"an update of a network of kind {expects}, size {size}, grains {grains}", reader.at)
     return _net_of(base, bool(expects), size), bytes(grains)
 
 
-def _steps(wanted: npt.NDArray[np.floating[Any]], was: Stored, grain: int, top: np.int64) -> Whole:
+def _steps(wanted: npt.NDArray[np.floating[Any]] | Whole, was: Stored, grain: int, top: np.int64) -> Whole:
     """Differences in units of 2^grain, such that sums are `top` at most on either side."""
     least, most = -((was + top) >> grain), (top - was) >> grain
     found: Whole = np.clip(np.rint((wanted - was) * 2.0**-grain).astype(np.int64), least, most)
@@ -162,7 +188,21 @@ def _moved(layer: Layer, weights: Whole, bias: Whole, grain: int, bias_grain: in
     w, b = layer.weights + (weights << grain), layer.bias + (bias << bias_grain)
     if np.abs(w).max() > _INT16 or np.abs(b).max() > _INT32:
         raise SectionError("an update of a weight beyond what it can be")
-    return Layer(w.astype(np.int16), b.astype(np.int32), layer.shift)
+    return Layer(w.astype(np.int16), b.astype(np.int32), layer.shift, layer.cases)
+
+
+def _cases(net: Net) -> Whole:
+    """(96, out): biases of cases, 0 where there are none."""
+    first = net.layers[0]
+    return first.cases.astype(np.int64) if len(first.cases) else np.zeros((CASES, len(first.bias)), np.int64)
+
+
+def _moved_cases(cases: Whole, steps: Whole, grain: int) -> npt.NDArray[np.int8]:
+    """With steps added. Raises SectionError where a number does not fit."""
+    moved = cases + (steps << grain)
+    if np.abs(moved).max() > _INT8:
+        raise SectionError("an update of a bias beyond what it can be")
+    return moved.astype(np.int8)
 
 
 def _folded(steps: Whole) -> npt.NDArray[np.uint64]:

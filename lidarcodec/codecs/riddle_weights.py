@@ -20,7 +20,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -41,7 +41,9 @@ from lidarcodec.errors import (
 )
 
 MAGIC: Final = b"LCRW"
-VERSION: Final = 3
+VERSION: Final = 4
+_PLAIN_VERSION: Final = 3
+"""Of files in which no network has biases of cases: as before there were any, so that names stay."""
 INPUTS_ALONE: Final = 72
 """Inputs of a network for frames that expect nothing."""
 INPUTS_EXPECTING: Final = 112
@@ -65,6 +67,16 @@ MAX_NETS: Final = 6
 _LAYERS: Final = 3
 _IN_BYTES: Final = 128
 """Added to the shift of a layer whose weights are kept in 8 bits."""
+_WITH_CASES: Final = 64
+"""Added to that of a first layer with biases of cases."""
+ROW_CASES: Final = 64
+SCALE_CASES: Final = 32
+CASES: Final = ROW_CASES + SCALE_CASES
+"""Rows and scales, each of which may have biases of its own in the first layer."""
+CASE_BITS: Final = 6
+"""Such a bias has 64 steps to a unit."""
+_ROW_INPUT: Final = 52
+_SCALE_INPUT: Final = 47
 _HIDDEN: Final = range(8, 257, 8)
 _INT32: Final = 2**31 - 1
 _LARGEST_INPUT: Final = (128, MIDDLE_TOP, MIDDLE_TOP)
@@ -76,14 +88,26 @@ Integers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A layer: weights (out, in) int16 shifted by `shift` bits, bias (out,) int32 in units of the sums. Read-only."""
+    """A layer: weights (out, in) int16 shifted by `shift` bits, bias (out,) int32 in units of the sums. Read-only.
+
+    cases: (96, out) int8, more biases, of which a return has those of its row (64) and those of its scale (32); or
+           (0, out): no such biases, as in all layers but a first one
+    """
 
     weights: npt.NDArray[np.int16]
     bias: npt.NDArray[np.int32]
     shift: int
+    cases: npt.NDArray[np.int8] = field(default_factory=lambda: np.empty((0, 0), np.int8))
 
     def __post_init__(self) -> None:
-        self.weights.flags.writeable = self.bias.flags.writeable = False
+        if not self.cases.size:
+            object.__setattr__(self, "cases", np.empty((0, len(self.bias)), np.int8))
+        self.weights.flags.writeable = self.bias.flags.writeable = self.cases.flags.writeable = False
+
+    @property
+    def given(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int, npt.NDArray[np.int8]]:
+        """As the native core takes it."""
+        return self.weights, self.bias, self.shift, self.cases
 
     @property
     def in_bytes(self) -> bool:
@@ -111,11 +135,14 @@ class Net:
                 raise SectionError(f"layer {number + 1} is {weights.dtype}{weights.shape} and {bias.dtype}{bias.shape}")
             if weights.shape[1] != into:
                 raise SectionError(f"layer {number + 1} takes {weights.shape[1]} values, not {into}")
+            if layer.cases.dtype != np.int8 or layer.cases.shape not in [(0, out), (CASES, out)][: 2 - (number > 0)]:
+                raise SectionError(f"layer {number + 1} has biases of cases {layer.cases.dtype}{layer.cases.shape}")
             if layer.shift not in (shifts := SHIFTS[number]):
                 raise SectionError(
                     f"layer {number + 1} shifted by {layer.shift} bits: {shifts[0]} to {shifts[-1]} are possible"
                 )
-            if _largest_sum(layer.weights.astype(np.int64), layer.bias.astype(np.int64), largest) > _INT32:
+            wide = layer.weights.astype(np.int64), layer.bias.astype(np.int64)
+            if _largest_sum(*wide, largest, layer.shift if len(layer.cases) else 0) > _INT32:
                 raise SectionError(f"sums of layer {number + 1} of a network may pass 32 bits")
 
     @property
@@ -174,15 +201,21 @@ def check_dims(expects: bool, dims: Sequence[int]) -> None:
         )
 
 
-def _largest_sum(weights: Integers, bias: Integers, largest: int) -> int:
-    return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max()) + _MOST_HALF
+def _largest_sum(weights: Integers, bias: Integers, largest: int, case_shift: int) -> int:
+    """case_shift: that of a layer with biases of cases, else 0."""
+    of_cases = 2 * 128 << case_shift - 1 if case_shift else 0
+    return int((np.abs(weights).sum(axis=1) * largest + np.abs(bias)).max()) + of_cases + _MOST_HALF
 
 
 def quantised(
-    expects: bool, size: int, layers: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.floating[Any]]]]
+    expects: bool,
+    size: int,
+    layers: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.floating[Any]]]],
+    cases: npt.NDArray[np.floating[Any]] | None = None,
 ) -> Net:
     """The network in integers: each layer shifted by as much as fits. layers: weights (out, in) and bias (out,), float.
 
+    cases: (96, out) biases of rows and scales in the first layer, kept within what 8 bits hold; None: there are none
     A first layer that is exact in 8 bits is kept in them: it takes half the time where processors multiply bytes.
     Raises SettingsError for weights that are not finite or too large.
     """
@@ -196,12 +229,28 @@ def quantised(
         for shift in [*_exact_in_bytes(wanted[0], number), *reversed(SHIFTS[number])]:
             w, b = (np.rint(values * 2.0**shift * times).astype(np.int64)
                     for values, times in zip(wanted, (1, unit), strict=True))  # fmt: skip
-            if np.abs(w).max() <= 32767 and _largest_sum(w, b, largest) <= _INT32:
-                made.append(Layer(w.astype(np.int16), b.astype(np.int32), shift))
+            of_cases = _whole_cases(None if number else cases, len(b))
+            if np.abs(w).max() <= 32767 and _largest_sum(w, b, largest, shift if len(of_cases) else 0) <= _INT32:
+                made.append(Layer(w.astype(np.int16), b.astype(np.int32), shift, of_cases))
                 break
         else:
             raise SettingsError(f"the weights of layer {number + 1} are too large for whole numbers")
     return Net(expects, size, tuple(made))
+
+
+def _whole_cases(cases: npt.NDArray[np.floating[Any]] | None, out: int) -> npt.NDArray[np.int8]:
+    if cases is None:
+        return np.empty((0, out), np.int8)
+    if not np.isfinite(cases).all():
+        raise SettingsError("biases of cases that are not finite")
+    whole: npt.NDArray[np.int8] = np.clip(np.rint(cases * 2.0**CASE_BITS), -127, 127).astype(np.int8)
+    return whole
+
+
+def cases_in_floats(net: Net) -> npt.NDArray[np.float64] | None:
+    """Biases of rows and scales as `quantised` takes them; None where there are none."""
+    cases = net.layers[0].cases
+    return cases.astype(np.float64) * 2.0**-CASE_BITS if len(cases) else None
 
 
 def in_floats(net: Net) -> list[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
@@ -227,17 +276,34 @@ def run(net: Net, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
     if inputs.dtype != np.int8 or inputs.ndim != 2 or inputs.shape[1] != net.inputs:
         raise SectionError(f"inputs are {inputs.dtype}{inputs.shape}, not int8(n, {net.inputs})")
     first, second, third = net.layers
-    hidden = np.clip(_sums(first, inputs, _MORE[0]), 0, MIDDLE_TOP)
+    hidden = np.clip(_sums(first, inputs, _MORE[0], _of_cases(first, inputs)), 0, MIDDLE_TOP)
     hidden = np.clip(_sums(second, hidden, _MORE[1]), 0, MIDDLE_TOP)
     odds: npt.NDArray[np.int16] = np.clip(_sums(third, hidden, _MORE[2]), -32768, 32767).astype(np.int16)
     return odds
 
 
-def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]], more: int) -> Integers:
+def cases_of(inputs: Any) -> tuple[Any, Any]:
+    """Which of the 96 cases the row and the scale of returns are, (n,) each. inputs: (n, 72 or 112) whole numbers, an
+    array or a tensor, wider than 8 bits."""
+    row = ((inputs[:, _ROW_INPUT] + 64) >> 1).clip(0, ROW_CASES - 1)
+    return row, ROW_CASES + ((inputs[:, _SCALE_INPUT] + 50) >> 2).clip(0, SCALE_CASES - 1)
+
+
+def _of_cases(layer: Layer, inputs: npt.NDArray[np.int8]) -> Integers:
+    """What biases of cases add to sums: they have 64 steps to a unit, sums 32 times 2^shift."""
+    if not len(layer.cases):
+        return np.zeros((1, len(layer.bias)), np.int64)
+    wide = layer.cases.astype(np.int64) << (layer.shift - 1)
+    rows, scales = cases_of(inputs.astype(np.int64))
+    added: Integers = wide[rows] + wide[scales]
+    return added
+
+
+def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]], more: int, add: Integers | int = 0) -> Integers:
     """What a layer adds up, in units of what comes out, rounded."""
     shift = layer.shift + more
     exact = values.astype(np.float64) @ layer.weights.T.astype(np.float64)  # below 2^53, so exact in any order
-    sums: Integers = exact.astype(np.int64) + layer.bias + ((1 << shift) >> 1)
+    sums: Integers = exact.astype(np.int64) + layer.bias + add + ((1 << shift) >> 1)
     return sums >> shift
 
 
@@ -251,17 +317,21 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
         raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
     if len(text) > MAX_PROVENANCE:
         raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
-    parts = [MAGIC, bytes([VERSION]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
+    version = VERSION if any(len(layer.cases) for net in nets for layer in net.layers) else _PLAIN_VERSION
+    parts = [MAGIC, bytes([version]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
         parts.append(bytes([net.expects, net.size, len(net.layers)]))
         parts.append(np.array(net.dims, "<u2").tobytes())
-        parts.append(bytes(layer.shift + _IN_BYTES * layer.in_bytes for layer in net.layers))
-        parts += [
-            layer.weights.astype("i1" if layer.in_bytes else "<i2").tobytes() + layer.bias.astype("<i4").tobytes()
-            for layer in net.layers
-        ]
+        parts.append(bytes(map(_shift_byte, net.layers)))
+        for layer in net.layers:
+            parts.append(layer.weights.astype("i1" if layer.in_bytes else "<i2").tobytes())
+            parts += [layer.bias.astype("<i4").tobytes(), layer.cases.tobytes()]
     body = b"".join(parts)
     return body + int(crc32c(body)).to_bytes(4, "little")
+
+
+def _shift_byte(layer: Layer) -> int:
+    return layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases))
 
 
 class Reader:
@@ -295,8 +365,9 @@ def unpack_weights(data: bytes) -> Weights:
         raise HeaderError("not a weight file")
     reader = Reader(data[:-4])
     reader.take(len(MAGIC))
-    if (version := reader.number(1)) != VERSION:
-        raise UnsupportedVersionError(f"weights of version {version}: this build reads {VERSION}", len(MAGIC))
+    if (version := reader.number(1)) not in (_PLAIN_VERSION, VERSION):
+        known = f"{_PLAIN_VERSION} and {VERSION}"
+        raise UnsupportedVersionError(f"weights of version {version}: this build reads {known}", len(MAGIC))
     if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of the weights does not match", len(data) - 4)
     provenance = _provenance(reader)
@@ -308,6 +379,8 @@ def unpack_weights(data: bytes) -> Weights:
         raise SectionError("weights with two networks of one kind and size", reader.at)
     if reader.left:
         raise SectionError(f"weights with {reader.left} bytes too many", reader.at)
+    if (version == VERSION) != any(len(net.layers[0].cases) for net in nets):
+        raise SectionError(f"weights of version {version} with biases of cases, or of {VERSION} without")
     return Weights(nets, provenance, hashlib.sha256(data).hexdigest()[:16], bytes(data))
 
 
@@ -336,7 +409,9 @@ def _net(reader: Reader) -> Net:
         in_bytes = shift >= _IN_BYTES
         taken = np.frombuffer(reader.take((2 - in_bytes) * into * out), "i1" if in_bytes else "<i2")
         bias = np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32)
-        made.append(Layer(taken.astype(np.int16).reshape(out, into), bias, shift % _IN_BYTES))
+        rows = CASES if shift & _WITH_CASES else 0
+        cases = np.frombuffer(reader.take(rows * out), np.int8).reshape(rows, out)
+        made.append(Layer(taken.astype(np.int16).reshape(out, into), bias, shift % _WITH_CASES, cases))
         if made[-1].in_bytes != in_bytes:
             raise SectionError("a layer that fits bytes and is not kept in them", reader.at)
     return Net(bool(expects), size, tuple(made))

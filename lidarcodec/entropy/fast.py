@@ -157,7 +157,7 @@ class NativeMaskStream:
         return cast("npt.NDArray[np.uint8]", self._stream.decode(data, *view))
 
 
-GivenLayer = tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int]
+GivenLayer = tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int, npt.NDArray[np.int8]]
 """Weights (out, in), biases (out,), shift."""
 
 

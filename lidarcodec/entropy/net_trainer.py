@@ -42,6 +42,7 @@ class TrainSettings:
     """How a network is trained.
 
     rate: of Adam; settle: steps after which it is 0.7 of that, and less with their square root
+    least: how much of the rate is left however many steps were taken
     mean: how much of the running mean stays at each step; beside: how much of what contexts said counts
     batch: samples in a step
     room: samples to learn from, of which newer ones take the places; held_room: newest ones that are measured on
@@ -49,6 +50,7 @@ class TrainSettings:
 
     rate: float = 1e-3
     settle: float = 1000.0
+    least: float = 0.0
     mean: float = 0.99
     beside: float = 1.0
     batch: int = 256
@@ -78,6 +80,11 @@ class NetTrainer:
     def layers(self) -> list[FloatLayer]:
         """Weights (out, in) and biases (out,) of each layer: the mean of the last steps."""
         return [self._native.layer(number) for number in range(_LAYERS)]
+
+    def cases(self) -> npt.NDArray[np.float32]:
+        """(96, out) biases of rows and scales in the first layer: the mean of the last steps."""
+        found: npt.NDArray[np.float32] = self._native.cases()
+        return found
 
     def cost(self, nets: NativeNets, beside: float) -> float:
         """Bits of a held sample under a network, mean. beside: how much of what contexts said counts."""

@@ -34,15 +34,15 @@ void bind_riddle(nb::module_& m) {
       .def(nb::init<>())
       .def(
           "set",
-          [](RiddleNets& nets, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1,
-             In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int16_t, 2> w3,
-             In<std::int32_t, 1> b3, std::uint32_t s3, const char* form) {
-            RiddleNet net({layer_of(w1, b1, s1), layer_of(w2, b2, s2), layer_of(w3, b3, s3)}, lidarcodec::net_form_named(form));
+          [](RiddleNets& nets, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1, In<std::int8_t, 2> c1,
+             In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int8_t, 2> c2,
+             In<std::int16_t, 2> w3, In<std::int32_t, 1> b3, std::uint32_t s3, In<std::int8_t, 2> c3, const char* form) {
+            RiddleNet net({layer_of(w1, b1, s1, c1), layer_of(w2, b2, s2, c2), layer_of(w3, b3, s3, c3)}, lidarcodec::net_form_named(form));
             (net.inputs() == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone).emplace(std::move(net));
           },
-          nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("w2").noconvert(),
-          nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("w3").noconvert(), nb::arg("b3").noconvert(),
-          nb::arg("s3"), nb::arg("form") = "", "Take a network; whether it knows what to expect its inputs say.")
+          nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("c1").noconvert(),
+          nb::arg("w2").noconvert(), nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("c2").noconvert(),
+          nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(), nb::arg("form") = "", "Take a network; whether it knows what to expect its inputs say.")
       .def(
           "run",
           [](const RiddleNets& nets, In<std::int8_t, 2> inputs) {

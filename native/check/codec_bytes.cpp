@@ -207,9 +207,11 @@ void check_slabs(const Scene& scene, const Way& way) {
 // Networks alone, in every form.
 void check_networks() {
   for (const NetForm form : net_forms_here()) {
-    Hash hash;
-    hash.add(odds_of_networks(form));
-    hash.print(std::string("networks, ") + name_of(form));
+    for (const bool with_cases : {false, true}) {
+      Hash hash;
+      hash.add(odds_of_networks(form, with_cases));
+      hash.print(std::string(with_cases ? "networks with cases, " : "networks, ") + name_of(form));
+    }
   }
 }
 
@@ -239,7 +241,7 @@ void check_training(const Scene& scene) {
   trainer.train(40, [] { return true; });
   Hash hash;
   for (const RiddleTrainer::Layer& layer : trainer.layers())
-    for (const auto* numbers : {&layer.weights, &layer.bias})
+    for (const auto* numbers : {&layer.weights, &layer.bias, &layer.cases})
       for (const float number : *numbers) hash.add_number(std::bit_cast<std::int32_t>(number));
   hash.print("training");
 }

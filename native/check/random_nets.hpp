@@ -24,6 +24,7 @@ struct RandomLayers {
   std::array<std::vector<std::int16_t>, lidarcodec::kNetLayers> weights;
   std::array<std::vector<std::int32_t>, lidarcodec::kNetLayers> biases;
   std::array<lidarcodec::GivenLayer, lidarcodec::kNetLayers> layers;
+  std::vector<std::int8_t> cases;
 
   // weight: the next one of layer l; most: of each layer's biases.
   template <class Weight>
@@ -36,16 +37,24 @@ struct RandomLayers {
     }
   }
   RandomLayers(const RandomLayers&) = delete;
+
+  // Biases of rows and scales in the first layer.
+  void add_cases(RandomNumbers& random) {
+    for (std::size_t i = 0; i < lidarcodec::kCases * layers[0].out; ++i) cases.push_back(static_cast<std::int8_t>(random.up_to(127)));
+    layers[0].cases = cases.data();
+  }
 };
 
-// Networks whose results go to all ends. in_bytes: whether the first layer's weights fit 8 bits.
+// Networks whose results go to all ends. in_bytes: whether the first layer's weights fit 8 bits; the network for frames that
+// expect something then has biases of cases, too.
 inline std::shared_ptr<const lidarcodec::RiddleNets> random_nets(lidarcodec::NetForm form, bool in_bytes = false) {
   RandomNumbers random(7);
   auto nets = std::make_shared<lidarcodec::RiddleNets>();
   for (const std::size_t inputs : {lidarcodec::kInputsAlone, lidarcodec::kInputsExpecting}) {
     const auto weight = [&](std::size_t layer) { return random.up_to(in_bytes && layer == 0 ? 127 : 9000); };
-    const RandomLayers given(random, {inputs, 24, 16, lidarcodec::kNetOutputs}, weight, {in_bytes ? 1000 : 100000, 100000, 100000},
-                             {in_bytes ? 6u : 12u, 12u, 12u});
+    RandomLayers given(random, {inputs, 24, 16, lidarcodec::kNetOutputs}, weight, {in_bytes ? 1000 : 100000, 100000, 100000},
+                       {in_bytes ? 6u : 12u, 12u, 12u});
+    if (in_bytes && inputs == lidarcodec::kInputsExpecting) given.add_cases(random);
     (inputs == lidarcodec::kInputsAlone ? nets->alone : nets->expecting).emplace(given.layers, form);
   }
   return nets;
@@ -59,7 +68,7 @@ inline std::shared_ptr<const lidarcodec::RiddleNets> nets_of(bool learned, bool 
 
 // What networks of many sizes say of seven returns, by four, by two and by one: with weights of 8 bits, with those that two
 // bytes with a sign can be, and with larger ones; small ones are as frequent as large ones, lest all sums be at their ends.
-inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form) {
+inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form, bool with_cases) {
   RandomNumbers random(11);
   std::vector<std::int16_t> odds;
   for (const std::array<std::size_t, 2>& hidden : {std::array<std::size_t, 2>{8, 8}, {24, 40}, {96, 32}, {192, 48}, {256, 256}}) {
@@ -69,6 +78,7 @@ inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form) {
       RandomLayers given(random, {inputs, hidden[0], hidden[1], lidarcodec::kNetOutputs}, weight, {1000, 100000, 100000},
                          most == 127 ? std::array<std::uint32_t, 3>{4, 4, 9} : std::array<std::uint32_t, 3>{12, 12, 13});
       for (auto& weights : given.weights) weights.front() = static_cast<std::int16_t>(most), weights.back() = static_cast<std::int16_t>(-most - 1);
+      if (with_cases) given.add_cases(random);
       const lidarcodec::RiddleNet net(given.layers, form);
       std::array<lidarcodec::NetValues, 7> values;
       for (lidarcodec::NetValues& value : values)

@@ -120,16 +120,19 @@ bool read(std::vector<T>& into, std::size_t count) {
   return std::fread(into.data(), sizeof(T), count, stdin) == count;
 }
 
-// A network: of each of its layers inputs, outputs and shift u32, weights i16 (out, in), biases i32.
+// A network: of each of its layers inputs, outputs, shift and how many cases have biases u32, weights i16 (out, in), biases
+// i32, those of cases i8.
 std::optional<RiddleNet> read_net(NetForm form) {
   std::array<GivenLayer, kNetLayers> layers;
   std::array<std::vector<std::int16_t>, kNetLayers> weights;
   std::array<std::vector<std::int32_t>, kNetLayers> biases;
+  std::array<std::vector<std::int8_t>, kNetLayers> cases;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
-    std::array<std::uint32_t, 3> head;
+    std::array<std::uint32_t, 4> head;
     if (std::fread(head.data(), sizeof head, 1, stdin) != 1 || head[0] > kMostHidden || head[1] > kMostHidden) return {};
     if (!read(weights[l], std::size_t{head[0]} * head[1]) || !read(biases[l], head[1])) return {};
-    layers[l] = {head[0], head[1], weights[l].data(), biases[l].data(), head[2]};
+    if ((head[3] != 0 && head[3] != kCases) || !read(cases[l], std::size_t{head[3]} * head[1])) return {};
+    layers[l] = {head[0], head[1], weights[l].data(), biases[l].data(), head[2], head[3] == 0 ? nullptr : cases[l].data()};
   }
   return RiddleNet(layers, form);
 }

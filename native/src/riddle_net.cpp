@@ -46,18 +46,19 @@ void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<
       in[r] = words[r][l].of.data();
       out[r] = l + 1 == kNetLayers ? values[r]->out.data() : words[r][l + 1].of.data();
     }
-    run(layers[l], in, out);
+    run(layers[l], begins_of(layers[l], values), in, out);
   }
 }
 
 // Four returns as two times two, where that is what the registers hold.
 template <std::size_t kAtOnce, std::size_t N, class Run>
-void in_turns(const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out, const Run& run) {
+void in_turns(const std::array<Begin, N>& begins, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out,
+              const Run& run) {
   if constexpr (N <= kAtOnce) {
-    run(in, out);
+    run(begins, in, out);
   } else {
-    run(std::array{in[0], in[1]}, std::array{out[0], out[1]});
-    run(std::array{in[2], in[3]}, std::array{out[2], out[3]});
+    run(std::array{begins[0], begins[1]}, std::array{in[0], in[1]}, std::array{out[0], out[1]});
+    run(std::array{begins[2], begins[3]}, std::array{in[2], in[3]}, std::array{out[2], out[3]});
   }
 }
 
@@ -68,7 +69,9 @@ void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const
     case NetForm::Vnni:
       return run_vnni(layers, values);
     case NetForm::Avx2:
-      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) { layer_avx2(layer, in, out); });
+      return run_in_words(layers, values, [](const Layer& layer, const auto& begins, const auto& in, const auto& out) {
+        layer_avx2(layer, begins, in, out);
+      });
 #endif
 #if defined(LIDARCODEC_NET_DOT)
     case NetForm::Dot:
@@ -79,14 +82,14 @@ void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const
 #endif
 #if defined(LIDARCODEC_NET_LANES)
     case NetForm::Vector:
-      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
-        in_turns<Lanes::kReturns>(in, out, [&](const auto& from, const auto& to) { layer_in_lanes(layer, from, to); });
+      return run_in_words(layers, values, [](const Layer& layer, const auto& begins, const auto& in, const auto& out) {
+        in_turns<Lanes::kReturns>(begins, in, out, [&](const auto&... some) { layer_in_lanes(layer, some...); });
       });
 #endif
 #if !defined(__wasm__)
     default:
-      return run_in_words(layers, values, [](const Layer& layer, const auto& in, const auto& out) {
-        for (std::size_t r = 0; r < N; ++r) layer_plainly(layer, in[r], out[r]);
+      return run_in_words(layers, values, [](const Layer& layer, const auto& begins, const auto& in, const auto& out) {
+        for (std::size_t r = 0; r < N; ++r) layer_plainly(layer, begins[r], in[r], out[r]);
       });
 #endif
   }
@@ -102,27 +105,42 @@ constexpr std::array<std::int32_t, kNetLayers> kMoved = {128, 0, 0};
 constexpr bool kTwoPlanes = false;
 #endif
 
-// Weights once more as bytes, where they fit, and biases for inputs that are larger by `moved`.
-void put_bytes(const GivenLayer& from, std::int32_t moved, Layer& layer) {
+// Weights once more as bytes, where they fit.
+void put_bytes(const GivenLayer& from, Layer& layer) {
   const auto fit = [&](int least, int most) {
     return std::all_of(from.weights, from.weights + from.in * from.out, [&](std::int16_t w) { return w >= least && w <= most; });
   };
   layer.planes = fit(-128, 127) ? 1 : kTwoPlanes && fit(-32768, 127 * 256 + 127) ? 2 : 0;
   const std::size_t size = layer.blocks() * kBlock * from.in;  // of a plane
   layer.byte_weights.assign(layer.planes * size);
-  layer.moved_bias.assign(layer.blocks() * kBlock);
+  if (layer.planes == 0) return;
   for (std::size_t o = 0; o < from.out; ++o) {
-    auto bias = static_cast<std::uint32_t>(layer.bias.data()[o]);
     for (std::size_t i = 0; i < from.in; ++i) {
       const std::int16_t w = from.weights[o * from.in + i];
-      bias -= static_cast<std::uint32_t>(moved * w);
-      if (layer.planes == 0) continue;
       std::int8_t* const to = layer.byte_weights.data() + (i / 4 * layer.blocks() + o / kBlock) * 4 * kBlock + o % kBlock * 4 + i % 4;
       const auto low = static_cast<std::int8_t>(w);
       if (layer.planes == 2) *to = static_cast<std::int8_t>((w - low) / 256);
       to[(layer.planes - 1) * size] = low;
     }
-    layer.moved_bias.data()[o] = static_cast<std::int32_t>(bias);
+  }
+}
+
+// What sums begin with, for inputs that are larger by `moved`.
+void put_begins(const GivenLayer& from, std::int32_t moved, Layer& layer) {
+  const std::size_t width = layer.blocks() * kBlock;
+  const std::uint32_t half = layer.shift == 0 ? 0 : 1u << (layer.shift - 1);
+  layer.has_cases = from.cases != nullptr;
+  layer.rows.assign((layer.has_cases ? kRowCases : 1) * width);
+  layer.scales.assign((layer.has_cases ? kScaleCases : 1) * width);
+  for (std::size_t o = 0; o < from.out; ++o) {
+    std::uint32_t bias = static_cast<std::uint32_t>(from.bias[o]) + half;
+    for (std::size_t i = 0; i < from.in; ++i) bias -= static_cast<std::uint32_t>(moved * from.weights[o * from.in + i]);
+    layer.rows.data()[o] = static_cast<std::int32_t>(bias);
+    if (!layer.has_cases) continue;
+    const auto of_case = [&](std::size_t number) { return from.cases[number * from.out + o] * (1 << (from.shift - 1)); };
+    for (std::size_t row = 0; row < kRowCases; ++row)
+      layer.rows.data()[row * width + o] = static_cast<std::int32_t>(bias + static_cast<std::uint32_t>(of_case(row)));
+    for (std::size_t scale = 0; scale < kScaleCases; ++scale) layer.scales.data()[scale * width + o] = of_case(kRowCases + scale);
   }
 }
 
@@ -130,8 +148,10 @@ void put_bytes(const GivenLayer& from, std::int32_t moved, Layer& layer) {
 void check(const GivenLayer& given, std::size_t number, std::int64_t largest) {
   if (given.shift < kShifts[number].least || given.shift > kShifts[number].most)
     throw Error(ErrorCode::Section, "a layer shifted by too few or too many bits");
+  if (given.cases != nullptr && number != 0) throw Error(ErrorCode::Section, "biases of cases behind the first layer of a network");
+  const std::int64_t of_cases = given.cases == nullptr ? 0 : 256 << (given.shift - 1);
   for (std::size_t o = 0; o < given.out; ++o) {
-    std::int64_t sum = std::abs(static_cast<std::int64_t>(given.bias[o])) + kMostHalf;
+    std::int64_t sum = std::abs(static_cast<std::int64_t>(given.bias[o])) + of_cases + kMostHalf;
     for (std::size_t i = 0; i < given.in; ++i)
       sum += largest * std::abs(static_cast<std::int64_t>(given.weights[o * given.in + i]));
     if (sum > std::numeric_limits<std::int32_t>::max())
@@ -197,9 +217,6 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     layer.shift = static_cast<std::uint32_t>(static_cast<std::int32_t>(from.shift) + kShifts[l].more);
     layer.low = l == 2 ? -32768 : 0;
     layer.high = l == 2 ? 32767 : kMiddleTop;
-    layer.bias.assign(layer.blocks() * kBlock);
-    const std::int32_t half = layer.shift == 0 ? 0 : 1 << (layer.shift - 1);
-    for (std::size_t o = 0; o < from.out; ++o) layer.bias.data()[o] = from.bias[o] + half;
     layer.weights.assign(layer.blocks() * kBlock * layer.in);
     const bool by_block = form_ == NetForm::Avx2;
     layer.pair_step = 2 * kBlock * (by_block ? 1 : layer.blocks());
@@ -207,9 +224,11 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     for (std::size_t o = 0; o < from.out; ++o)
       for (std::size_t i = 0; i < from.in; ++i)
         layer.weights.data()[i / 2 * layer.pair_step + o / kBlock * layer.block_step + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
-    put_bytes(from, kMoved[l], layer);
+    put_bytes(from, layer);
     if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }
+  const bool in_bytes = form_ == NetForm::Vnni || form_ == NetForm::Dot;
+  for (std::size_t l = 0; l < kNetLayers; ++l) put_begins(given[l], in_bytes ? kMoved[l] : 0, layers_[l]);
 }
 
 void RiddleNet::run(const std::array<NetValues*, 1>& values) const { run_layers(form_, layers_, values); }

@@ -1,8 +1,10 @@
 // The networks of codec riddle: what a return's surroundings say of its difference, in whole numbers.
 //
-// Three layers: inputs of 8 bits, two hidden layers of 0..255, and 32 log odds (cells.hpp). All sums fit 32 bits, which is
-// checked when a network is made, so that any order of adding gives the same.
+// Three layers: inputs of 8 bits, two hidden layers of 0..255, and 32 log odds (cells.hpp). Sums of the first layer may begin
+// with biases of the return's row and of its scale, which two of its inputs tell. All sums fit 32 bits, which is checked when
+// a network is made, so that any order of adding gives the same.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -14,6 +16,11 @@ namespace lidarcodec {
 inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
 inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
 inline constexpr std::int32_t kMiddleTop = 255;
+inline constexpr std::size_t kRowCases = 64, kScaleCases = 32, kCases = kRowCases + kScaleCases;
+inline constexpr std::size_t kRowInput = 52, kScaleInput = 47;  // which tell them
+
+inline std::size_t row_case(std::int8_t in) { return static_cast<std::size_t>(std::clamp((in + 64) >> 1, 0, static_cast<int>(kRowCases) - 1)); }
+inline std::size_t scale_case(std::int8_t in) { return static_cast<std::size_t>(std::clamp((in + 50) >> 2, 0, static_cast<int>(kScaleCases) - 1)); }
 
 // Ways to compute, all with the same results. Plain: C++ alone. Vector: vectors of 128 bits, as every x86-64 (SSE2) and every
 // 64-bit ARM (NEON) has them. Dot: the dot products of newer ARM. Avx2, Vnni: vectors of 256 and of 512 bits.
@@ -34,12 +41,14 @@ struct alignas(64) NetValues {
   std::array<std::int16_t, kNetOutputs> out;
 };
 
-// A layer as given: weights (out, in), a bias for each sum, and the shift of the weights.
+// A layer as given: weights (out, in), a bias for each sum, and the shift of the weights. Only a first one may have biases of
+// cases, in 64ths of a unit.
 struct GivenLayer {
   std::size_t in = 0, out = 0;
   const std::int16_t* weights = nullptr;
   const std::int32_t* bias = nullptr;
   std::uint32_t shift = 0;
+  const std::int8_t* cases = nullptr;  // (96, out): biases of rows, then of scales; or there are none
 };
 
 // Numbers that begin at a line of the processor's cache.
@@ -61,8 +70,8 @@ class Lines {
 
 class RiddleNet {
  public:
-  // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 5 to 13, and no sum can
-  // pass 32 bits.
+  // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 3 to 13 (of the last one 9 to
+  // 13), and no sum can pass 32 bits.
   explicit RiddleNet(const std::array<GivenLayer, kNetLayers>& layers, NetForm form = net_forms_here().back());
 
   std::size_t inputs() const { return layers_[0].in; }
@@ -74,20 +83,21 @@ class RiddleNet {
 
   struct Layer {
     std::size_t in = 0, out = 0;
-    std::uint32_t shift = 0;  // of the sums, whose biases have the half that rounds them in them
+    std::uint32_t shift = 0;  // of the sums
     std::int32_t low = 0, high = 0;
     // For every two inputs and every block of 16 sums a pair of weights each, in the order in which the form fetches them:
     // so many weights from one two inputs to the next, and from one block to the next. Sums beyond `out` are 0.
     Lines<std::int16_t> weights;
     std::size_t pair_step = 0, block_step = 0;
-    Lines<std::int32_t> bias;
     // The same as bytes: for every four inputs, blocks of 16 sums with four weights each. One plane of them where all
     // weights fit 8 bits; else that of the upper bytes and that of the lower ones, with signs; none where those do not fit.
     std::size_t planes = 0;
     Lines<std::int8_t> byte_weights;
-    // For inputs as bytes, which some layers take larger or smaller by 128: biases that make up for that. Modulo 2^32, as
+    // What sums begin with: biases, for each row where there are those of cases, and what each scale adds to them. In biases
+    // are the half that rounds a sum, and what makes up for inputs that a form takes larger or smaller by 128. Modulo 2^32, as
     // all sums are.
-    Lines<std::int32_t> moved_bias;
+    Lines<std::int32_t> rows, scales;
+    bool has_cases = false;
     std::size_t blocks() const { return (out + 15) / 16; }
   };
 

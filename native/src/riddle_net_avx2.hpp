@@ -17,17 +17,19 @@ inline std::int32_t four_bytes_at(const void* in) {
 
 // N returns at once, two blocks of eight sums each.
 template <std::size_t N>
-__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<const std::int16_t*, N>& in,
+__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<Begin, N>& begins,
+                                                const std::array<const std::int16_t*, N>& in,
                                                 const std::array<std::int16_t*, N>& out) {
   const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
   const __m256i low = _mm256_set1_epi32(layer.low), high = _mm256_set1_epi32(layer.high);
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
-    const auto* bias = reinterpret_cast<const __m256i*>(layer.bias.data() + block * kBlock);
     __m256i sums[N][2];
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r) {
-      sums[r][0] = _mm256_loadu_si256(bias);
-      sums[r][1] = _mm256_loadu_si256(bias + 1);
+      const auto* row = reinterpret_cast<const __m256i*>(begins[r].row + block * kBlock);
+      const auto* scale = reinterpret_cast<const __m256i*>(begins[r].scale + block * kBlock);
+      sums[r][0] = _mm256_add_epi32(_mm256_load_si256(row), _mm256_load_si256(scale));
+      sums[r][1] = _mm256_add_epi32(_mm256_load_si256(row + 1), _mm256_load_si256(scale + 1));
     }
     const std::int16_t* w = weights_at(layer, block, 0);
     for (std::size_t i = 0; i < layer.in; i += 2, w += layer.pair_step) {

@@ -42,7 +42,8 @@ inline void settle(const Lanes::Sums& sums, const Layer& layer, std::int8_t* out
 inline void settle(const Lanes::Sums& sums, const Layer& layer, std::int16_t* out) { Lanes::settle(sums, layer, out); }
 
 template <std::size_t N, class Out>
-LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<const std::int8_t*, N>& in, const std::array<Out*, N>& out) {
+LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const std::int8_t*, N>& in,
+                              const std::array<Out*, N>& out) {
   const std::size_t next = layer.blocks() * 4 * kBlock;
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     const std::int8_t* w = layer.byte_weights.data() + block * 4 * kBlock;
@@ -60,14 +61,13 @@ LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<const std::in
         add_four<1>(sums, w + next, x);
       }
     }
-    const std::int32_t* const bias = layer.moved_bias.data() + block * kBlock;
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r) {
 #pragma GCC unroll 2
       for (std::size_t h = 0; h < 2; ++h) {
-        const Lanes::Sums begun = Lanes::sums(bias + 8 * h);
-        const Lanes::Sums all = {vaddq_s32(begun.low, sums[r][2 * h]), vaddq_s32(begun.high, sums[r][2 * h + 1])};
-        settle(all, layer, out[r] + block * kBlock + 8 * h);
+        const std::size_t at = block * kBlock + 8 * h;
+        const Lanes::Sums begun = Lanes::both(Lanes::sums(begins[r].row + at), Lanes::sums(begins[r].scale + at));
+        settle(Lanes::both(begun, {sums[r][2 * h], sums[r][2 * h + 1]}), layer, out[r] + at);
       }
     }
   }
@@ -88,9 +88,9 @@ void run_dot(const std::array<Layer, kNetLayers>& layers, const std::array<NetVa
     from_second[r] = to_second[r] = second[r].of.data();
     odds[r] = values[r]->out.data();
   }
-  layer_dot(layers[0], in, to_first);
-  layer_dot(layers[1], from_first, to_second);
-  layer_dot(layers[2], from_second, odds);
+  layer_dot(layers[0], begins_of(layers[0], values), in, to_first);
+  layer_dot(layers[1], begins_of(layers[1], values), from_first, to_second);
+  layer_dot(layers[2], begins_of(layers[2], values), from_second, odds);
 }
 
 }  // namespace lidarcodec::net_forms

@@ -33,6 +33,7 @@ struct Lanes {
     return _mm_load_si128(reinterpret_cast<const __m128i*>(from));
   }
   static Sums sums(const std::int32_t* from) { return {load(from), load(from + 4)}; }
+  static Sums both(const Sums& a, const Sums& b) { return {_mm_add_epi32(a.low, b.low), _mm_add_epi32(a.high, b.high)}; }
   static Weights weights(const std::int16_t* from) { return {load(from), load(from + 8)}; }
 
   template <int kPair>
@@ -62,6 +63,7 @@ struct Lanes {
 
   static Inputs load(const std::int16_t* from) { return vld1q_s16(from); }
   static Sums sums(const std::int32_t* from) { return {vld1q_s32(from), vld1q_s32(from + 4)}; }
+  static Sums both(const Sums& a, const Sums& b) { return {vaddq_s32(a.low, b.low), vaddq_s32(a.high, b.high)}; }
   static Weights weights(const std::int16_t* from) { return vld2q_s16(from); }
 
   template <int kPair>
@@ -85,14 +87,16 @@ struct Lanes {
 
 // N returns at once, so that weights are fetched once for all of them.
 template <std::size_t N>
-void layer_in_lanes(const Layer& layer, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
+void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const std::int16_t*, N>& in,
+                    const std::array<std::int16_t*, N>& out) {
   constexpr std::size_t kEights = Lanes::kEights;
   for (std::size_t at = 0; at < layer.blocks() * kBlock; at += 8 * kEights) {
     Lanes::Sums sums[N][kEights];
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 2
-      for (std::size_t e = 0; e < kEights; ++e) sums[r][e] = Lanes::sums(layer.bias.data() + at + 8 * e);
+      for (std::size_t e = 0; e < kEights; ++e)
+        sums[r][e] = Lanes::both(Lanes::sums(begins[r].row + at + 8 * e), Lanes::sums(begins[r].scale + at + 8 * e));
     const std::int16_t* w = layer.weights.data() + 2 * at;
     for (std::size_t i = 0; i < layer.in; i += 8) {
       Lanes::Inputs x[N];

@@ -15,19 +15,21 @@ struct alignas(64) Bytes {
 // Blocks of sums of N returns, from `first` on: of values without a sign, in 8 or 16 bits. Sums of S steps in turns are
 // added up apart: enough of them at once that none waits for its last product, and few enough for the registers.
 template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
-LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, std::size_t first, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, std::size_t first,
+                                 const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
   constexpr bool kBytes = sizeof(Value) == 1;
   constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
-  const std::int32_t* const bias = layer.moved_bias.data() + first * kBlock;
   const auto* w = reinterpret_cast<const std::byte*>(kBytes ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data()) + first * 64;
   __m512i sums[N][Blocks][S];
 #pragma GCC unroll 4
   for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 8
-    for (std::size_t b = 0; b < Blocks; ++b)
+    for (std::size_t b = 0; b < Blocks; ++b) {
+      const std::size_t at = (first + b) * kBlock;
+      sums[r][b][0] = _mm512_add_epi32(_mm512_load_si512(begins[r].row + at), _mm512_load_si512(begins[r].scale + at));
 #pragma GCC unroll 4
-      for (std::size_t s = 0; s < S; ++s)
-        sums[r][b][s] = s == 0 ? _mm512_load_si512(bias + b * kBlock) : _mm512_setzero_si512();
+      for (std::size_t s = 1; s < S; ++s) sums[r][b][s] = _mm512_setzero_si512();
+    }
   for (std::size_t i = 0; i < layer.in; i += kAtOnce * S) {
 #pragma GCC unroll 4
     for (std::size_t s = 0; s < S; ++s, w += layer.blocks() * 64) {
@@ -63,14 +65,15 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, std::size_t first, const st
 }
 
 template <std::size_t N, class Value, class Out>
-void all_blocks_vnni(const Layer& layer, const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+void all_blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const Value*, N>& in,
+                     const std::array<Out*, N>& out) {
   const std::size_t blocks = layer.blocks();
   constexpr std::size_t kTurns = N == 4 ? 1 : 2;  // so that a few blocks of few returns need not wait for their sums
   std::size_t at = 0;
-  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, at, in, out);
-  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kTurns>(layer, at, in, out);
-  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, at, in, out);
-  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, at, in, out);
+  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, begins, at, in, out);
+  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kTurns>(layer, begins, at, in, out);
+  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, begins, at, in, out);
+  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, begins, at, in, out);
 }
 
 // Inputs larger by 128, without a sign.
@@ -90,7 +93,8 @@ LIDARCODEC_VNNI inline void widen_vnni(const std::uint8_t* in, std::size_t count
 }
 
 template <std::size_t N, class Out>
-void layer_vnni(const Layer& layer, const std::array<Bytes, N>& in, const std::array<Out*, N>& out) {
+void layer_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<Bytes, N>& in,
+                const std::array<Out*, N>& out) {
   std::array<Words, N> words;
   std::array<const std::uint8_t*, N> bytes_at;
   std::array<const std::int16_t*, N> words_at;
@@ -99,7 +103,7 @@ void layer_vnni(const Layer& layer, const std::array<Bytes, N>& in, const std::a
     words_at[r] = words[r].of.data();
     if (!in_bytes(layer)) widen_vnni(bytes_at[r], layer.in, words[r]);
   }
-  in_bytes(layer) ? all_blocks_vnni(layer, bytes_at, out) : all_blocks_vnni(layer, words_at, out);
+  in_bytes(layer) ? all_blocks_vnni(layer, begins, bytes_at, out) : all_blocks_vnni(layer, begins, words_at, out);
 }
 
 template <std::size_t N>
@@ -113,9 +117,9 @@ void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetV
     to_second[r] = second[r].of.data();
     to_odds[r] = values[r]->out.data();
   }
-  layer_vnni(layers[0], in, to_first);
-  layer_vnni(layers[1], first, to_second);
-  layer_vnni(layers[2], second, to_odds);
+  layer_vnni(layers[0], begins_of(layers[0], values), in, to_first);
+  layer_vnni(layers[1], begins_of(layers[1], values), first, to_second);
+  layer_vnni(layers[2], begins_of(layers[2], values), second, to_odds);
 }
 
 }  // namespace lidarcodec::net_forms

@@ -10,7 +10,7 @@
 namespace lidarcodec {
 namespace {
 
-constexpr float kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
+constexpr float kCaseUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
 constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
 constexpr std::int16_t kMostByte = 127;
@@ -58,7 +58,12 @@ float rounded(float value) { return static_cast<float>(static_cast<std::int32_t>
 float in_bytes(float weight) { return rounded(std::clamp(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
 
 RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
-  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size())};
+  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()), std::vector<float>(like.cases.size())};
+}
+
+// Which biases of cases a sample has, (96, out) as they lie: those of its row, and those of its scale.
+std::array<std::size_t, 2> cases_of(const std::int8_t* in, std::size_t out) {
+  return {row_case(in[kRowInput]) * out, (kRowCases + scale_case(in[kScaleInput])) * out};
 }
 
 }  // namespace
@@ -80,7 +85,7 @@ void SampleRoom::put(const RiddleSamples& from, std::size_t i, std::size_t at) {
 RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, const TrainSettings& settings, std::uint32_t seed)
     : settings_(settings), seed_(seed), learned_(given[0].in, settings.room), held_(given[0].in, settings.held_room) {
   const auto within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
-  if (!within(settings.rate, 0.0f, 1.0f) || !within(settings.settle, 1.0f, 1e9f) || !within(settings.mean, 0.0f, 1.0f) || !within(settings.beside, 0.0f, 1.0f) ||
+  if (!within(settings.rate, 0.0f, 1.0f) || !within(settings.settle, 1.0f, 1e9f) || !within(settings.least, 0.0f, 1.0f) || !within(settings.mean, 0.0f, 1.0f) || !within(settings.beside, 0.0f, 1.0f) ||
       !within(settings.batch, 8u, 4096u) || !within(settings.room, 1u, 1u << 20) ||
       !within(settings.held_room, 1u, 1u << 20))
     throw Error(ErrorCode::Settings, "training with settings out of range");
@@ -96,9 +101,12 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
         layer.weights[i * layer.out + o] = static_cast<float>(given[l].weights[o * layer.in + i]) * scale;
       layer.bias.push_back(static_cast<float>(given[l].bias[o]) * scale / (l == 0 ? kInputUnit : kMiddleUnit));
     }
+    if (l == 0) layer.cases.resize(kCases * layer.out);
+    if (given[l].cases != nullptr)
+      std::transform(given[l].cases, given[l].cases + layer.cases.size(), layer.cases.begin(), [](std::int8_t c) { return static_cast<float>(c) * kCaseUnit; });
     gradient_[l] = of_zeros(layer);
-    moments_[l] = {{{std::vector<float>(layer.weights.size()), std::vector<float>(layer.weights.size())},
-                    {std::vector<float>(layer.out), std::vector<float>(layer.out)}}};
+    const Layer none = of_zeros(layer);
+    moments_[l] = {{{none.weights, none.weights}, {none.bias, none.bias}, {none.cases, none.cases}}};
     values_[l + 1].resize(settings.batch * layer.out);
     slopes_[l + 1].resize(settings.batch * layer.out);
     if (l + 1 < kNetLayers) moves_[l].resize(settings.batch * layer.out);
@@ -149,6 +157,7 @@ void RiddleTrainer::step() {
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     update(layers_[l].weights, gradient_[l].weights, moments_[l][0], mean_[l].weights);
     update(layers_[l].bias, gradient_[l].bias, moments_[l][1], mean_[l].bias);
+    update(layers_[l].cases, gradient_[l].cases, moments_[l][2], mean_[l].cases);
   }
 }
 
@@ -160,6 +169,9 @@ void RiddleTrainer::forward() {
     const Layer& layer = layers_[l];
     std::vector<float>& out = values_[l + 1];
     for (std::size_t b = 0; b < settings_.batch; ++b) std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
+    for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
+      for (const std::size_t from : cases_of(learned_.in(drawn_[b]), layer.out))
+        for (std::size_t o = 0; o < layer.out; ++o) out[b * layer.out + o] += layer.cases[from + o];
     const std::vector<float>& weights = l == 0 ? rounded_ : layer.weights;
     add_product(settings_.batch, layer.out, layer.in, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
     if (l + 1 == kNetLayers) break;
@@ -192,9 +204,13 @@ void RiddleTrainer::backward() {
     Layer& gradient = gradient_[l];
     std::fill(gradient.weights.begin(), gradient.weights.end(), 0.0f);
     std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
+    std::fill(gradient.cases.begin(), gradient.cases.end(), 0.0f);
     add_product(layer.in, layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
     for (std::size_t b = 0; b < settings_.batch; ++b)
       for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += slopes[b * layer.out + o];
+    for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
+      for (const std::size_t to : cases_of(learned_.in(drawn_[b]), layer.out))
+        for (std::size_t o = 0; o < layer.out; ++o) gradient.cases[to + o] += slopes[b * layer.out + o];
     if (l == 0) break;
     turned_.resize(layer.weights.size());
     for (std::size_t i = 0; i < layer.in; ++i)
@@ -208,7 +224,7 @@ void RiddleTrainer::backward() {
 
 void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments,
                            std::vector<float>& mean) {
-  const float rate = settings_.rate / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle);
+  const float rate = settings_.rate * std::max(1.0f / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle), settings_.least);
   const float first = 1.0f / (1.0f - left_first_), second = 1.0f / (1.0f - left_second_);
   const float stays = std::min(settings_.mean, 1.0f - 1.0f / static_cast<float>(steps_));  // at first all steps alike
   for (std::size_t i = 0; i < values.size(); ++i) {

@@ -3,6 +3,7 @@
 // A copy of the network in single precision takes steps by Adam, a few hundred samples each. The loss is what the coder
 // would pay: the network's log odds and those that the contexts said of the same return, added up. Hidden values are rounded
 // as they will be, and so are the weights of a first layer that began in bytes; slopes go through as if they were not.
+// Biases of rows and scales, where the network has none yet, begin with 0.
 // (Rounded only when it was handed out, a network lost more than it had learned.) What is handed out is a running mean of
 // the last steps. Arithmetic is without fused operations and adds up in one order, so the same samples, seed and number of
 // steps give the same network on every machine.
@@ -21,6 +22,7 @@ namespace lidarcodec {
 struct TrainSettings {
   float rate = 1e-3f;         // of Adam, at the beginning
   float settle = 1000.0f;     // steps after which it is 0.7 of that, and so on with their square root
+  float least = 0.0f;         // how much of it is left however many steps were taken
   float mean = 0.99f;         // of the running mean: how much of it stays at each step
   float beside = 1.0f;        // how much of what contexts said counts
   std::size_t batch = 256;    // samples in a step
@@ -51,10 +53,10 @@ class SampleRoom {
 
 class RiddleTrainer {
  public:
-  // Weights (in, out) and biases in natural units.
+  // Weights (in, out), biases and, of the first layer, those of cases (96, out) in natural units.
   struct Layer {
     std::size_t in = 0, out = 0;
-    std::vector<float> weights, bias;
+    std::vector<float> weights, bias, cases;
   };
 
   // given: as for RiddleNet, which has checked them. Raises Settings for settings out of range.
@@ -93,7 +95,7 @@ class RiddleTrainer {
   std::size_t steps_ = 0, next_held_ = 0;
   float left_first_ = 1.0f, left_second_ = 1.0f;  // of Adam's moments: how much of their beginning is left
   std::array<Layer, kNetLayers> layers_, mean_, gradient_;
-  std::array<std::array<Moments, 2>, kNetLayers> moments_;
+  std::array<std::array<Moments, 3>, kNetLayers> moments_;
   SampleRoom learned_, held_;
   // Of a batch: inputs and what comes out of each layer (batch, out), and the loss's slopes there; weights (out, in).
   std::array<std::vector<float>, kNetLayers + 1> values_, slopes_;

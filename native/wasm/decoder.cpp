@@ -14,7 +14,8 @@ namespace {
 constexpr std::size_t kSlabHead = 7;  // what stands before the number of known columns
 constexpr std::int32_t kMostLevel = 1000, kLengthsPerLevel = 20'000;
 
-constexpr std::uint32_t kInBytes = 128;  // added to the shift of a layer whose weights are bytes
+constexpr std::uint32_t kInBytes = 128;   // added to the shift of a layer whose weights are bytes
+constexpr std::uint32_t kWithCases = 64;  // and to that of a first layer with biases of cases
 
 // Kinds of ranges that go on where those before ended.
 bool of_slab(Bytes coded) {
@@ -127,6 +128,7 @@ void Decoder::net(Bytes layers, std::size_t first, std::size_t second, std::arra
   LayerReader reader(layers);
   std::array<std::vector<std::int16_t>, kNetLayers> weights;
   std::array<std::vector<std::int32_t>, kNetLayers> bias;
+  std::vector<std::int8_t> cases;
   std::array<GivenLayer, kNetLayers> given;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     const std::size_t count = sizes[l] * sizes[l + 1];
@@ -137,7 +139,12 @@ void Decoder::net(Bytes layers, std::size_t first, std::size_t second, std::arra
       weights[l] = reader.take<std::int16_t>(count);
     }
     bias[l] = reader.take<std::int32_t>(sizes[l + 1]);
-    given[l] = {sizes[l], sizes[l + 1], weights[l].data(), bias[l].data(), shifts[l] & ~kInBytes};
+    const std::uint32_t flags = kInBytes | (l == 0 ? kWithCases : 0);
+    given[l] = {sizes[l], sizes[l + 1], weights[l].data(), bias[l].data(), shifts[l] & ~flags};
+    if ((shifts[l] & flags & kWithCases) != 0) {
+      cases = reader.take<std::int8_t>(kCases * first);
+      given[l].cases = cases.data();
+    }
   }
   (expects ? nets_->expecting : nets_->alone).emplace(given);
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from lidarcodec.entropy import fast
 from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.settings import StreamSettings
-from tests.codecs.test_riddle_weights import float_layers, four_nets
+from tests.codecs.test_riddle_weights import float_layers, four_nets, with_cases
 from tests.contracts import frames
 from tests.entropy.test_predictive_coder import LEVELS, SENSOR, all_fired, check_bound, guess, mask, scene
 
@@ -54,10 +55,11 @@ def test_every_processor_gives_the_odds_of_the_reference(form: str, expects: boo
     rng = np.random.default_rng(4)
     inputs = rng.integers(-128, 128, (301, 112 if expects else 72)).astype(np.int8)
     for hidden in ((8, 8), (32, 32), (96, 32), (24, 40), (192, 48), (152, 64), (256, 256)):
-        net = riddle_weights.quantised(expects, 0, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
-        nets = entropy.NativeNets(form)
-        nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
-        np.testing.assert_array_equal(nets.run(inputs), riddle_weights.run(net, inputs))
+        plain = riddle_weights.quantised(expects, 0, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
+        for net in (plain, with_cases(plain)):
+            nets = entropy.NativeNets(form)
+            nets.add([layer.given for layer in net.layers])
+            np.testing.assert_array_equal(nets.run(inputs), riddle_weights.run(net, inputs))
 
 
 def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
@@ -71,10 +73,10 @@ def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
         assert net.layers[0].shift == 6  # kept as it is: exact in 8 bits
         given = rng.integers(-128, 128, (33, inputs)).astype(np.int8)
         given[0], given[1] = -128, 127
-        for form in fast.net_forms():
+        for form, of in product(fast.net_forms(), (net, with_cases(net))):
             nets = entropy.NativeNets(form)
-            nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
-            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(net, given))
+            nets.add([layer.given for layer in of.layers])
+            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(of, given))
 
 
 @pytest.mark.parametrize("step", [1, 11, 501])
@@ -85,8 +87,8 @@ def test_every_path_writes_the_same_with_networks(step: int) -> None:
     for path in fast.coding_paths():
         for form in entropy.net_forms():
             nets = entropy.NativeNets(form)
-            for net in four_nets()[1::2]:
-                nets.add([(layer.weights, layer.bias, layer.shift) for layer in net.layers])
+            for net in map(with_cases, four_nets()[1::2]):
+                nets.add([layer.given for layer in net.layers])
             coder, reader = (entropy.PredictiveCoder(path, nets) for _ in range(2))
             data = b""
             for expected in (None, guess(ranges), guess(ranges, 6)):
@@ -100,13 +102,15 @@ def test_every_path_writes_the_same_with_networks(step: int) -> None:
 
 def test_a_network_that_does_not_fit_is_refused() -> None:
     nets = entropy.NativeNets()
-    layers = [(layer.weights, layer.bias, layer.shift) for layer in four_nets()[0].layers]
-    large = np.full_like(layers[1][0], 32767)
+    layers = [layer.given for layer in four_nets()[0].layers]
+    large, none = np.full_like(layers[1][0], 32767), layers[1][3]
     for wrong in (
         [layers[1], *layers[1:]],
-        [layers[0], (layers[1][0], layers[1][1][:-1].copy(), 8), layers[2]],
-        [layers[0], (layers[1][0], layers[1][1], 30), layers[2]],
-        [layers[0], (large, np.full_like(layers[1][1], 2**31 - 1), 8), layers[2]],
+        [layers[0], (layers[1][0], layers[1][1][:-1].copy(), 8, none), layers[2]],
+        [layers[0], (layers[1][0], layers[1][1], 30, none), layers[2]],
+        [layers[0], (large, np.full_like(layers[1][1], 2**31 - 1), 8, none), layers[2]],
+        [layers[0], (*layers[1][:3], np.zeros((96, len(layers[1][1])), np.int8)), layers[2]],
+        [(*layers[0][:3], np.zeros((95, len(layers[0][1])), np.int8)), *layers[1:]],
     ):
         with pytest.raises(SectionError):
             nets.add(wrong)

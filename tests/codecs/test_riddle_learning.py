@@ -12,7 +12,7 @@ import pytest
 from lidarcodec import wire
 from lidarcodec.codecs import riddle_update, riddle_weights, table
 from lidarcodec.codecs.riddle_learner import WAITING, Learner, Offer
-from lidarcodec.codecs.riddle_shelf import native_nets, weights_of
+from lidarcodec.codecs.riddle_shelf import Shelf, native_nets, weights_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -85,6 +85,21 @@ def test_a_stream_that_learns_decodes_and_becomes_smaller(drive: list[Frame], st
     assert len(has_weights(stream)) < len(stream) / 2
     plain = coded(drive, settings(), steps=0)
     assert size_of(stream[begins + 4 :]) < 0.99 * size_of(plain[begins + 4 :])
+
+
+def test_rows_and_scales_learn_what_is_theirs(stream: list[Message]) -> None:
+    """Lasers differ, and no training set has this sensor's: without them a stream learns half as much."""
+    shelf = Shelf()
+    found = [
+        shelf.take(part.data, message.frame_index)
+        for message in stream
+        for part in message.sections
+        if part.type == SectionType.WEIGHTS
+    ]
+    (cases,) = (net.layers[0].cases.astype(int) for net in found[-1].nets if net.expects)
+    rows, scales = cases[: riddle_weights.ROW_CASES], cases[riddle_weights.ROW_CASES :]
+    assert (rows[25:] != rows[:-25]).any()
+    assert (scales[1:] != scales[:-1]).any()
 
 
 def test_the_same_frames_and_calls_give_the_same_bytes(drive: list[Frame], stream: list[Message]) -> None:

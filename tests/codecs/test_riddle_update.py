@@ -16,13 +16,30 @@ from lidarcodec.errors import (
     TruncatedError,
     UnsupportedVersionError,
 )
-from tests.codecs.test_riddle_weights import four_nets, with_sum
+from tests.codecs.test_riddle_weights import four_nets, with_cases, with_sum
 
-FINENESS = (7, 6, 5)
+FINENESS = (7, 6, 5, 4)
+OF_VERSION_2 = bytes.fromhex(
+    "4c43525502472b56a5ca673d6ad381fb608da157cf0100000a0a0a892cfabd990f44082ce288dd6d749a2eaa94b1bfac923b4d47caf7b6"
+    "a9e1c194753b494ba45a7fb774e70641db1a78d80707db0094e26477e5f486135a085b3e879281151437d2ac8d5709dfc33f0cfd39f42b"
+    "15dd8516b01ce7a1ca7784817deccb0350bea17ddd7af929987eea260044a84a4459a50bdbc8530a80af6f588ba367a4aa255095ac4aaf"
+    "42274fbb34cc05c88f11ad80a4c8082c7334cf708bffde60ffda76b7f60690991fbf3a54bc1f2e39de6523c11a6727269c2490eb61bab8"
+    "8be60114633c5a0321e67db463a80ff25e0225c5db1fcea5af6bd728b4f7034ae7c8d608357a68321b24126b60eeec0a2f6b85edf4c2b4"
+    "89b7f5c6194e299940ce2dfbe43390b10403ad6fd8762e9cf8e4ee3cb188dfe8353367f587cd3b70d5f338e103639c093040ba3ea7aec8"
+    "48ab90ed6fd798befdfd7aa23a05bf5931259f2c3866d1052052c8c9d5e1f705d2ea942a34a8cd1300e26b2a543bf6940f9fa85cfedc21"
+    "2cf8e0a6008574670d3d364439259dd18a1b6a5c77d75cdfee73c3cef1a1eaa93e430ce8337d789c99653bc8730f1326adb454ce1cb34f"
+)
+"""From `small(1)` to near `small(2)`, as encoders wrote them that knew of no biases of cases."""
 
 
 def base() -> rw.Weights:
     return ru.weights_with(four_nets())
+
+
+def small(seed: int) -> rw.Net:
+    rng = np.random.default_rng(seed)
+    sizes = [(8, 72), (8, 8), (32, 8)]
+    return rw.quantised(False, 0, [(rng.normal(0, 0.2, size), rng.normal(0, 0.1, size[0])) for size in sizes])
 
 
 def near(net: rw.Net, seed: int = 3, size: float = 40.0) -> rw.Net:
@@ -33,7 +50,7 @@ def near(net: rw.Net, seed: int = 3, size: float = 40.0) -> rw.Net:
         weights = layer.weights + rng.normal(0, size, layer.weights.shape).astype(np.int16)
         bias = layer.bias + rng.normal(0, 64 * size, layer.bias.shape).astype(np.int32)
         layers.append(rw.Layer(weights, bias, layer.shift))
-    return rw.Net(net.expects, net.size, tuple(layers))
+    return with_cases(rw.Net(net.expects, net.size, tuple(layers)), seed)
 
 
 def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
@@ -45,9 +62,33 @@ def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
     assert ru.names_of(update.data) == (weights.name, found.name)
     assert len(found.nets) == 2
     for net, target in zip(found.nets, wanted, strict=True):
-        for layer, want, fine in zip(net.layers, target.layers, FINENESS, strict=True):
+        for layer, want, fine in zip(net.layers, target.layers, FINENESS[:3], strict=True):
             assert np.abs(layer.weights.astype(int) - want.weights).max() <= 1 << (layer.shift - fine - 1)
-    assert len(update.data) < len(found.data) / 3
+        differs = net.layers[0].cases.astype(int) - target.layers[0].cases
+        assert np.abs(differs).max() <= 1 << (rw.CASE_BITS - FINENESS[3])
+    assert len(update.data) < len(found.data) / 2
+
+
+def test_an_update_may_give_a_network_its_first_biases_of_cases_and_the_next_one_others() -> None:
+    """Networks of the package have none where they were trained before there were any; a stream teaches them."""
+    plain = base()
+    first = ru.update_of(plain, [near(plain.nets[1])], FINENESS)
+    known = {plain.name: plain, first.weights.name: first.weights}
+    assert len(ru.applied(first.data, known.__getitem__).nets[0].layers[0].cases) == rw.CASES
+    second = ru.update_of(first.weights, [near(plain.nets[1], seed=4)], FINENESS)
+    assert ru.applied(second.data, known.__getitem__).name == second.weights.name
+
+
+def test_updates_that_were_written_before_there_were_biases_of_cases_are_still_taken() -> None:
+    """Recordings hold them."""
+    before = ru.weights_with([small(1)])
+    found = ru.applied(OF_VERSION_2, {before.name: before}.__getitem__)
+    assert (before.name, found.name) == ("472b56a5ca673d6a", "d381fb608da157cf")
+    assert len(found.nets[0].layers[0].cases) == 0
+    of_cases = ru.weights_with([with_cases(small(1))])  # such an update leaves them as they are
+    renamed = with_sum(OF_VERSION_2[:5] + bytes.fromhex(of_cases.name) + OF_VERSION_2[13:-4])
+    with pytest.raises(SectionError, match="gives weights"):
+        ru.applied(renamed, {of_cases.name: of_cases}.__getitem__)
 
 
 def test_networks_on_another_shift_are_met_as_well() -> None:
@@ -57,7 +98,7 @@ def test_networks_on_another_shift_are_met_as_well() -> None:
     halved = tuple(
         rw.Layer((la.weights // 2).astype(np.int16), (la.bias // 2).astype(np.int32), la.shift - 1) for la in net.layers
     )
-    update = ru.update_of(weights, [rw.Net(net.expects, net.size, halved)], (13, 13, 13))
+    update = ru.update_of(weights, [rw.Net(net.expects, net.size, halved)], (13, 13, 13, 6))
     for layer, was in zip(update.weights.nets[0].layers, net.layers, strict=True):
         assert layer.shift == was.shift
         assert np.abs(layer.weights.astype(int) - was.weights).max() <= 1
@@ -111,9 +152,10 @@ def test_updates_that_cannot_be_are_refused() -> None:
     data = update.data[:-4]
     head = 21
     for error, body in (
-        (UnsupportedVersionError, data[:4] + b"\3" + data[5:]),
+        (UnsupportedVersionError, data[:4] + b"\4" + data[5:]),
+        (DecodeError, data[:4] + b"\2" + data[5:]),
         (SectionError, data[:head] + b"\0" + data[head + 1 :]),  # no network
-        (SectionError, data[:head] + b"\4" + data[head + 1 : head + 6] * 4),  # one network four times
+        (SectionError, data[:head] + b"\4" + data[head + 1 : head + 7] * 4),  # one network four times
         (SectionError, data[: head + 1] + b"\7" + data[head + 2 :]),  # of an unknown kind
         (SectionError, data[: head + 3] + b"\xff" + data[head + 4 :]),  # a grain of 255 bits
         (SectionError, data[:13] + bytes(8) + data[head:]),  # gives something else than it says

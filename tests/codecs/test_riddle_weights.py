@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -45,6 +46,12 @@ def four_nets() -> list[rw.Net]:
     ]
 
 
+def with_cases(net: rw.Net, seed: int = 5) -> rw.Net:
+    """The network with biases of rows and scales."""
+    cases = np.random.default_rng(seed).integers(-128, 128, (rw.CASES, net.dims[1])).astype(np.int8)
+    return replace(net, layers=(replace(net.layers[0], cases=cases), *net.layers[1:]))
+
+
 def with_sum(body: bytes) -> bytes:
     """The bytes with a right checksum."""
     return body + int(crc32c(body)).to_bytes(4, "little")
@@ -68,6 +75,54 @@ def test_a_file_comes_back_whole(tmp_path: Path) -> None:
     assert rw.pack_weights(found.nets, found.provenance) == data
     with pytest.raises(ValueError, match="read-only"):
         found.nets[0].layers[0].weights[0, 0] = 1
+
+
+def test_biases_of_cases_come_back_and_other_files_stay_as_they_were() -> None:
+    """Older weights must keep their names: messages say by name what they were coded with."""
+    plain, mixed = four_nets(), [with_cases(net) if net.expects else net for net in four_nets()]
+    data = rw.pack_weights(mixed, {})
+    found = rw.unpack_weights(data)
+    assert (rw.pack_weights(plain, {})[4], data[4]) == (3, 4)
+    for net, was in zip(found.nets, mixed, strict=True):
+        assert np.array_equal(net.layers[0].cases, was.layers[0].cases)
+    assert rw.pack_weights(found.nets, {}) == data
+    assert len(data) - len(rw.pack_weights(plain, {})) == rw.CASES * (32 + 96)
+    for wrong in (data[:4] + b"\3" + data[5:-4], (old := rw.pack_weights(plain, {}))[:4] + b"\4" + old[5:-4]):
+        with pytest.raises(SectionError):
+            rw.unpack_weights(with_sum(wrong))
+
+
+def test_a_row_and_a_scale_have_biases_of_their_own() -> None:
+    """Of a first layer that is 0 else, what hidden values are is what the row's and the scale's biases add up to."""
+    layers = [(np.zeros((out, into)), np.zeros(out)) for into, out in ((72, 8), (8, 8), (8, 32))]
+    layers[1][0][:, 0] = layers[2][0][:, 0] = 1.0
+    cases = np.zeros((rw.CASES, 8))
+    cases[:64, 0], cases[64:, 0] = np.arange(64) / 64, np.arange(32) / 32
+    net = rw.quantised(False, 0, layers, cases)
+    inputs = np.zeros((64 * 32, 72), np.int8)
+    inputs[:, 52], inputs[:, 47] = np.repeat(2 * np.arange(64) - 64, 32), np.tile(4 * np.arange(32) - 50, 64)
+    wanted = np.add.outer(np.arange(64) / 64, np.arange(32) / 32).ravel()
+    found = rw.run(net, inputs)[:, 3] / rw.OUTPUT_UNIT
+    assert np.abs(found - wanted).max() < 0.063  # hidden values have eighths, and are rounded
+    for row, scale in ((-128, -128), (127, 127)):  # what no coder gives, but anybody may ask
+        inputs[0, 52], inputs[0, 47] = row, scale
+        assert 0 <= rw.run(net, inputs[:1])[0, 3] < 2.01 * rw.OUTPUT_UNIT
+
+
+def test_only_a_first_layer_has_biases_of_cases_and_all_of_them() -> None:
+    net = with_cases(four_nets()[0])
+    first, second, third = net.layers
+    cases = np.zeros((rw.CASES, len(second.bias)), np.int8)
+    for wrong in (
+        (first, replace(second, cases=cases), third),
+        (replace(first, cases=first.cases[:-1]), second, third),
+        (replace(first, cases=first.cases[:, :-1]), second, third),
+        (replace(first, cases=first.cases.astype(np.int16)), second, third),
+    ):
+        with pytest.raises(SectionError):
+            native_nets([replace(net, layers=wrong)])
+    with pytest.raises(SettingsError, match="finite"):
+        rw.quantised(False, 0, float_layers(72, (32, 32)), np.full((rw.CASES, 32), np.nan))
 
 
 def test_the_name_is_that_of_the_bytes() -> None:
@@ -155,7 +210,7 @@ def test_only_sizes_that_the_core_knows_are_read(hidden: tuple[int, int]) -> Non
 
 
 def test_files_cut_anywhere_raise_what_is_documented() -> None:
-    data = rw.pack_weights(four_nets()[:1], {"steps": 3})
+    data = rw.pack_weights([with_cases(four_nets()[0])], {"steps": 3})
     for end in [*range(80), *range(80, len(data), 97)]:
         with pytest.raises((HeaderError, TruncatedError, ChecksumError, SectionError)):
             rw.unpack_weights(data[:end])
@@ -164,7 +219,8 @@ def test_files_cut_anywhere_raise_what_is_documented() -> None:
 
 
 def test_mutated_files_raise_only_our_errors_and_take_no_memory() -> None:
-    data = rw.pack_weights(four_nets()[:2], {"steps": 3, "of": ["a", {"b": None}]})
+    nets = four_nets()[:2]
+    data = rw.pack_weights([nets[0], with_cases(nets[1])], {"steps": 3, "of": ["a", {"b": None}]})
     rng = np.random.default_rng(7)
     read = 0
     tracemalloc.start()
@@ -193,7 +249,7 @@ def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
         (b"LCRX" + body[4:], HeaderError),
         (body[:4] + b"\x01" + body[5:], UnsupportedVersionError),  # its inputs were others
         (body[:4] + b"\x02" + body[5:], UnsupportedVersionError),  # its hidden values had 12 bits
-        (body[:4] + b"\x04" + body[5:], UnsupportedVersionError),
+        (body[:4] + b"\x05" + body[5:], UnsupportedVersionError),
         (body[:5] + (2**32 - 1).to_bytes(4, "little") + body[9:], SectionError),
         (body[:5] + (60_000).to_bytes(4, "little") + body[9:], TruncatedError),
         (body[:9] + b"[]" + body[11:], SectionError),

@@ -58,6 +58,10 @@ def settings_of() -> dict[str, StreamSettings]:
     found["predictive_masks_motion"] = found["predictive_motion"]
     found["predictive_masks_slabs_motion"] = found["predictive_slabs_motion"]
     found["riddle_masks_turns_lossless"] = found["riddle_turns_lossless"]
+    own = {"motion": True, "weights": str(FOLDER / "cases.lcrw")}
+    found["riddle_cases_turns_coarse"] = StreamSettings(
+        codec="riddle", codec_settings=own, max_error_m=0.01, key_interval=20
+    )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 

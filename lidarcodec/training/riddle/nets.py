@@ -12,11 +12,16 @@ import numpy.typing as npt
 import torch
 
 from lidarcodec.codecs.riddle_weights import (
+    CASE_BITS,
+    CASES,
     INPUT_UNIT,
+    INPUTS_ALONE,
     MIDDLE_BITS,
     MIDDLE_TOP,
     OUTPUT_UNIT,
     Net,
+    cases_in_floats,
+    cases_of,
     check_dims,
     in_floats,
     run,
@@ -38,6 +43,8 @@ _SMOOTH: Final = 0.1
 _BYTE_SHIFT: Final = 6
 _MOST_WEIGHT: Final = 127 / 2**_BYTE_SHIFT
 """Of the first layer, whose weights have 8 bits: those of the second would cost 0.005 to 0.012 bits a return."""
+_MOST_CASE: Final = 127 / 2**CASE_BITS
+"""Of biases of cases, which have 8 bits."""
 _MOST_SECOND: Final = 7.5
 """Of the second layer, which then keeps 12 bits behind the point."""
 _MOST_SCALED: Final = 16.0
@@ -69,6 +76,8 @@ _OUTPUTS, _SIGNS = _paths()
 class RiddleNet(torch.nn.Module):
     """Inputs (n, 72 or 112) in units to log odds (n, 32) in natural units. Raises SectionError for other sizes.
 
+    Each row and each scale has biases of its own in the first layer, which begin with 0.
+
     whole: whether hidden values and the first layer's weights are rounded to what 8 bits hold, as they will be; slopes
     go through roundings as if there were none (Bengio 2013, arXiv:1308.3432, straight-through).
     """
@@ -83,16 +92,29 @@ class RiddleNet(torch.nn.Module):
             for layer, (weight, bias) in zip(self.layers, [] if begin is None else in_floats(begin), strict=False):
                 layer.weight.copy_(torch.from_numpy(weight))
                 layer.bias.copy_(torch.from_numpy(bias))
+            self.cases = torch.nn.Parameter(torch.zeros(CASES, dims[1]))
+            if begin is not None and (known := cases_in_floats(begin)) is not None:
+                self.cases.copy_(torch.from_numpy(known))
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         first, second, last = self.layers
+        of_cases = self._of_cases(values)
         for layer in (first, second):
             weight = _in_bytes(layer.weight) if self.whole and layer is first else layer.weight
-            values = torch.nn.functional.hardtanh(torch.nn.functional.linear(values, weight, layer.bias), 0.0, _TOP)
+            values = torch.nn.functional.linear(values, weight, layer.bias)
+            if layer is first:
+                values = values + of_cases
+            values = torch.nn.functional.hardtanh(values, 0.0, _TOP)
             if self.whole:
                 values = _rounded(values, MIDDLE_BITS)
         odds: torch.Tensor = last(values)
         return odds
+
+    def _of_cases(self, values: torch.Tensor) -> torch.Tensor:
+        """(n, hidden): what rows and scales of returns add in the first layer."""
+        rows, scales = cases_of((values[:, :INPUTS_ALONE].float() * INPUT_UNIT).round().long())
+        cases = _rounded(self.cases.clamp(-_MOST_CASE, _MOST_CASE), CASE_BITS) if self.whole else self.cases
+        return torch.nn.functional.embedding(rows, cases) + torch.nn.functional.embedding(scales, cases)
 
     @torch.no_grad()
     def make_whole(self, values: torch.Tensor) -> None:
@@ -102,11 +124,15 @@ class RiddleNet(torch.nn.Module):
         """
         first = self.layers[0]
         for layer, following in pairwise(self.layers):
-            found = torch.relu(torch.nn.functional.linear(values, layer.weight, layer.bias))
+            found = torch.nn.functional.linear(values, layer.weight, layer.bias)
+            found = torch.relu(found + self._of_cases(values) if layer is first else found)
             scale = _OFTEN_REACHED * _TOP / torch.quantile(found, 0.9995, dim=0).clamp(min=0.1)
             most = _MOST_WEIGHT if layer is first else _MOST_SECOND
             scale = torch.minimum(scale, most / layer.weight.abs().amax(1).clamp(min=1e-6))
             scale = scale.clamp(max=_MOST_SCALED)
+            if layer is first:
+                scale = torch.minimum(scale, _MOST_CASE / self.cases.abs().amax(0).clamp(min=1e-6))
+                self.cases *= scale
             layer.weight *= scale[:, None]
             layer.bias *= scale
             following.weight /= scale
@@ -121,7 +147,7 @@ class RiddleNet(torch.nn.Module):
             if self.whole and layer is self.layers[0]:
                 weight = _in_bytes(weight)
             made.append((weight.cpu().double().numpy(), layer.bias.detach().cpu().double().numpy()))
-        return quantised_net(self.expects, size, made)
+        return quantised_net(self.expects, size, made, self.cases.detach().cpu().double().numpy())
 
 
 def _in_bytes(weight: torch.Tensor) -> torch.Tensor:

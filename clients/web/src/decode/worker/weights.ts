@@ -10,6 +10,9 @@ const INPUTS = [72, 112];
 const KEPT = 4;
 /** Added to the shift of a layer whose weights take a byte each. */
 const IN_BYTES = 128;
+/** Added to that of a first layer with biases of cases: a byte for each of 64 rows and 32 scales, behind its others. */
+const WITH_CASES = 64;
+const CASES = 96;
 
 export interface WeightNetwork extends Network {
   /** 0 small, 1 large, 2 largest. */
@@ -30,7 +33,7 @@ export function readWeights(data: Uint8Array): Weights {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (hex(data.subarray(0, 4)) === "4c435255") throw new DecodeError("version", "it goes on learning while it drives");
   if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
-  if (data[4] !== 3) throw new DecodeError("version", `weights of version ${data[4]}`);
+  if (data[4] !== 3 && data[4] !== 4) throw new DecodeError("version", `weights of version ${data[4]}`);
   const end = data.length - 4;
   if (view.getUint32(end, true) !== crc32c(data.subarray(0, end)))
     throw new DecodeError("checksum", "the checksum of the weights does not match");
@@ -55,7 +58,8 @@ export function readWeights(data: Uint8Array): Weights {
       throw damaged("a network of other than the known kinds");
     const counts = [inputs * first, first * second, second * outputs];
     const weights = counts.reduce((sum, n, layer) => sum + (shifts[layer] < IN_BYTES ? 2 * n : n), 0);
-    const bytes = weights + 4 * (first + second + outputs);
+    const cases = shifts[0] & WITH_CASES ? CASES * first : 0;
+    const bytes = weights + 4 * (first + second + outputs) + cases;
     at += 14;
     if (bytes > end - at) throw new DecodeError("truncated", "weights end within a network");
     const taken = data.slice(at, at + bytes);
