@@ -33,8 +33,15 @@ export const stats = signal<ViewStats | null>(null);
 export const options = signal<ViewOptions>(kept());
 export const mayChange = computed(() => session.value?.role === "operator");
 
-/** A request with the token; what the answer says of server and token is taken in. */
+/** Whether a token is needed, and there is none. */
+function signedOut(): boolean {
+  return gate.value === "closed";
+}
+
+/** A request with the token; what the answer says of server and token is taken in. Nothing is asked for once nobody is
+ * signed in any more: panels may still be there for a moment. */
 export async function call<T>(method: string, path: string, body?: unknown): Promise<{ status: number; body: T }> {
+  if (signedOut()) throw new Problem(401, "a token is needed", "token");
   try {
     const answer = await request<T>(method, path, token.value, body);
     awaySince.value = null;
@@ -43,7 +50,7 @@ export async function call<T>(method: string, path: string, body?: unknown): Pro
     if (error instanceof Problem) {
       if (error.away) awaySince.value ??= Date.now();
       else awaySince.value = null;
-      if (error.status === 401 && gate.value !== "closed") signOut("The token does not work any more.");
+      if (error.status === 401 && !signedOut()) signOut("The token does not work any more.");
     }
     throw error;
   }
