@@ -28,7 +28,7 @@ GOLDEN = {
     "riddle, bytes, slabs": "f9a57e268019068a",
     "networks": "c27b5467c7f5c223",
     "networks with cases": "6954e6e33def5031",
-    "training": "e54889ec74825860",
+    "training": "e1bcd618665f6f29",
     "mask": "da0f69b12ad0ee1a",
     "mask of a stream": "c6dd2774adbdd03f",
     "intensity": "03bd171deff4646f",
