@@ -42,7 +42,7 @@ CHECK_STEPS: Final = 400
 """Steps from one look at what they brought to the next."""
 LEAST_HELD: Final = 5000
 """Samples to measure on, before anything is offered."""
-FINENESS: Final = ((7, 8, 8, 5), (7, 7, 7, 5), (6, 6, 6, 4))
+FINENESS: Final = ((7, 8, 8, 5), (7, 7, 7, 4), (6, 6, 6, 3))
 """How finely differences to the weights before are sent, bits behind the point: of the three layers, and of biases of
 rows and scales; what saves most in the end is taken."""
 PAID_BACK: Final = 300

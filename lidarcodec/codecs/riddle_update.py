@@ -2,8 +2,8 @@
 
 An update names the weights that it begins with and those that it gives; both are files (riddle_weights.py), and a name
 is the hash of its file, so whoever has applied an update knows that he has what the encoder has. Differences are whole
-numbers of 2^grain steps of a weight, a grain for each layer; small ones, and entropy-coded: 4 to 10 kB where a file of
-the same networks takes up to 50. docs/wire-format-riddle-weights.md has the format.
+numbers of 2^grain steps of a weight, a grain for each layer; small ones, and entropy-coded: 3 to 30 kB where a file of
+the same networks takes up to 105. docs/wire-format-riddle-weights.md has the format.
 
 >>> from lidarcodec.codecs.riddle_weights import quantised
 >>> rng = np.random.default_rng(1)
