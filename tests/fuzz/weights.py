@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from lidarcodec._native import crc32c
 from lidarcodec.codecs.riddle_shelf import Shelf, weights_of
 from lidarcodec.codecs.riddle_update import update_of, weights_with
-from lidarcodec.codecs.riddle_weights import Layer, Net
+from lidarcodec.codecs.riddle_weights import CASES, Layer, Net
 from tests.fuzz.mutations import mutated
 
 
@@ -22,8 +23,10 @@ def weights_target() -> Callable[[random.Random], tuple[bytes, Callable[[bytes],
         Layer((la.weights + numbers.normal(0, 30, la.weights.shape)).astype(np.int16), la.bias, la.shift)
         for la in net.layers
     ]
-    update = update_of(base, [Net(True, 0, (layers[0], layers[1], layers[2]))], (5, 6, 6))
-    clean = (update.data, weights_with([net]).data)
+    cases = numbers.integers(-60, 60, (CASES, len(layers[0].bias))).astype(np.int8)
+    first = replace(layers[0], cases=cases)
+    update = update_of(base, [Net(True, 0, (first, layers[1], layers[2]))], (5, 6, 6, 5))
+    clean = (update.data, weights_with([net]).data, update.weights.data)
 
     def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
         data = mutated(rng.choice(clean), rng)
