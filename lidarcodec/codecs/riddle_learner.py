@@ -35,7 +35,8 @@ HELD_EVERY: Final = 8
 HELD_SAMPLES: Final = 3000
 """Of each of those: few of many frames tell more of what comes than many of the last ones."""
 DOUBT: Final = 0.005
-"""Bits a return by which the guess of what weights save may be too good; what saves no more is not offered."""
+"""Bits a return that are taken off the guess of what weights save, which is too good: within 5 cm on drive 0005 it
+was as much where nothing was saved (docs/decisions/0014)."""
 WAITING: Final = 8
 """Frames whose samples wait to be learned from; older ones are left out."""
 CHECK_STEPS: Final = 400

@@ -88,7 +88,7 @@ def test_a_stream_that_learns_decodes_and_becomes_smaller(drive: list[Frame], st
 
 
 def test_rows_and_scales_learn_what_is_theirs(stream: list[Message]) -> None:
-    """Lasers differ, and no training set has this sensor's: without them a stream learns half as much."""
+    """Lasers differ, and no training set has this sensor's: without them a stream learns a third less."""
     shelf = Shelf()
     found = [
         shelf.take(part.data, message.frame_index)

@@ -42,15 +42,16 @@ def small(seed: int) -> rw.Net:
     return rw.quantised(False, 0, [(rng.normal(0, 0.2, size), rng.normal(0, 0.1, size[0])) for size in sizes])
 
 
-def near(net: rw.Net, seed: int = 3, size: float = 40.0) -> rw.Net:
-    """A network whose weights are a little others."""
+def near(net: rw.Net, seed: int = 3, size: float = 40.0, cases: bool = True) -> rw.Net:
+    """A network whose weights are a little others; cases: with biases of cases, at random."""
     rng = np.random.default_rng(seed)
     layers = []
     for layer in net.layers:
         weights = layer.weights + rng.normal(0, size, layer.weights.shape).astype(np.int16)
         bias = layer.bias + rng.normal(0, 64 * size, layer.bias.shape).astype(np.int32)
         layers.append(rw.Layer(weights, bias, layer.shift))
-    return with_cases(rw.Net(net.expects, net.size, tuple(layers)), seed)
+    found = rw.Net(net.expects, net.size, tuple(layers))
+    return with_cases(found, seed) if cases else found
 
 
 def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
@@ -66,7 +67,12 @@ def test_an_update_gives_the_weights_that_it_says_to_within_its_grain() -> None:
             assert np.abs(layer.weights.astype(int) - want.weights).max() <= 1 << (layer.shift - fine - 1)
         differs = net.layers[0].cases.astype(int) - target.layers[0].cases
         assert np.abs(differs).max() <= 1 << (rw.CASE_BITS - FINENESS[3])
-    assert len(update.data) < len(found.data) / 2
+
+
+def test_an_update_is_a_third_of_a_file_that_says_the_same() -> None:
+    weights = base()
+    wanted = [near(net, cases=False) for net in weights.nets[:2]]
+    assert len(ru.update_of(weights, wanted, FINENESS).data) < len(ru.weights_with(wanted).data) / 3
 
 
 def test_an_update_may_give_a_network_its_first_biases_of_cases_and_the_next_one_others() -> None:
