@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.canvas import level_offsets
+from lidarcodec.codecs.firings import FiringCounter
 from lidarcodec.codecs.history import Memory, StreamHistory
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
 from lidarcodec.codecs.motion import Motion, decode_motion, encode_motion
@@ -54,6 +55,7 @@ class ExpectingEncoder(IntraEncoder):
         self._expected: Ranges | None = None
         self._motion: Motion | None = None
         self._masks: Final = MaskStream()
+        self._firings: Final = FiringCounter()
         self._slab = False
 
     @abstractmethod
@@ -65,10 +67,12 @@ class ExpectingEncoder(IntraEncoder):
         """Whether frames are told what to expect; only where they refer to those before."""
 
     @abstractmethod
-    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
+    def _coded(
+        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+    ) -> bytes:
         """The RANGE section. valid: (64, W) bool, the returns that are sent; expected: (64, W) uint16, 0 = nothing.
 
-        edge: the columns before a slab, None for a whole frame
+        edge: the columns before a slab, None for a whole frame; firing: that of the first column, counted
         """
 
     def apply(self, settings: StreamSettings) -> bool:
@@ -124,7 +128,7 @@ class ExpectingEncoder(IntraEncoder):
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         edge = self._sent.edge_before(frame.azimuth) if self._slab else None
-        return self._coded(frame, valid, self._expected, edge)
+        return self._coded(frame, valid, self._expected, edge, self._firings.before(frame))
 
     def _remember(self, frame: Frame) -> None:
         if not self._slab:

@@ -63,11 +63,13 @@ class PredictiveEncoder(ExpectingEncoder):
     def _expects(self) -> bool:
         return own_settings(PredictiveSettings, self.settings).expects
 
-    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
+    def _coded(
+        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+    ) -> bytes:
         step = self.settings.step
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
-        return with_step(step, self._coder.encode(*given, turn=turn, expected=expected, slab_after=edge))
+        return with_step(step, self._coder.encode(*given, turn=turn, firing=firing, expected=expected, slab_after=edge))
 
 
 class PredictiveDecoder(ExpectingDecoder):

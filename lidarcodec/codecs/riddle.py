@@ -181,12 +181,16 @@ class RiddleEncoder(ExpectingEncoder):
             self._memory.use(offer.weights, self._own.effort, goes_on=True)
             self._update, self._untold = offer.update, True
 
-    def _coded(self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None) -> bytes:
+    def _coded(
+        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+    ) -> bytes:
         step, learner = self.settings.step, self._learner
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
         samples = None if learner is None else learner.samples_of(frame, expects=expected is not None)
-        coded = self._memory.coder.encode(*given, turn=turn, expected=expected, slab_after=edge, samples=samples)
+        coded = self._memory.coder.encode(
+            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples
+        )
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)
         name = bytes(_NAME_BYTES)

@@ -199,6 +199,11 @@ def riddle_samples(
     return cast(Samples, _native.riddle_samples(*given))
 
 
+def known_columns(data: bytes) -> int:
+    """Columns that a slab needs to be known, -1 for a whole frame. Raises TruncatedError."""
+    return cast(int, _native.known_columns(data))
+
+
 class NativePredictiveCoder:
     """Ranges, frame after frame; see `predictive_coder`. half, rotation, levels: (64,).
 
@@ -227,13 +232,14 @@ class NativePredictiveCoder:
         half: npt.NDArray[np.uint8],
         rotation: npt.NDArray[np.int32],
         turn: int,
+        firing: int,
         expected: npt.NDArray[np.uint16],
         known: int,
         samples: ReturnSamples | None = None,
     ) -> bytes:
         """Bytes of (64, W) ranges. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
-        given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, known)
+        given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, firing, expected, known)
         return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native))
 
     def decode(

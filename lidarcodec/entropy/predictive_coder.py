@@ -1,6 +1,6 @@
 """Predictive coder: the ranges of returns, in about 6.1 bit a return lossless and 2.8 within a centimetre on KITTI.
 
-A range is coded as its difference from the last one of its row. What is likely is the sum of what thirteen small
+A range is coded as its difference from the last one of its row. What is likely is the sum of what fourteen small
 contexts have learned: where the returns around lie as seen from the last one, measured by how much ranges differ here.
 There are no weights: all is learned in the frame itself, or goes on from the frame before. The format is
 docs/wire-format-predictive.md; `reference_predictive` is the same in plain Python.
@@ -26,15 +26,15 @@ from lidarcodec.entropy import fast
 from lidarcodec.entropy.intensity_coder import check_returns, check_turn
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.entropy.net_trainer import ReturnSamples
-from lidarcodec.errors import SectionError, TruncatedError
+from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
-_SLAB_KINDS: Final = (3, 4, 19, 20)
-_HEAD_BYTES: Final = 7
+FIRINGS: Final = 24
+"""After so many firings the sensor's errors come again: they have periods of 3, 12, 2.4 and 24 firings."""
 _WHOLE: Final = -1
 
 
@@ -65,12 +65,12 @@ class KnownColumns(NamedTuple):
 
 
 def known_columns(data: bytes) -> int | None:
-    """How many columns the bytes of a slab need to be known; None for a whole frame, and for no returns."""
-    if not data or data[0] not in _SLAB_KINDS:
-        return None
-    if len(data) <= _HEAD_BYTES:
-        raise TruncatedError("ranges end within their header", len(data))
-    return data[_HEAD_BYTES]
+    """How many columns the bytes of a slab need to be known; None for a whole frame, and for no returns.
+
+    Raises TruncatedError.
+    """
+    known = fast.known_columns(data)
+    return None if known == _WHOLE else known
 
 
 class PredictiveCoder:
@@ -102,6 +102,7 @@ class PredictiveCoder:
         levels: npt.NDArray[np.int32],
         *,
         turn: int | None = None,
+        firing: int = 0,
         expected: npt.NDArray[np.uint16] | None = None,
         slab_after: KnownColumns | None = None,
         samples: ReturnSamples | None = None,
@@ -111,6 +112,7 @@ class PredictiveCoder:
         ranges: (64, W) uint16, range steps; returns: (64, W) bool, which decoding needs; fired: (2, W) bool
         step: odd, range steps in a cell; levels: (64,) int32, what is added to each row, 0 to 1000 range steps
         turn: columns in a full turn (`columns_in_turn`), 1 to 65535; by default found from the returns
+        firing: how many columns the sensor fired before this frame, as far as it can be told (`codecs.firings`)
         expected: (64, W) uint16, what to expect, 0 where nothing; decoding needs it; 3 ms more
         samples: takes some of the returns to train a network on, where there is one
 
@@ -118,6 +120,8 @@ class PredictiveCoder:
         """
         check_returns(returns, fired)
         check_turn(turn)
+        if firing < 0:
+            raise SectionError(f"firings are counted from 0: {firing}")
         if ranges.dtype != np.uint16 or ranges.shape != returns.shape:
             raise SectionError(f"ranges are {ranges.dtype}{ranges.shape}, not uint16{returns.shape}")
         expected, known = _expectation(expected, returns), _WHOLE
@@ -127,7 +131,7 @@ class PredictiveCoder:
             returns, fired, expected = _with(slab_after, returns, fired, expected)
         geometry = (np.ascontiguousarray(fired), *row_geometry(sensor))
         given = (np.ascontiguousarray(ranges), np.ascontiguousarray(returns), step, _levels(levels), *geometry)
-        return self._native.encode(*given, turn or 0, expected, known, samples)
+        return self._native.encode(*given, turn or 0, firing % FIRINGS, expected, known, samples)
 
     def decode(
         self,

@@ -14,6 +14,7 @@ from lidarcodec.entropy import predictive_tables as tables
 from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
 from lidarcodec.entropy.reference_mask import ROWS, Layout
 from lidarcodec.entropy.reference_predictive_place import (
+    FIRINGS,
     LEAF_BITS,
     LIMITS,
     MARGIN,
@@ -27,7 +28,7 @@ from lidarcodec.entropy.reference_predictive_place import (
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB, QUARTERS = 1, 2, 2, 8
+ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS = 1, 2, 2, 8, 32
 FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
@@ -41,18 +42,25 @@ Coder = WideWriter | WideReader
 
 
 class Given(NamedTuple):
-    """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame."""
+    """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame.
+
+    firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
+    not at first. `decode` does as the bytes say
+    """
 
     layout: Layout
     step: int
     levels: list[int]
     expected: Image | None = None
     known: int | None = None
+    firing: int | None = 0
 
     @property
     def kind(self) -> int:
         """The first byte."""
-        return (ALONE if self.expected is None else EXPECTING) + (QUARTERS if self.known is None else SLAB)
+        where = QUARTERS if self.known is None else SLAB
+        counted = 0 if self.firing is None else OF_FIRINGS
+        return (ALONE if self.expected is None else EXPECTING) + where + counted
 
     @property
     def parts(self) -> int:
@@ -60,9 +68,14 @@ class Given(NamedTuple):
         return FRAME_PARTS if self.known is None else SLAB_PARTS
 
     @property
+    def sizes_at(self) -> int:
+        """Where in the head sizes of streams stand."""
+        return 3 if self.firing is None else 4
+
+    @property
     def head_bytes(self) -> int:
-        """Kind, turn, size of each stream but the last; of a slab the known columns."""
-        return 3 + 4 * (self.parts - 1) + (self.known is not None)
+        """Kind, turn, firing if it is counted, size of each stream but the last; of a slab the known columns."""
+        return self.sizes_at + 4 * (self.parts - 1) + (self.known is not None)
 
 
 class Parts:
@@ -193,7 +206,9 @@ def expected_cells(expected: Image | None, layout: Layout, step: int, levels: li
 
 def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Rows:
     seen = expected_cells(frame.expected, frame.layout, frame.step, frame.levels)
-    return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, frame.known or 0)
+    past = frame.known or 0
+    firing = None if frame.firing is None else (frame.firing - past) % FIRINGS
+    return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, past, firing)
 
 
 def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
@@ -216,7 +231,8 @@ def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) 
     coders = [WideWriter() for _ in range(frame.parts)]
     _code(_rows(cells, returns, frame, turn), frame, model, list(coders))
     streams = [coder.finish() for coder in coders]
-    sizes = [(frame.kind, 1), (turn, 2), *((len(stream), 4) for stream in streams[:-1])]
+    sizes = [(frame.kind, 1), (turn, 2)] + ([] if frame.firing is None else [(frame.firing, 1)])
+    sizes += [(len(stream), 4) for stream in streams[:-1]]
     sizes += [] if frame.known is None else [(frame.known, 1)]
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + b"".join(streams)
 
@@ -231,14 +247,22 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         if data:
             raise SectionError("ranges where there are no returns")
         return image
+    if not data:
+        raise TruncatedError("ranges end within their header", 0)
+    frame = frame._replace(firing=0 if data[0] & OF_FIRINGS else None)
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))
     if data[0] != frame.kind or (frame.known is not None and data[head - 1] != frame.known):
         raise SectionError("ranges of an unknown kind")
     turn, coders, at = int.from_bytes(data[1:3], "little"), [], head
+    if frame.firing is not None:
+        frame = frame._replace(firing=data[3])
+        if data[3] >= FIRINGS:
+            raise SectionError("a firing that is counted otherwise")
     for part in range(frame.parts):
-        size = int.from_bytes(data[3 + 4 * part : 7 + 4 * part], "little") if part + 1 < frame.parts else len(data) - at
+        first = frame.sizes_at + 4 * part
+        size = int.from_bytes(data[first : first + 4], "little") if part + 1 < frame.parts else len(data) - at
         if at + size > len(data):
             raise TruncatedError("ranges end before their streams do", len(data))
         coders.append(WideReader(data[at : at + size]))

@@ -11,6 +11,7 @@ from lidarcodec.entropy import predictive_tables as tables
 
 MAX_DIFFERENCE: Final = 1 << 20
 MARGIN: Final = 8
+FIRINGS: Final = 24
 
 LAST, LEVELLED, PLAIN, SLOPE, MEAN, UPPER, STEP, UPPER_SLOPE = range(0, 32, 4)
 SCALE, MASK, MEAN_SIZE, LAST_SIZE, UP_SIZE, LAST_LEAF = range(32, 38)
@@ -133,9 +134,11 @@ class Place:
         of += [self._relative(size) for size in (half.mean, half.size1, sizes[at])] + [half.leaves[0]]
         near = (m[at - 1], m[at - 2], m[at + 1], m[at + 2], b[at], b[at - 1], b[at + 1], a[at], a[at + 1])
         self.contexts = [(0, self.scale), (1, *half.leaves), (2, *near), (3, of[LEVELLED + 1], self.scale)]
+        if about.firings:
+            self.contexts.append((4, *about.firings[k]))
         for number, features in enumerate(CONTEXTS):
             shift = len(features) - 2
-            self.contexts.append((4 + number, *(of[feature] >> shift for feature in features)))
+            self.contexts.append((5 + number, *(of[feature] >> shift for feature in features)))
         levelled = up[1] + (half.level >> 4)
         self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
         if about.expected:
@@ -153,7 +156,7 @@ class Place:
         of += [position(d, self.scale) for group in differences for d in group]
         of += [known[at - 1] | known[at + 1] << 1 | known[at] << 2 | about.above_mask[at] << 3]
         of += [self._relative(half.miss)]
-        for number, features in enumerate(EXPECTED_CONTEXTS, 4 + len(CONTEXTS)):
+        for number, features in enumerate(EXPECTED_CONTEXTS, 5 + len(CONTEXTS)):
             shift = len(features) - 2
             self.contexts.append((number, *(of[feature] >> shift for feature in features)))
         if known[at]:
@@ -180,3 +183,4 @@ class Surroundings:
         self.expected: list[int] = []  # ranges, and whether anything is known; empty where nothing is expected at all
         self.expected_above: list[int] = []
         self.known: list[int] = []
+        self.firings: list[tuple[int, int]] = []  # of each cell: row, and firing modulo 24; empty: not counted

@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from lidarcodec.entropy.reference_mask import ROWS, Layout, padded
-from lidarcodec.entropy.reference_predictive_place import MARGIN, MAX_DIFFERENCE, Model, State, Surroundings
+from lidarcodec.entropy.reference_predictive_place import FIRINGS, MARGIN, MAX_DIFFERENCE, Model, State, Surroundings
 
 
 class Rows(NamedTuple):
     """An image in cells, rows closed up, of which the first `past` columns are known.
 
-    mask: returns; values: cells; expected: -1 where nothing is
+    mask: returns; values: cells; expected: -1 where nothing is; firing: of column 0, None: not counted
     """
 
     layout: Layout
@@ -23,6 +23,7 @@ class Rows(NamedTuple):
     turn: int
     expected: list[list[int]] | None = None
     past: int = 0
+    firing: int | None = None
 
 
 class Work(NamedTuple):
@@ -96,6 +97,8 @@ class Stage:
             self._expect(about, rows.expected[row], row)
         self._returns = [k for k in range(n) if rows.mask[row][k]]
         columns = layout.columns[layout.half[row]]
+        if rows.firing is not None:
+            about.firings = [(row, (rows.firing + column) % FIRINGS) for column in columns]
         known = [k for k in self._returns if columns[k] < rows.past]
         taken = [0] * n
         for i, k in enumerate(known):

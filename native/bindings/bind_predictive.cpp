@@ -19,6 +19,9 @@ void bind_predictive(nb::module_& m) {
         return names;
       },
       "Ways to compute that this processor can run, the quickest last.");
+  m.def(
+      "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); }, nb::arg("data"),
+      "How many columns the bytes of a slab need to be known; -1 for a whole frame, and for no returns.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
       .def("__init__",
            [](PredictiveCoder* coder, const char* path, std::shared_ptr<lidarcodec::RiddleNets> nets) {
@@ -33,7 +36,7 @@ void bind_predictive(nb::module_& m) {
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation, std::uint32_t turn, In<std::uint16_t, 2> expected,
+             In<std::int32_t, 1> rotation, std::uint32_t turn, std::uint32_t firing, In<std::uint16_t, 2> expected,
              std::int64_t known, lidarcodec::RiddleSamples* samples) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
@@ -43,14 +46,14 @@ void bind_predictive(nb::module_& m) {
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, seen, known, samples);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
-          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("expected").noconvert(), nb::arg("known"),
-          nb::arg("samples").none() = nb::none(), "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns.")
+          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"),
+          nb::arg("samples").none() = nb::none(), "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

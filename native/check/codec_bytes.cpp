@@ -161,7 +161,7 @@ void check_ranges(const Scene& scene, const Way& way) {
         const Columns columns{scene.width, azimuth.data(), scene.fired.data()};
         const Ranges seen = expected_ranges(history, scene.table, Motion{}, columns);
         const std::uint16_t* const expected = expects ? seen.data() : nullptr;
-        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, expected);
+        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected);
         const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, scene.geometry, expected);
         for (std::size_t i = 0; i < came.size(); ++i)
           if (static_cast<std::uint32_t>(std::abs(came[i] - image[i])) > step / 2) fail("ranges");
@@ -195,7 +195,7 @@ void check_slabs(const Scene& scene, const Way& way) {
     geometry.width = width;
     geometry.fired = fired.data();
     const auto past = static_cast<KnownColumns>(known);
-    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000, nullptr, past);
+    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000, static_cast<std::uint32_t>(slab * each), nullptr, past);
     const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), scene.cells, geometry, nullptr, past, before.data());
     for (std::size_t i = 0; i < came.size(); ++i)
       if (i % width >= known && came[i] != ranges[i]) fail("slabs");
@@ -233,7 +233,7 @@ void check_training(const Scene& scene) {
   PredictiveCoder coder(paths_here().back(), nets);
   RiddleSamples samples;
   const Ranges image = scene.ranges(0);
-  coder.encode(image.data(), returns_of(image).data(), scene.cells, scene.geometry, 0, nullptr, kWholeFrame, &samples);
+  coder.encode(image.data(), returns_of(image).data(), scene.cells, scene.geometry, 0, 0, nullptr, kWholeFrame, &samples);
   TrainSettings settings;
   settings.batch = 64;
   RiddleTrainer trainer(layers, settings, 1);

@@ -205,7 +205,7 @@ void measure(const Task& task) {
       const MaskLayout layout(geometry);
       const ClosedRows returned(frame.returns.data(), layout, frame.width);
       const std::uint16_t* const expected = kExpects ? frame.expected.data() : nullptr;
-      const RowSource source{layout, returned, task.cells, expected, frame.width, 0, kNominalTurn};
+      const RowSource source{layout, returned, task.cells, expected, frame.width, 0, kNominalTurn, 0};
       const auto whole = [&](Stages& stages, const auto& work) {  // as the product has it, unwatched
         const std::uint64_t begun = ticks();
         work();

@@ -35,7 +35,7 @@ void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::Ran
   PredictiveCoder encoder(paths[turn % paths.size()], nets_of(learned, turn & 1u));
   PredictiveCoder decoder(paths[turn / 8 % paths.size()], nets_of(learned, turn & 2u));
   for (int frame = 0; frame < 2; ++frame) {
-    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, expected, known);
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known);
     const Ranges came =
         decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected, known, before.data());
     for (std::size_t i = 0; i < image.size(); ++i) {
@@ -76,8 +76,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
-      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0)),
+      const bool counted = turn & 512u;
+      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0)),
                static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8)};
+      if (counted) coded.push_back(holes % 25u);
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));
       for (std::size_t i = 0; i + 1 < streams; ++i)
         for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}}) coded.push_back(static_cast<std::uint8_t>(byte));

@@ -105,6 +105,7 @@ struct Avx2Forms {
     found.of[1] = kContextBegins[1] + known.leaves * kSlotCells;
     found.of[2] = kContextBegins[2] + known.returns % kMaskContexts * kSlotCells;
     found.of[3] = kContextBegins[3] + (up * kScaleClasses + known.scale) * kSlotCells;
+    found.of[4] = kContextBegins[4] + known.firing * kSlotCells;
     asm("" : "+m"(found));  // else they are taken out of the vectors one by one, which takes twice as long
   }
 

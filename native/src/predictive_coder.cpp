@@ -14,9 +14,12 @@ namespace {
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
 constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network says what is likely to begin with
+constexpr std::uint8_t kOfFirings = 32;            // added to any: firings are counted; others are only read
 
-// Bytes before the streams: kind, turn u16, bytes of each stream but the last u32; of a slab also known u8.
-std::size_t head_bytes(std::size_t parts, bool slab) { return 3 + 4 * (parts - 1) + (slab ? 1 : 0); }
+// Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a
+// slab also known u8.
+std::size_t sizes_at(bool counted) { return counted ? 4 : 3; }
+std::size_t head_bytes(std::size_t parts, bool slab, bool counted) { return sizes_at(counted) + 4 * (parts - 1) + (slab ? 1 : 0); }
 std::size_t parts_of(bool slab) { return slab ? kSlabParts : kMostParts; }
 
 void check(const RangeCells& cells, const MaskGeometry& geometry, KnownColumns known) {
@@ -39,7 +42,13 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 
 std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net) {
   return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : kQuarters) +
-                                   (net != nullptr ? kLearnedKind : 0));
+                                   (net != nullptr ? kLearnedKind : 0) + kOfFirings);
+}
+
+// Firing of column 0 of an image, from that of the first column behind those that are known.
+std::uint32_t firing_of_first(std::uint32_t firing, std::size_t past) {
+  if (firing == kNotCounted) return kNotCounted;
+  return (firing + kFirings - static_cast<std::uint32_t>(past % kFirings)) % kFirings;
 }
 
 // Returns that are to be coded: behind the known columns.
@@ -51,6 +60,15 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 }
 
 }  // namespace
+
+KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return kWholeFrame;
+  const int kind = data[0] & ~(kLearnedKind | kOfFirings);
+  if (kind != kAlone + kSlab && kind != kExpecting + kSlab) return kWholeFrame;
+  const std::size_t head = head_bytes(kSlabParts, true, (data[0] & kOfFirings) != 0);
+  if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
+  return data[head - 1];
+}
 
 PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets)
     : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), states_(std::make_unique<SlabStates>()) {}
@@ -77,7 +95,7 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
   SlabStates states;
   PredictiveParts<WideEncoder> parts;
   write_image({quickest_path(), model, {nullptr, &samples}, states, false},
-              {layout, returned, cells, expected, geometry.width, 0, turn}, parts, ranges);
+              {layout, returned, cells, expected, geometry.width, 0, turn, 0}, parts, ranges);
 }
 
 void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
@@ -92,13 +110,14 @@ void PredictiveCoder::reset() {
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& cells, const MaskGeometry& geometry,
-                                                  std::uint32_t turn, const std::uint16_t* expected,
+                                                  std::uint32_t turn, std::uint32_t firing, const std::uint16_t* expected,
                                                   KnownColumns known, RiddleSamples* samples) {
   check(cells, geometry, known);
   const std::size_t inputs = expected != nullptr ? kInputsExpecting : kInputsAlone;
   if (samples != nullptr && samples->size() != 0 && samples->inputs != inputs)
     throw Error(ErrorCode::Section, "samples of frames of two kinds");
   if (turn > 65535) throw Error(ErrorCode::Section, "a turn of more than 65535 columns");
+  firing %= kFirings;
   const std::size_t width = geometry.width, past = known < 0 ? 0 : static_cast<std::size_t>(known);
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
@@ -108,10 +127,10 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (net == nullptr) samples = nullptr;
   if (samples != nullptr) samples->inputs = inputs;
   PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn}, parts, ranges);
+  write_image({path_, model_, {net, samples}, *states_, known >= 0}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, ranges);
   const std::size_t count = parts_of(known >= 0);
   std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
-  std::size_t size = head_bytes(count, known >= 0);
+  std::size_t size = head_bytes(count, known >= 0, true);
   for (std::size_t p = 0; p < count; ++p) {
     streams[p] = &parts[p].coder.finish(parts[p].interval);
     size += streams[p]->size();
@@ -120,6 +139,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   out.reserve(size);
   put(out, kind_of(known >= 0, expected, net), 1);
   put(out, turn, 2);
+  put(out, firing, 1);
   for (std::size_t p = 0; p + 1 < count; ++p) put(out, streams[p]->size(), 4);
   if (known >= 0) put(out, past, 1);
   for (std::size_t p = 0; p < count; ++p) out.insert(out.end(), streams[p]->begin(), streams[p]->end());
@@ -141,22 +161,26 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     return image;
   }
   const bool slab = known >= 0;
-  const std::size_t count = parts_of(slab), head = head_bytes(count, slab);
+  const std::size_t count = parts_of(slab);
   if (size < 1) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const RiddleNet* const net = net_of(expected != nullptr);
-  if (data[0] != kind_of(slab, expected, net)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  if ((data[0] | kOfFirings) != kind_of(slab, expected, net)) throw Error(ErrorCode::Section, "ranges of an unknown kind");
+  const bool counted = (data[0] & kOfFirings) != 0;
+  const std::size_t head = head_bytes(count, slab, counted);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const auto turn = static_cast<std::uint32_t>(take(data + 1, 2));
+  const std::uint32_t firing = counted ? data[3] : kNotCounted;
+  if (counted && firing >= kFirings) throw Error(ErrorCode::Section, "a firing that is counted otherwise");
   if (slab && data[head - 1] != past) throw Error(ErrorCode::Section, "a slab behind other columns than are known");
   PredictiveParts<WideDecoder> parts;
   for (std::size_t p = 0, at = head; p < count; ++p) {
-    const std::size_t rest = size - at, bytes = p + 1 < count ? take(data + 3 + 4 * p, 4) : rest;
+    const std::size_t rest = size - at, bytes = p + 1 < count ? take(data + sizes_at(counted) + 4 * p, 4) : rest;
     if (bytes > rest) throw Error(ErrorCode::Truncated, "ranges end before their streams do", size);
     parts[p] = PredictivePart<WideDecoder>{WideDecoder(data + at, bytes)};
     parts[p].interval = parts[p].coder.start();
     at += bytes;
   }
-  read_image({path_, model_, {net, nullptr}, *states_, slab}, {layout, returned, cells, expected, width, past, turn}, parts, image.data());
+  read_image({path_, model_, {net, nullptr}, *states_, slab}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
   for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
   return image;
 }

@@ -31,6 +31,9 @@ struct SlabStates;
 using KnownColumns = std::int64_t;
 inline constexpr KnownColumns kWholeFrame = -1;
 
+// How many columns the bytes of a slab need to be known; kWholeFrame for those of a whole frame, and for none. Raises Truncated.
+KnownColumns known_columns(const std::uint8_t* data, std::size_t size);
+
 // Networks that say what is likely to begin with: of frames alone, and of those that expect something.
 struct RiddleNets {
   std::optional<RiddleNet> alone, expecting;
@@ -47,9 +50,10 @@ class PredictiveCoder {
   void reset();
 
   // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`:
-  // columns in a full turn, up to 65535; 0: found from the mask. `known`: of W, columns that are known already. `samples`: takes some of the returns, where there is a network. Raises Section if a cell is set in a block that did not fire, or has no range.
+  // columns in a full turn, up to 65535; 0: found from the mask. `firing`: how many columns the
+  // sensor had fired before those that are not known, modulo kFirings or not. `known`: of W, columns that are known already. `samples`: takes some of the returns, where there is a network. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
-                                   const MaskGeometry& geometry, std::uint32_t turn,
+                                   const MaskGeometry& geometry, std::uint32_t turn, std::uint32_t firing,
                                    const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
                                    RiddleSamples* samples = nullptr);
 

@@ -74,6 +74,7 @@ struct NarrowForm {
     name(1, known.leaves);
     name(2, known.returns % kMaskContexts);
     name(3, of[kUp] * kScaleClasses + known.scale);
+    name(4, known.firing);
 #pragma GCC unroll 16
     for (std::size_t i = 0; i + kFixedContexts < kUsedContexts<kExpects>; ++i)
       name(kFixedContexts + i, slot_of(context_of_features(i), of));

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "cells.hpp"
+#include "mask_coder.hpp"
 #include "positions.hpp"
 #include "predictive_tables.hpp"
 
@@ -81,7 +82,7 @@ inline constexpr std::array<Context, 9> kContextsOfFeatures = {{
     {kSlopeMeanOn3, kLast2},
     {kLastLeaf, kLastSize, kLast5},
 }};
-inline constexpr std::size_t kFixedContexts = 4;  // scale; last two leaves; mask; level above and scale
+inline constexpr std::size_t kFixedContexts = 5;  // scale; last two leaves; mask; level above and scale; row and firing
 inline constexpr std::array<Context, 6> kContextsOfExpected = {{
     {kSeenLeftPlain, kSeenSlope},
     {kSeen, kSeenSlopeOn, kLast2},
@@ -97,6 +98,12 @@ inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfF
 inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
 inline constexpr std::uint32_t kMaskContexts = 512;
+// Firings after which the sensor's errors come again: they have periods of 3, 12, 2.4 and 24 firings.
+inline constexpr std::uint32_t kFirings = 24;
+inline constexpr std::uint32_t kNotCounted = kFirings;  // firings of frames that were written before they were counted
+
+// Slots of the context of firings; behind them one of frames that do not count them, which learns nothing.
+inline constexpr std::uint32_t kFiringSlots = static_cast<std::uint32_t>(kMaskRows) * kFirings;
 
 // A slot: 16 cells, of which the first counts how often the context was seen, and the others are nodes 1 to 15 of a tree.
 inline constexpr std::uint32_t kSlotCells = 16;
@@ -112,6 +119,7 @@ inline constexpr auto kContextBegins = [] {
     if (i == 0) slots = kScaleClasses;
     if (i == 2) slots = kMaskContexts;
     if (i == 3) slots = 16 * kScaleClasses;
+    if (i == 4) slots = kFiringSlots + 1;
     if (i >= kFixedContexts) slots = context_of_features(i - kFixedContexts).is_pair() ? 256 : 512;
     begins[i + 1] = begins[i] + slots * kSlotCells;
   }
@@ -120,7 +128,7 @@ inline constexpr auto kContextBegins = [] {
 
 // First cell of the slot of each context; room for whole vectors.
 struct alignas(32) Slots {
-  std::array<std::uint32_t, 20> of;
+  std::array<std::uint32_t, kFixedContexts + 16> of;
 };
 static_assert(kAllContexts < std::tuple_size_v<decltype(Slots::of)>);
 
@@ -161,6 +169,7 @@ struct Known {
   Expected expected;          // where something is expected
   std::uint32_t scale = 0;
   std::uint32_t leaves = 0;   // of the last two returns, the later one in the higher bits
+  std::uint32_t firing = 0;   // slot of the context of firings
   std::uint32_t returns = 0;  // around: bits 0 to 8 are a context, 9 to 11 what is expected to the left, to the right and here, 12 to 15 kMask
   std::uint32_t mean_size = 0, last_size = 0, up_size = 0, seen_size = 0;  // differences
 };
@@ -177,6 +186,9 @@ class PredictiveModel {
     beyond = {};
     balance = {};
   }
+
+  // Forgets what was learned where firings are not counted.
+  void forget_not_counted() { slots_[kContextBegins[4] / kSlotCells + kFiringSlots] = {}; }
 
   // Of all slots.
   std::int16_t* cells() { return slots_.data()->cells.data(); }

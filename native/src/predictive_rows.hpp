@@ -161,6 +161,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     for (std::size_t p = 0; p < N; ++p) {
       Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]]);
+      if (rows[p]->about.firing == kNotCounted) [[unlikely]] model_.forget_not_counted();
       if constexpr (kLearned)
         Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
       PredictivePart<Coder>& part = parts[p];
@@ -199,6 +200,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     known.around = {part.last + 1, place.up, place.upper, base, part.level >> (kDifferenceBits - 2)};
     known.scale = place.scale;
     known.leaves = part.leaves;
+    known.firing = about.firing == kNotCounted ? kFiringSlots : about.row * kFirings + (about.firing + about.columns[cell]) % kFirings;
     known.returns = about.returns[cell];
     known.mean_size = part.mean;
     known.last_size = part.size1;

@@ -21,6 +21,7 @@ struct RowSource {
   const std::uint16_t* expected;  // (64, W), 0 where nothing is; nullptr if nothing is anywhere
   std::size_t width, past;
   std::uint32_t turn;
+  std::uint32_t firing;  // of column 0, modulo kFirings; or kNotCounted
 };
 
 // Ranges and differences of a row, as filled in where there are no returns.
@@ -124,8 +125,10 @@ class RowStage {
       about.mask = mask_.cells();
       about.above_mask = above_mask_.cells();
       about.below_mask = below_mask_.cells();
-      about.row = static_cast<std::uint32_t>(row);
     }
+    about.row = static_cast<std::uint32_t>(row);
+    about.columns = layout.columns(row).data();
+    about.firing = source_.firing;
     look_around<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);

@@ -25,6 +25,8 @@ struct RowSurroundings {
   const std::int32_t* expected_below = nullptr;
   const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
   std::uint32_t row = 0;
+  const std::uint32_t* columns = nullptr;  // of the cells
+  std::uint32_t firing = 0;                // of column 0, or kNotCounted
 };
 
 // What is known from the returns of a row, or of a part of one, that were coded before, but for the last ranges.

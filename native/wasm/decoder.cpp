@@ -11,18 +11,10 @@
 namespace lidarcodec::wasm {
 namespace {
 
-constexpr std::size_t kSlabHead = 7;  // what stands before the number of known columns
 constexpr std::int32_t kMostLevel = 1000, kLengthsPerLevel = 20'000;
 
 constexpr std::uint32_t kInBytes = 128;   // added to the shift of a layer whose weights are bytes
 constexpr std::uint32_t kWithCases = 64;  // and to that of a first layer with biases of cases
-
-// Kinds of ranges that go on where those before ended.
-bool of_slab(Bytes coded) {
-  if (coded.size == 0) return false;
-  const std::uint8_t kind = coded.data[0];
-  return kind == 3 || kind == 4 || kind == 19 || kind == 20;
-}
 
 // Layer by layer: weights i8 or i16, biases i32, little endian as this machine is.
 class LayerReader {
@@ -158,15 +150,15 @@ void Decoder::ranges(Bytes coded, std::uint32_t step, bool follows) {
   std::vector<std::uint16_t> expected = std::move(expected_);
   expected_.clear();
   const RangeCells cells{step, level_};
-  const bool slab = of_slab(coded);
+  const KnownColumns columns = known_columns(coded.data, coded.size);
+  const bool slab = columns != kWholeFrame;
   if (!slab) {
     range = coder_->decode(coded.data, coded.size, returns.data(), cells, geometry(), expected.empty() ? nullptr : expected.data());
     memory_.forget_edge();
   } else {
-    if (coded.size <= kSlabHead) throw Error(ErrorCode::Truncated, "ranges end within their header");
     const bool expects = !expected.empty();
     if (!expects) expected.assign(returns.size(), 0);
-    const Edge before = memory_.edge(coded.data[kSlabHead]);
+    const Edge before = memory_.edge(static_cast<std::size_t>(columns));
     const Edge all = before.and_then({width_, {returns.begin(), returns.end()}, expected, fired});
     std::vector<std::uint8_t> known(all.ranges.size());
     std::transform(all.ranges.begin(), all.ranges.end(), known.begin(), [](std::uint16_t r) { return std::uint8_t{r != 0}; });

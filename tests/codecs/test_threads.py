@@ -37,7 +37,7 @@ def calls() -> dict[str, Callable[[], object]]:
     azimuth = np.tile(np.arange(WIDTH, dtype=np.uint16) * 17, (2, 1))
     about = (fired, *row_geometry(SENSOR))
     coder, nothing, seen = fast.NativePredictiveCoder(), np.zeros((64, 0), np.uint16), guess(ranges)
-    data = coder.encode(ranges, returns, 1, LEVELS, *about, 2000, nothing, -1)
+    data = coder.encode(ranges, returns, 1, LEVELS, *about, 2000, 0, nothing, -1)
     history = RangeHistory()
     history.remember(ranges, azimuth, fired, SENSOR)
     of_columns = (azimuth, fired.view(np.uint8), beam_rows(SENSOR))
@@ -49,7 +49,7 @@ def calls() -> dict[str, Callable[[], object]]:
         reader.decode(data, returns, 1, LEVELS, *about, nothing, -1, nothing)
 
     return {
-        "ranges are encoded": lambda: coder.encode(ranges, returns, 1, LEVELS, *about, 2000, seen, -1),
+        "ranges are encoded": lambda: coder.encode(ranges, returns, 1, LEVELS, *about, 2000, 0, seen, -1),
         "ranges are decoded": decode,
         "a mask is encoded": lambda: fast.encode_mask(returns, *about, no_mask, 2000),
         "a mask is decoded": lambda: fast.decode_mask(masked, *about, no_mask),

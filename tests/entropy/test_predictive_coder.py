@@ -35,9 +35,9 @@ def scene(width: int, seed: int = 1) -> np.ndarray:
     return np.rint(ranges).clip(1, 65535).astype(np.uint16)
 
 
-def coded(ranges, returns, fired, of, step: int, levels=LEVELS, expected=None) -> bytes:
+def coded(ranges, returns, fired, of, step: int, levels=LEVELS, expected=None, firing=0) -> bytes:
     """What a fresh coder writes."""
-    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels, expected=expected)
+    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels, expected=expected, firing=firing)
 
 
 def decoded(data: bytes, returns, fired, of, step: int, levels=LEVELS, expected=None) -> np.ndarray:
@@ -64,7 +64,7 @@ def check_bound(came: np.ndarray, ranges: np.ndarray, returns: np.ndarray, step:
 
 @st.composite
 def cases(draw: st.DrawFn):
-    """Ranges, returns, fired, sensor, step, levels, what is expected."""
+    """Ranges, returns, fired, sensor, step, levels, what is expected, firings before."""
     width, seed = draw(st.integers(0, 20)), draw(st.integers(0, 2**32))
     rng = np.random.default_rng(seed)
     fired = rng.random((2, width)) < draw(st.sampled_from([0.0, 0.4, 1.0]))
@@ -76,21 +76,25 @@ def cases(draw: st.DrawFn):
     if not width:
         expected = None
     levels = rng.integers(0, 1001, 64).astype(np.int32)
-    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), levels, expected
+    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), levels, expected, draw(st.integers(0, 99))
 
 
 @settings(max_examples=40, deadline=None)
 @given(cases())
 def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
-    ranges, returns, fired, of, step, levels, expected = case
-    data = coded(ranges, returns, fired, of, step, levels, expected)
+    ranges, returns, fired, of, step, levels, expected, firing = case
+    data = coded(ranges, returns, fired, of, step, levels, expected, firing)
     came = decoded(data, returns, fired, of, step, levels, expected)
     check_bound(came, ranges, returns, step)
 
     frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
     np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
     turn = int.from_bytes(data[1:3], "little")
-    assert data == reference_predictive.encode(ranges, cells, frame, turn, Model())
+    counted = frame._replace(firing=firing % predictive_coder.FIRINGS)
+    assert data == reference_predictive.encode(ranges, cells, counted, turn, Model())
+    old = reference_predictive.encode(ranges, cells, frame._replace(firing=None), turn, Model())
+    np.testing.assert_array_equal(decoded(old, returns, fired, of, step, levels, expected), came)
+    np.testing.assert_array_equal(reference_predictive.decode(old, cells, frame, Model()), came)
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
@@ -118,6 +122,29 @@ def test_what_a_frame_taught_makes_the_next_one_smaller() -> None:
     assert encoder.encode(scene(300, 0), returns, fired, SENSOR, 11, LEVELS) == coded(
         scene(300, 0), returns, fired, SENSOR, 11
     )
+
+
+def test_errors_that_come_again_with_the_firings_cost_less_as_long_as_firings_are_counted() -> None:
+    """A turn is no multiple of 24 firings, so what is locked to them is elsewhere in each frame."""
+    width, frames = 350, 8
+    rng = np.random.default_rng(1)
+    error = rng.integers(-12, 13, (64, predictive_coder.FIRINGS))
+    noise = rng.normal(0, 4, (frames, 64, width)).round().astype(int)
+    firings = (np.arange(frames * width).reshape(frames, width)) % predictive_coder.FIRINGS
+    ranges = (9000 + noise + error[:, firings].swapaxes(0, 1)).astype(np.uint16)
+    fired, returns = all_fired(width), np.ones((64, width), np.bool_)
+
+    def bytes_of(counts: list[int]) -> int:
+        encoder, decoder, sizes = PredictiveCoder(), PredictiveCoder(), []
+        for count, frame in zip(counts, ranges, strict=True):
+            data = encoder.encode(frame, returns, fired, SENSOR, 1, LEVELS, firing=count)
+            check_bound(decoder.decode(data, returns, fired, SENSOR, 1, LEVELS), frame, returns, 1)
+            sizes.append(len(data))
+        return sum(sizes[2:])
+
+    counted = bytes_of([i * width for i in range(frames)])
+    assert counted < 0.96 * bytes_of([0] * frames)
+    assert counted < 0.96 * bytes_of([int(x) for x in rng.integers(0, 24, frames)])
 
 
 def test_a_good_expectation_makes_a_frame_smaller_and_decoding_needs_it() -> None:
@@ -162,6 +189,20 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
         coder.encode(ranges, returns, fired, SENSOR, 1, LEVELS[:3])
     with pytest.raises(SectionError, match="turn"):
         coder.encode(ranges, returns, fired, SENSOR, 1, LEVELS, turn=70000)
+    with pytest.raises(SectionError, match="counted from 0"):
+        coder.encode(ranges, returns, fired, SENSOR, 1, LEVELS, firing=-1)
+
+
+def test_a_firing_beyond_the_pattern_is_refused() -> None:
+    fired, returns, ranges = all_fired(5), np.ones((64, 5), np.bool_), scene(5)
+    data = bytearray(coded(ranges, returns, fired, SENSOR, 1, firing=23))
+    assert data[3] == 23
+    data[3] = 24
+    with pytest.raises(SectionError, match="counted"):
+        decoded(bytes(data), returns, fired, SENSOR, 1)
+    frame = Given(layout_of(fired, SENSOR), 1, LEVELS.tolist())
+    with pytest.raises(SectionError, match="counted"):
+        reference_predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
 
 
 def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error() -> None:
@@ -202,7 +243,7 @@ def test_bytes_are_the_same_on_every_machine() -> None:
     coder, digest = PredictiveCoder(), hashlib.sha256()
     for step in (1, 11, 51):
         digest.update(coder.encode(ranges, returns, fired, golden_sensor(), step, LEVELS))
-    assert digest.hexdigest() == "da6753a352615002376c9b589c38487c55c9b8494fe23282fbb0294b1cd58370"
+    assert digest.hexdigest() == "7b903d134eb4edbe86cb7aa41c3f38617c09cab0ad811d146c79d2a8a524caa5"
 
 
 def test_the_tables_of_the_core_are_those_of_the_generator() -> None:

@@ -49,21 +49,28 @@ def streams(draw: st.DrawFn):
 def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None:
     of, levels, slabs = stream
     encoder, decoder, written, read = PredictiveCoder(), PredictiveCoder(), Model(), Model()
+    old_decoder, old_written = PredictiveCoder(), Model()
     edge = KnownColumns.none()
-    for ranges, returns, fired, expected, step, wanted in slabs:
+    for at, (ranges, returns, fired, expected, step, wanted) in enumerate(slabs):
         known = edge.last(wanted)
         count = known.ranges.shape[1]
-        data = encoder.encode(ranges, returns, fired, of, step, levels, turn=TURN, expected=expected, slab_after=known)
+        given = (ranges, returns, fired, of, step, levels)
+        data = encoder.encode(*given, turn=TURN, firing=5 * at, expected=expected, slab_after=known)
         assert known_columns(data) == (count if returns.any() else None)
         came = decoder.decode(data, returns, fired, of, step, levels, expected=expected, slab_after=known)
         check_bound(came, ranges, returns, step)
 
         seen = None if expected is None else np.hstack([known.expected, expected])
-        frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count)
+        frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count, 5 * at)
         image, cells = (np.hstack(both) for both in ((known.ranges, ranges), (known.ranges != 0, returns)))
         assert data == reference_predictive.encode(image, cells.view(np.uint8), frame, TURN, written)
         again = reference_predictive.decode(data, cells.view(np.uint8), frame, read, image)
         np.testing.assert_array_equal(again[:, count:], came)
+        not_counted = frame._replace(firing=None)
+        old = reference_predictive.encode(image, cells.view(np.uint8), not_counted, TURN, old_written)
+        assert known_columns(old) == known_columns(data)
+        old_came = old_decoder.decode(old, returns, fired, of, step, levels, expected=expected, slab_after=known)
+        np.testing.assert_array_equal(old_came, came)
         edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
 
 
@@ -118,6 +125,9 @@ def test_a_slab_is_refused_with_other_columns_than_it_was_written_with() -> None
         PredictiveCoder().decode(data, *part, slab_after=known.last(7))
     with pytest.raises(SectionError, match="kind"):
         PredictiveCoder().decode(data, *part)
-    for size in range(1, 8):
+    for size in range(1, 9):
         with pytest.raises(TruncatedError):
             known_columns(data[:size])
+    for size in range(1, 8):
+        with pytest.raises(TruncatedError):
+            known_columns(bytes([data[0] - 32]) + data[1:size])
