@@ -20,7 +20,7 @@ from lidarcodec.errors import SectionError, SettingsError
 from lidarcodec.frame import Frame
 
 TRAINING: Final = TrainSettings(
-    rate=1e-3, settle=100, least=0.3, mean=0.9995, beside=0.8, batch=512, room=1 << 20, held_room=1 << 15
+    rate=1e-3, settle=100, least=0.3, mean=0.9999, beside=0.8, batch=512, room=1 << 20, held_room=1 << 15
 )
 SAMPLES: Final = 12000
 """Of each frame, at least."""
@@ -46,8 +46,8 @@ LEAST_HELD: Final = 5000
 FINENESS: Final = ((7, 8, 8, 5), (7, 7, 7, 4), (6, 6, 6, 3))
 """How finely differences to the weights before are sent, bits behind the point: of the three layers, and of biases of
 rows and scales; what saves most in the end is taken."""
-PAID_BACK: Final = 300
-"""Frames in which an update has to save what it costs to send."""
+PAID_BACK: Final = 600
+"""Frames in which an update has to save what it costs to send: a minute."""
 
 Waiting = TypeVar("Waiting")
 

@@ -43,7 +43,7 @@ class TrainSettings:
 
     rate: of Adam; settle: steps after which it is 0.7 of that, and less with their square root
     least: how much of the rate is left however many steps were taken
-    mean: how much of the running mean stays at each step; beside: how much of what contexts said counts
+    mean: how much of the running mean stays at each step, at most; beside: how much of what contexts said counts
     batch: samples in a step
     room: samples to learn from, of which newer ones take the places; held_room: newest ones that are measured on
     """

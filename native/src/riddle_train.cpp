@@ -13,6 +13,7 @@ namespace {
 constexpr float kCaseUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
 constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
+constexpr float kRecent = 8.0f;  // the running mean is over about one in so many of all steps
 constexpr std::int16_t kMostByte = 127;
 constexpr float kLargestByte = kMostByte;
 constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
@@ -226,7 +227,7 @@ void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>&
                            std::vector<float>& mean) {
   const float rate = settings_.rate * std::max(1.0f / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle), settings_.least);
   const float first = 1.0f / (1.0f - left_first_), second = 1.0f / (1.0f - left_second_);
-  const float stays = std::min(settings_.mean, 1.0f - 1.0f / static_cast<float>(steps_));  // at first all steps alike
+  const float stays = std::clamp(1.0f - kRecent / static_cast<float>(steps_), 0.0f, settings_.mean);
   for (std::size_t i = 0; i < values.size(); ++i) {
     const float by = gradient[i];
     moments.first[i] += (1.0f - kFirstDecay) * (by - moments.first[i]);

@@ -5,8 +5,9 @@
 // as they will be, and so are the weights of a first layer that began in bytes; slopes go through as if they were not.
 // Biases of rows and scales, where the network has none yet, begin with 0.
 // (Rounded only when it was handed out, a network lost more than it had learned.) What is handed out is a running mean of
-// the last steps. Arithmetic is without fused operations and adds up in one order, so the same samples, seed and number of
-// steps give the same network on every machine.
+// about the last eighth of all steps (polynomial-decay averaging, Shamir and Zhang 2013, arXiv:1212.1824), so that many
+// steps a frame are averaged over as much of the stream as few. Arithmetic is without fused operations and adds up in one
+// order, so the same samples, seed and number of steps give the same network on every machine.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -23,7 +24,7 @@ struct TrainSettings {
   float rate = 1e-3f;         // of Adam, at the beginning
   float settle = 1000.0f;     // steps after which it is 0.7 of that, and so on with their square root
   float least = 0.0f;         // how much of it is left however many steps were taken
-  float mean = 0.99f;         // of the running mean: how much of it stays at each step
+  float mean = 0.99f;         // of the running mean: how much of it stays at each step, at most
   float beside = 1.0f;        // how much of what contexts said counts
   std::size_t batch = 256;    // samples in a step
   std::size_t room = 65536;   // samples to learn from; newer ones take the places of any

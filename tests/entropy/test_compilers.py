@@ -28,7 +28,7 @@ GOLDEN = {
     "riddle, bytes, slabs": "c1a010882dc997f3",
     "networks": "c27b5467c7f5c223",
     "networks with cases": "6954e6e33def5031",
-    "training": "3e07807fca857c76",
+    "training": "36424b49077276a3",
     "mask": "da0f69b12ad0ee1a",
     "mask of a stream": "c6dd2774adbdd03f",
     "intensity": "03bd171deff4646f",
