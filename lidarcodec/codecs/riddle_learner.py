@@ -34,9 +34,9 @@ HELD_EVERY: Final = 8
 """Of so many frames one is measured on instead."""
 HELD_SAMPLES: Final = 3000
 """Of each of those: few of many frames tell more of what comes than many of the last ones."""
-DOUBT: Final = 0.005
+DOUBT: Final = 0.015
 """Bits a return that are taken off the guess of what weights save, which is too good: within 5 cm on drive 0005 it
-was as much where nothing was saved (docs/decisions/0014)."""
+was as much where later frames took 0.003 more (docs/decisions/0014)."""
 WAITING: Final = 8
 """Frames whose samples wait to be learned from; older ones are left out."""
 CHECK_STEPS: Final = 400
