@@ -7,10 +7,8 @@ from collections import Counter
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.units import HOUR_US
+from lidarcodec.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
 
-PLAUSIBLE_INTERVAL_US = (100, 2000)
-"""Packets of an HDL-64 come every 288 us in single-return mode; far from that, the tail is no clock."""
 LONGEST_GAP_US = 1_000_000
 
 
@@ -21,11 +19,9 @@ def count_discontinuities(gps_us: npt.NDArray[np.uint32], before: int | None) ->
     HDL-64E S3 capture sends alternating constants) tells nothing and counts nothing.
     """
     counts: Counter[str] = Counter()
-    stamps = gps_us.astype(np.int64)
-    steps = np.diff(stamps if before is None else np.concatenate(([before], stamps)))
+    steps = clock_steps(gps_us, before)
     if len(steps) < 2:
         return counts
-    steps = np.where(steps < -HOUR_US // 2, steps + HOUR_US, steps)
     interval = float(np.median(steps))
     if not PLAUSIBLE_INTERVAL_US[0] <= interval <= PLAUSIBLE_INTERVAL_US[1]:
         return counts

@@ -25,7 +25,7 @@ from lidarcodec.codecs.motion_finder import MotionFinder
 from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes
 from lidarcodec.codecs.warp import beam_rows, swept
 from lidarcodec.entropy import KnownColumns, MaskStream
-from lidarcodec.errors import LidarCodecError, SectionError
+from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
@@ -103,7 +103,7 @@ class ExpectingEncoder(IntraEncoder):
             sections, needs = super()._sections(frame, key)
             if self._remembers():
                 self._remember(frame)
-        except LidarCodecError:
+        except BaseException:
             self._history = None  # what the frame taught no decoder learns
             raise
         return sections + motion, needs
@@ -128,7 +128,7 @@ class ExpectingEncoder(IntraEncoder):
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         edge = self._sent.edge_before(frame.azimuth) if self._slab else None
-        return self._coded(frame, valid, self._expected, edge, self._firings.before(frame))
+        return self._coded(frame, valid, self._expected, edge, self._firings.columns_before(frame))
 
     def _remember(self, frame: Frame) -> None:
         if not self._slab:

@@ -8,64 +8,77 @@ costs bits until the pattern has been learned anew, and nothing else.
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.frame import Frame
-from lidarcodec.side import SideInfo
+from lidarcodec.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
 
-_HOUR_US: Final = 3_600_000_000
-_MOST_US: Final = 10_000
-"""From one packet to the next; sensors send one in 0.3 to 1.5 ms."""
+_KEPT_STEPS: Final = 400
+"""From packet to packet: slabs have few of their own."""
+_FEWEST_STEPS: Final = 4
+_JUMP_US: Final = -1_000_000
+"""A clock that goes back by more was set; by less, packets changed places."""
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """What is kept of a frame."""
+
+    name: tuple[int, int]
+    width: int
+    gps_us: npt.NDArray[np.uint32]  # (P,)
+    columns_a_packet: int
 
 
 class FiringCounter:
     """Counts the columns from frame to frame, those of packets that were lost and of frames that were left out too.
 
-    What a packet's own clock says goes before what arrived: a sensor sends its packets evenly. Without it, frames are
-    taken to follow on each other.
-
-    >>> counter = FiringCounter()
+    What the packets' own clock says goes before what arrived: a sensor sends them evenly. Where no clock runs evenly,
+    frames are taken to follow on each other.
     """
 
     def __init__(self) -> None:
         self._count = 0
-        self._before: Frame | None = None
-        self._apart_us = 0.0  # packets, as far as is known
+        self._last: _Sent | None = None
+        self._steps: deque[int] = deque(maxlen=_KEPT_STEPS)
 
-    def before(self, frame: Frame) -> int:
-        """Columns fired from the first frame that was asked for until this one; each may be asked for again."""
-        before = self._before
-        if before is not None and frame.stamp_ns != before.stamp_ns:
-            self._count += self._columns_since(before, frame)
-        self._before = frame
+    def columns_before(self, frame: Frame) -> int:
+        """Columns fired since the first frame that was asked for began; each may be asked for again."""
+        last, this = self._last, _sent(frame)
+        if last is not None and last.name == this.name:
+            return self._count
+        if last is not None:
+            self._count += self._columns_between(last, this)
+        self._last = this
         return self._count
 
-    def _columns_since(self, before: Frame, frame: Frame) -> int:
-        if before.side is None or frame.side is None or not before.side.packets or not frame.side.packets:
-            return before.width
-        steps = _apart(before.side.gps_us)
-        self._learn(steps)
-        if not self._apart_us:
-            return before.width
-        between = _apart(np.array([before.side.gps_us[-1], frame.side.gps_us[0]]))
-        packets = int(np.rint(np.concatenate([steps, between]) / self._apart_us).sum())
-        return packets * _columns_a_packet(before.side)
+    def _columns_between(self, last: _Sent, this: _Sent) -> int:
+        """Columns from the beginning of one frame to that of the next."""
+        steps = clock_steps(np.concatenate([last.gps_us, this.gps_us[:1]]))
+        interval = self._interval(steps) if len(last.gps_us) and len(this.gps_us) else None
+        if interval is None:
+            return last.width
+        packets = int(np.where(steps < _JUMP_US, 1, np.rint(steps / interval)).sum())
+        return packets * last.columns_a_packet if packets >= len(steps) else last.width
 
-    def _learn(self, steps: npt.NDArray[np.float64]) -> None:
-        """How far packets are apart, from some that are."""
-        typical = float(np.median(steps)) if len(steps) else 0.0
-        if 0 < typical <= _MOST_US:
-            self._apart_us = float(steps[np.abs(steps - typical) < typical / 2].mean())
-
-
-def _apart(gps_us: npt.NDArray[np.uint32]) -> npt.NDArray[np.float64]:
-    """Microseconds from each packet to the next; clocks begin anew with every hour."""
-    clock = gps_us.astype(np.int64)
-    return ((clock[1:] - clock[:-1]) % _HOUR_US).astype(np.float64)
+    def _interval(self, steps: npt.NDArray[np.int64]) -> float | None:
+        """Microseconds from one packet to the next, as far as they are known: the mean of the usual ones."""
+        least, most = PLAUSIBLE_INTERVAL_US
+        self._steps.extend(steps[(steps >= least) & (steps <= most)].tolist())
+        if len(self._steps) < _FEWEST_STEPS:
+            return None
+        kept = np.sort(np.array(self._steps))
+        usual = kept[(len(kept) - 1) // 2]
+        return float(kept[np.abs(kept - usual) < usual / 2].mean())
 
 
-def _columns_a_packet(side: SideInfo) -> int:
-    return int(np.bincount(side.columns_per_packet).argmax())
+def _sent(frame: Frame) -> _Sent:
+    name, side = (frame.index, frame.stamp_ns), frame.side
+    if side is None or not side.packets:
+        return _Sent(name, frame.width, np.zeros(0, np.uint32), 0)
+    return _Sent(name, frame.width, side.gps_us, int(np.bincount(side.columns_per_packet).argmax()))

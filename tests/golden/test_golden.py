@@ -63,11 +63,15 @@ def settings_of() -> dict[str, StreamSettings]:
         codec="riddle", codec_settings=own, max_error_m=0.01, key_interval=20
     )
     # Those before were written when firings were not counted.
-    for name in ("predictive_slabs_lossless", "predictive_motion", "riddle_slabs_coarse", "riddle_turns_lossless"):
+    found["riddle_firings_slabs_coarse"] = StreamSettings(codec="riddle", max_error_m=0.01, key_interval=20)
+    for name in (
+        "predictive_lossless",
+        "predictive_slabs_motion",
+        "predictive_turns_lossless",
+        "riddle_turns_lossless",
+    ):
         codec, kind = name.split("_", 1)
-        found[f"{codec}_firings_{kind}"] = found.get(name) or StreamSettings(
-            codec=codec, max_error_m=0.01, key_interval=20
-        )
+        found[f"{codec}_firings_{kind}"] = found[name]
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
