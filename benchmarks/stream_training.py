@@ -135,7 +135,7 @@ def main() -> int:
             plain = streamed(given, drive, chosen.learn, measure, 0)
             found = streamed(given, drive, chosen.learn, measure, chosen.steps)
             bits = (alone(given, drive, measure), after(found.weights, given, drive, measure), plain.bits, found.bits)
-            report = (found.report[key] for key in ("update_bytes", "updates"))
+            report = (found.report.get(key, 0) for key in ("update_bytes", "updates"))
             cells = (name, f"{bound:g}", *(f"{value:.3f}" for value in bits), *map(str, report))
             print(f"| {' | '.join(cells)} |", flush=True)
     return 0

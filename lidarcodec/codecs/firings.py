@@ -8,7 +8,6 @@ costs bits until the pattern has been learned anew, and nothing else.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,7 +44,7 @@ class FiringCounter:
     def __init__(self) -> None:
         self._count = 0
         self._last: _Sent | None = None
-        self._steps: deque[int] = deque(maxlen=_KEPT_STEPS)
+        self._steps: npt.NDArray[np.int64] = np.zeros(0, np.int64)
 
     def columns_before(self, frame: Frame) -> int:
         """Columns fired since the first frame that was asked for began; each may be asked for again."""
@@ -69,10 +68,11 @@ class FiringCounter:
     def _interval(self, steps: npt.NDArray[np.int64]) -> float | None:
         """Microseconds from one packet to the next, as far as they are known: the mean of the usual ones."""
         least, most = PLAUSIBLE_INTERVAL_US
-        self._steps.extend(steps[(steps >= least) & (steps <= most)].tolist())
+        plausible = steps[(steps >= least) & (steps <= most)]
+        self._steps = np.concatenate([self._steps, plausible])[-_KEPT_STEPS:]
         if len(self._steps) < _FEWEST_STEPS:
             return None
-        kept = np.sort(np.array(self._steps))
+        kept = np.sort(self._steps)
         usual = kept[(len(kept) - 1) // 2]
         return float(kept[np.abs(kept - usual) < usual / 2].mean())
 
