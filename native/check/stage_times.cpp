@@ -51,11 +51,7 @@ Watch watch;
 
 // The functions of a form, with a clock around each.
 template <class Forms>
-struct Watched {
-  template <class Work>
-  static void run(const Work& work) {
-    Forms::run(work);
-  }
+struct Watched : Forms {
   template <bool kExpects>
   static void find(const Known& known, Slots& found) {
     const std::uint64_t begun = ticks();
@@ -63,10 +59,6 @@ struct Watched {
     Forms::template find<kExpects>(known, found);
     watch.found = ticks();
     watch.contexts.add(watch.found - begun);
-  }
-  template <bool kExpects>
-  static void inputs(const Surroundings& of, std::int8_t* in) {
-    Forms::template inputs<kExpects>(of, in);
   }
   template <bool kExpects>
   static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {

@@ -53,32 +53,31 @@ inline constexpr auto kLaneLimits = [] {
 // A position is 8 + n for a difference that is not negative, and 7 - n for one that is; n limits are at most its size.
 
 // Eight ranges as they lie from a base: how far above it, or how far below the one below it.
-class NearRanges {
- public:
+struct NearRanges {
+  alignas(32) std::array<std::int32_t, 8> away;
+
+  NearRanges() = default;
   NearRanges(const std::array<std::int32_t, 8>& ranges, std::int32_t base, bool down) {
-    for (std::size_t i = 0; i < away_.size(); ++i) away_[i] = (ranges[i] - base) ^ (down ? -1 : 0);
+    for (std::size_t i = 0; i < away.size(); ++i) away[i] = (ranges[i] - base) ^ (down ? -1 : 0);
   }
 
   // Which of them are at least so far away: a bit for each.
-  std::uint32_t from(std::uint32_t away) const {
-    const auto least = static_cast<std::int32_t>(away);
+  std::uint32_t from(std::uint32_t so_far) const {
+    const auto least = static_cast<std::int32_t>(so_far);
 #if defined(LIDARCODEC_SSE2_CELLS)
     const __m128i below = _mm_set1_epi32(least - 1);
     std::uint32_t found = 0;
     for (std::size_t v = 0; v < 2; ++v) {
-      const __m128i is = _mm_cmpgt_epi32(_mm_load_si128(reinterpret_cast<const __m128i*>(away_.data() + 4 * v)), below);
+      const __m128i is = _mm_cmpgt_epi32(_mm_load_si128(reinterpret_cast<const __m128i*>(away.data() + 4 * v)), below);
       found |= static_cast<std::uint32_t>(_mm_movemask_ps(_mm_castsi128_ps(is))) << (4 * v);
     }
     return found;
 #else
     std::uint32_t found = 0;
-    for (std::size_t i = 0; i < away_.size(); ++i) found |= static_cast<std::uint32_t>(away_[i] >= least) << i;
+    for (std::size_t i = 0; i < away.size(); ++i) found |= static_cast<std::uint32_t>(away[i] >= least) << i;
     return found;
 #endif
   }
-
- private:
-  alignas(16) std::array<std::int32_t, 8> away_;
 };
 
 struct PlainPositions {

@@ -109,6 +109,20 @@ struct Avx2Forms {
     asm("" : "+m"(found));  // else they are taken out of the vectors one by one, which takes twice as long
   }
 
+  LIDARCODEC_AVX2 static NearRanges near(const std::array<std::int32_t, 8>& r, std::int32_t base, bool down) {
+    const __m256i ranges = _mm256_setr_epi32(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7]);
+    const __m256i away = _mm256_xor_si256(_mm256_sub_epi32(ranges, _mm256_set1_epi32(base)), _mm256_set1_epi32(down ? -1 : 0));
+    NearRanges near;
+    _mm256_store_si256(reinterpret_cast<__m256i*>(near.away.data()), away);
+    return near;
+  }
+
+  LIDARCODEC_AVX2 static std::uint32_t from(const NearRanges& near, std::uint32_t so_far) {
+    const __m256i away = _mm256_load_si256(reinterpret_cast<const __m256i*>(near.away.data()));
+    const __m256i is = _mm256_cmpgt_epi32(away, _mm256_set1_epi32(static_cast<std::int32_t>(so_far) - 1));
+    return static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(is)));
+  }
+
   template <bool kExpects>
   LIDARCODEC_AVX2 [[gnu::flatten]] static void inputs(const Surroundings& of, std::int8_t* in) {
     find_inputs<kExpects, AtOnce>(of, in);
@@ -148,13 +162,13 @@ struct Avx2Forms {
     for (std::size_t r = 0; r < by.size(); ++r) {
       // (error * rate / 2 + 2^14) >> 15 is what `by_rate` gives, as rates are even.
       __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kRates<kLearned>[r] / 2)));
-      if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(1)));  // seen once
+      if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(kSeenOnce[r])));
       store(move, by[r].data());
     }
 #pragma GCC unroll 20
     for (std::size_t i = 0; i < kUsedContexts<kExpects>; ++i) {
       std::int16_t* const slot = cells + slots.of[i];
-      const std::int16_t* const move = by[kRateOfCount[static_cast<std::uint16_t>(slot[0])]].data();
+      const std::int16_t* const move = by[rate_of_slot(slot)].data();
       store(_mm256_adds_epi16(load(slot), load(move)), slot);
     }
   }

@@ -18,12 +18,19 @@ inline constexpr std::array<std::int16_t, 4> kLearnedRates = {216, 138, 96, 70};
 inline constexpr std::int16_t kBalanceRate = 786;  // even, as the others are
 template <bool kLearned>
 inline constexpr const std::array<std::int16_t, 4>& kRates = kLearned ? kLearnedRates : kPredictiveRates;
-inline constexpr auto kRateOfCount = [] {
-  std::array<std::uint8_t, 97> rate{};
-  for (std::size_t n = 0; n < rate.size(); ++n) rate[n] = static_cast<std::uint8_t>((n >= 6) + (n >= 24) + (n >= 96));
-  return rate;
-}();
-alignas(16) inline constexpr std::array<std::int16_t, 8> kSeenOnce = {1};
+// The first cell of a slot counts how often it was seen, in steps that are the smaller the slower it learns: the upper bits
+// then tell the rate.
+inline constexpr std::array<std::int16_t, 4> kSeenOnce = {1366, 455, 114, 0};
+constexpr std::size_t rate_of_slot(const std::int16_t* slot) { return static_cast<std::uint16_t>(slot[0]) >> 13; }
+static_assert([] {
+  std::int16_t cell = 0;
+  bool right = true;
+  for (int seen = 0; seen < 200; ++seen) {
+    right = right && rate_of_slot(&cell) == std::size_t{seen >= 6} + (seen >= 24) + (seen >= 96);
+    cell = static_cast<std::int16_t>(cell + kSeenOnce[rate_of_slot(&cell)]);
+  }
+  return right;
+}());
 
 // Probabilities of the nodes of a return's tree, 1 to 15.
 struct alignas(32) Chances {
@@ -79,6 +86,9 @@ struct NarrowForm {
     for (std::size_t i = 0; i + kFixedContexts < kUsedContexts<kExpects>; ++i)
       name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
+
+  static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t base, bool down) { return {ranges, base, down}; }
+  static std::uint32_t from(const NearRanges& near, std::uint32_t so_far) { return near.from(so_far); }
 
   static Cells error_of(const Walk& walked, const Chances& chances, std::size_t at) {
     return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at), Cells::load(chances.of.data() + at));
@@ -137,11 +147,14 @@ struct NarrowForm {
 #pragma GCC unroll 4
       for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = by_rate(error, kRates<kLearned>[r]);
     }
-    for (std::size_t r = 0; r + 1 < by.size(); ++r) by[r][0] = by[r][0] + Cells::load(kSeenOnce.data());
+    for (std::size_t r = 0; r < by.size(); ++r) {
+      const std::array<std::int16_t, 8> seen = {kSeenOnce[r]};
+      by[r][0] = by[r][0] + Cells::load(seen.data());
+    }
 #pragma GCC unroll 20
     for (std::size_t i = 0; i < kUsedContexts<kExpects>; ++i) {
       std::int16_t* const slot = cells + slots.of[i];
-      const std::array<Cells, 2>& move = by[kRateOfCount[static_cast<std::size_t>(slot[0])]];
+      const std::array<Cells, 2>& move = by[rate_of_slot(slot)];
       (Cells::load(slot) + move[0]).store(slot);
       (Cells::load(slot + 8) + move[1]).store(slot + 8);
     }

@@ -105,7 +105,7 @@ inline constexpr std::uint32_t kNotCounted = kFirings;  // firings of frames tha
 // Slots of the context of firings; behind them one of frames that do not count them, which learns nothing.
 inline constexpr std::uint32_t kFiringSlots = static_cast<std::uint32_t>(kMaskRows) * kFirings;
 
-// A slot: 16 cells, of which the first counts how often the context was seen, and the others are nodes 1 to 15 of a tree.
+// A slot: 16 cells, of which the first counts how often the context was seen (kSeenOnce), and the others are nodes 1 to 15 of a tree.
 inline constexpr std::uint32_t kSlotCells = 16;
 struct alignas(32) Slot {
   std::array<std::int16_t, kSlotCells> cells{};

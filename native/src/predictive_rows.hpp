@@ -161,7 +161,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     for (std::size_t p = 0; p < N; ++p) {
       Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]]);
-      if (rows[p]->about.firing == kNotCounted) [[unlikely]] model_.forget_not_counted();
+      if (rows[p]->about.first_firing == kFiringSlots) [[unlikely]] model_.forget_not_counted();
       if constexpr (kLearned)
         Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
       PredictivePart<Coder>& part = parts[p];
@@ -200,7 +200,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     known.around = {part.last + 1, place.up, place.upper, base, part.level >> (kDifferenceBits - 2)};
     known.scale = place.scale;
     known.leaves = part.leaves;
-    known.firing = about.firing == kNotCounted ? kFiringSlots : about.row * kFirings + (about.firing + about.columns[cell]) % kFirings;
+    known.firing = about.first_firing + about.firings[about.columns[cell]];
     known.returns = about.returns[cell];
     known.mean_size = part.mean;
     known.last_size = part.size1;
@@ -256,10 +256,10 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kExpects) {
       if (expects(about, place.cell)) {
         const std::int32_t seen = about.expected[place.cell] + (part.bias >> kDifferenceBits);
-        return {{seen, up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled}, place.base, down};
+        return Forms::near({seen, up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled}, place.base, down);
       }
     }
-    return {{up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled, up[3]}, place.base, down};
+    return Forms::near({up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled, up[3]}, place.base, down);
   }
 
   static bool expects(const RowSurroundings& about, std::uint32_t cell) { return (about.returns[cell] >> 11 & 1u) != 0; }
@@ -279,7 +279,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(part, about, place, down);
     std::uint32_t end = begin + (1u << left);
-    std::uint32_t from_begin = near.from(begin), from_end = near.from(end);  // which are not nearer than those
+    std::uint32_t from_begin = Forms::from(near, begin), from_end = Forms::from(near, end);  // which are not nearer than those
     if (leaf == 7) {
       for (std::uint32_t octave = 0;; ++octave) {
         if (octave >= kMaxOctaves || this->is_too_far(begin))
@@ -292,16 +292,16 @@ class PredictiveRows : RangeDecisions<Coder> {
         begin = end;
         end = begin + (1u << ++left);
         from_begin = from_end;
-        from_end = near.from(end);
+        from_end = Forms::from(near, end);
       }
     }
     const std::uint32_t side = leaf == 7 ? 16 : 2 * leaf + down;
     for (std::uint32_t depth = 0; left > 0 && depth < OffsetCells::kDepth; ++depth) {
       --left;
-      const std::uint32_t middle = begin + (1u << left), from_middle = near.from(middle);
+      const std::uint32_t middle = begin + (1u << left), from_middle = Forms::from(near, middle);
       // What the likeliest neighbour here says, if there is one: which part. The first is believed more than others.
       const std::uint32_t any = from_begin & ~from_end, likeliest = any & (0u - any);
-      const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + (likeliest == 1 ? 0 : 2);
+      const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + 2 * (likeliest != 1);
       std::int16_t& a = cells.near[(says * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(place.scale * 8 + leaf) * 4 + depth];
       if constexpr (kLearned && !kReads) of_cells_[depth] = a + b;

@@ -80,8 +80,10 @@ class RowStage {
         expected_above_(source.width), expected_below_(source.width), sizes_(source.width), mask_(source.width), above_mask_(source.width),
         below_mask_(source.width), known_(source.width), returns_(source.width + 1), foreseen_(source.width),
         foreseen_above_(source.width), foreseen_below_(source.width), around_(source.width),
-        sizes_around_(source.width) {
+        sizes_around_(source.width), firings_(source.width) {
     if constexpr (kExpects) foresee(first, foreseen_below_);
+    if (source.firing != kNotCounted)
+      for (std::size_t c = 0; c < source.width; ++c) firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
   }
 
   // Brings in a row, and where it is to be coded the ranges of its returns out of the image. Raises Section.
@@ -128,7 +130,8 @@ class RowStage {
     }
     about.row = static_cast<std::uint32_t>(row);
     about.columns = layout.columns(row).data();
-    about.firing = source_.firing;
+    about.firings = firings_.data();
+    about.first_firing = source_.firing == kNotCounted ? kFiringSlots : static_cast<std::uint32_t>(row) * kFirings;
     look_around<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
@@ -249,6 +252,7 @@ class RowStage {
   ExpectedRow foreseen_, foreseen_above_, foreseen_below_;
   std::vector<std::uint16_t> around_;
   std::vector<std::uint32_t> sizes_around_;
+  std::vector<std::uint8_t> firings_;  // of the columns
 };
 
 }  // namespace lidarcodec

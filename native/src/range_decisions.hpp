@@ -146,12 +146,12 @@ class RangeDecisions {
     const Walk& walked = kWalks[node];
     for (const std::uint32_t slot : at.slots) {
       std::int16_t* const of = all + slot * kSlotCells;
-      const auto seen = static_cast<std::size_t>(of[0]);
+      const std::size_t rate = rate_of_slot(of);
       for (std::size_t v = 0; v < 2; ++v) {
         const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
-        (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[kRateOfCount[seen]])).store(of + 8 * v);
+        (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[rate])).store(of + 8 * v);
       }
-      of[0] = static_cast<std::int16_t>(seen + (seen < kRateOfCount.size() - 1));
+      of[0] = static_cast<std::int16_t>(of[0] + kSeenOnce[rate]);
     }
     return node - 16;
   }

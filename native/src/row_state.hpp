@@ -26,7 +26,8 @@ struct RowSurroundings {
   const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
   std::uint32_t row = 0;
   const std::uint32_t* columns = nullptr;  // of the cells
-  std::uint32_t firing = 0;                // of column 0, or kNotCounted
+  const std::uint8_t* firings = nullptr;   // of columns
+  std::uint32_t first_firing = 0;          // slot of the row's first one
 };
 
 // What is known from the returns of a row, or of a part of one, that were coded before, but for the last ranges.

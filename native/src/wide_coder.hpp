@@ -121,10 +121,7 @@ class WideDecoder {
   // Raises Truncated as soon as more bytes are needed than an encoder leaves out.
   std::uint32_t decode(WideInterval& interval, std::uint32_t probability) {
     const std::uint64_t bound = (interval.range >> kWideProbabilityBits) * probability;
-    const std::uint32_t bit = interval.at < bound;
-    const std::uint64_t zero = std::uint64_t{bit} - 1;  // as in `encode`
-    interval.at -= bound & zero;
-    interval.range = bound + ((interval.range - 2 * bound) & zero);
+    const bool bit = split(interval, bound);
     if (interval.range < kWideMove) [[unlikely]] {
       interval.at = interval.at << 32 | next();
       interval.range <<= 32;
@@ -153,6 +150,29 @@ class WideDecoder {
   }
 
  private:
+  // Goes on with the part of an interval in which the code lies, below `bound` or above; whether it is the lower one. What
+  // compilers make of it has a branch, which would be mispredicted all the time, or twice as many instructions.
+  static bool split(WideInterval& interval, std::uint64_t bound) {
+#if defined(__x86_64__)
+    std::uint64_t at = interval.at, range = interval.range;
+    bool bit;
+    asm("sub %[bound], %[range]\n\t"
+        "sub %[bound], %[at]\n\t"
+        "cmovb %[before], %[at]\n\t"
+        "cmovb %[bound], %[range]"
+        : [at] "+&r"(at), [range] "+&r"(range), "=@ccb"(bit)
+        : [before] "r"(interval.at), [bound] "r"(bound));
+    interval = {at, range};
+    return bit;
+#else
+    const bool bit = interval.at < bound;
+    const std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask, as in `encode`
+    interval.at -= bound & zero;
+    interval.range = bound + ((interval.range - 2 * bound) & zero);
+    return bit;
+#endif
+  }
+
   // Four bytes, highest first; zeros are understood after the last.
   std::uint32_t next() {
     std::uint32_t word = 0;
