@@ -12,12 +12,14 @@ import os
 import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from lidarcodec.sources.simulator import START_NS, _native
 from tests.conftest import ROOT
+from tests.kept import kept
 
 GOLDEN = {
     # scene, seed, packets left out, packets: SHA-256 of the payloads
@@ -73,10 +75,11 @@ def build(folder: Path, compiler: str, level: str) -> Path:
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("compiler", "level"), builds() or [("none", "")])
-def test_every_compiler_gives_the_same_bytes(compiler, level, tmp_path):
+def test_every_compiler_gives_the_same_bytes(compiler, level):
     if not level:
         pytest.skip(f"needs one of {', '.join(COMPILERS)}")
-    program = build(tmp_path / "build", compiler, level)
+    make = partial(build, compiler=compiler, level=level)
+    program = kept(f"simulator_bytes {compiler} {level}", compiler, (level, *FLAGS), make)
     for drive, expected in GOLDEN.items():
         done = subprocess.run([program, *map(str, drive)], check=True, capture_output=True)
         assert hashlib.sha256(done.stdout).hexdigest() == expected, f"{compiler} {level}: {drive}"
