@@ -16,6 +16,7 @@ import pytest
 from lidarcodec.apps import demo_processes
 from lidarcodec.apps.demo_browser import SCREENS, browser, show
 from lidarcodec.errors import TransportError
+from tests import asking
 from tests.command_line import COMMAND, environment, run, the_one_line
 from tests.transport.test_contract import eventually
 
@@ -60,7 +61,7 @@ def address_in(text: str) -> str:
 
 def alive(url: str) -> bool:
     try:
-        return [row["vehicle"] for row in httpx.get(f"{url}/api/v1/fleet", timeout=5).json() if row["alive"]] == [
+        return [row["vehicle"] for row in asking.get(f"{url}/api/v1/fleet", timeout=5).json() if row["alive"]] == [
             "demo"
         ]
     except httpx.HTTPError:
@@ -69,7 +70,7 @@ def alive(url: str) -> bool:
 
 def gone(url: str) -> bool:
     try:
-        httpx.get(f"{url}/healthz", timeout=5)
+        asking.get(f"{url}/healthz", timeout=5)
     except httpx.ConnectError:
         return True
     return False
@@ -80,9 +81,9 @@ def test_the_page_shows_the_vehicle_and_changes_it_and_goes_with_the_demonstrati
     process = demo("--no-browser", "--seconds", "60", BROWSER=program)
     url = address_in(process.stdout.readline().decode())
     assert eventually(lambda: alive(url), LIMIT_S)
-    assert httpx.get(url, timeout=30).headers["content-type"].startswith("text/html")
+    assert asking.get(url, timeout=30).headers["content-type"].startswith("text/html")
     settings = f"{url}/api/v1/streams/demo/lidar/settings"
-    assert httpx.patch(settings, json={"codec": "zstd"}, timeout=30).json()["applied"]["codec"] == "zstd"
+    assert asking.patch(settings, json={"codec": "zstd"}, timeout=30).json()["applied"]["codec"] == "zstd"
     process.send_signal(signal.SIGTERM)
     said, complaints = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, complaints) == (0, b"")

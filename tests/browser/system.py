@@ -11,6 +11,7 @@ from typing import Any
 import httpx
 
 from lidarcodec.apps.demo_processes import free_port
+from tests import asking
 from tests.command_line import COMMAND, environment, run_here
 from tests.transport.test_contract import eventually
 
@@ -74,11 +75,11 @@ class System:
     def get(self, path: str, token: str | None = None) -> Any:
         """What the API answers to a GET below /api/v1/."""
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        return httpx.get(f"{self.url}/api/v1/{path}", headers=headers, timeout=30).raise_for_status().json()
+        return asking.get(f"{self.url}/api/v1/{path}", headers=headers, timeout=30).raise_for_status().json()
 
     def change(self, path: str, **values: Any) -> None:
         """Change something below /api/v1/."""
-        httpx.patch(f"{self.url}/api/v1/{path}", json=values, timeout=30).raise_for_status()
+        asking.patch(f"{self.url}/api/v1/{path}", json=values, timeout=30).raise_for_status()
 
     def close(self) -> None:
         """End everything."""
@@ -95,12 +96,12 @@ class System:
     def _knows(self, token: str) -> str | None:
         """Whom the server takes somebody with this token for. Before it knows of any token, for an address like all."""
         headers = {"Authorization": f"Bearer {token}"}
-        answer = httpx.get(f"{self.url}/api/v1/session", headers=headers, timeout=30)
+        answer = asking.get(f"{self.url}/api/v1/session", headers=headers, timeout=30)
         return answer.json()["name"] if answer.status_code == 200 else None
 
     def _answers(self) -> bool:
         try:
-            return httpx.get(f"{self.url}/healthz", timeout=5).status_code == 200
+            return asking.get(f"{self.url}/healthz", timeout=5).status_code == 200
         except httpx.HTTPError:
             return False
 

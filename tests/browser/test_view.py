@@ -7,10 +7,10 @@ import re
 import time
 
 import cv2
-import httpx
 import numpy as np
 import pytest
 
+from tests import asking
 from tests.browser.system import LIMIT_S
 
 expect = pytest.importorskip("playwright.sync_api", reason="needs the Python package playwright").expect
@@ -56,7 +56,7 @@ def figures(page) -> dict[str, str]:
 
 def change(fleet, **settings) -> None:
     address = f"{fleet.url}/api/v1/streams/car-7/lidar/settings"
-    answer = httpx.patch(address, json=settings, timeout=LIMIT_S)
+    answer = asking.patch(address, json=settings, timeout=LIMIT_S)
     assert answer.status_code == 200, answer.text
 
 

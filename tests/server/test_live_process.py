@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from lidarcodec.apps.demo_processes import free_port
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
+from tests import asking
 from tests.command_line import COMMAND, environment
 from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
@@ -45,7 +46,7 @@ def system(folder):
 
     def alive() -> bool:
         try:
-            return httpx.get(url + STREAM, timeout=5).json().get("alive", False)
+            return asking.get(url + STREAM, timeout=5).json().get("alive", False)
         except httpx.HTTPError:
             return False
 
@@ -85,7 +86,7 @@ def test_a_recording_is_played_over_the_network_of_the_server(system):
 def test_sigterm_with_open_sockets_and_a_recording_ends_the_server_soon_and_keeps_the_recording(system, folder):
     server, url = system
     address = url.replace("http", "ws") + STREAM
-    recording = httpx.post(f"{url}{STREAM}/recording", timeout=30).json()["id"]
+    recording = asking.post(f"{url}{STREAM}/recording", timeout=30).json()["id"]
     with (
         connect(f"{address}/cloud", compression=None, max_size=None) as cloud,
         connect(f"{address}/frames", compression=None, max_size=None) as frames,

@@ -12,12 +12,12 @@ from lidarcodec.transport.base import MAX_EVENT_BYTES, Priority
 
 
 def eventually(condition, limit_s=30.0):
-    """Wait until the condition holds."""
+    """Wait until the condition holds. What takes long to ask is asked less often, lest it hold up what is awaited."""
     end = time.monotonic() + limit_s
-    while time.monotonic() < end:
+    while (asked := time.monotonic()) < end:
         if condition():
             return True
-        time.sleep(0.005)
+        time.sleep(min(max(0.005, 2 * (time.monotonic() - asked)), 0.1))
     return False
 
 

@@ -15,6 +15,7 @@ import pytest
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import peek, unpack
+from tests import asking
 from tests.calm import Calm
 from tests.server.live import client_module, event, frame
 from tests.transport.test_contract import eventually
@@ -220,7 +221,7 @@ def test_a_snapshot_of_a_vehicle_that_is_away_says_so(server):
     with server.publisher(vehicle="gone"):
         assert server.seen("gone/lidar")
     assert eventually(lambda: not server.app.state.service.stream(_keys("gone")).alive)
-    answer = httpx.get(f"{server.url}/api/v1/streams/gone/lidar/snapshot.png", timeout=30)
+    answer = asking.get(f"{server.url}/api/v1/streams/gone/lidar/snapshot.png", timeout=30)
     assert answer.status_code == 503
     assert answer.headers["content-type"] == "application/problem+json"
 
