@@ -208,7 +208,7 @@ def test_what_was_encoded_comes_back_byte_for_byte_and_verify_says_so(tmp_path):
 
 def test_verify_that_is_stopped_says_that_it_did_not_compare_all(tmp_path, caplog):
     recording = tmp_path / "drive.mcap"
-    assert run("encode", "sim:city?frames=3", recording).returncode == 0
+    assert run_here("encode", "sim:city?frames=3", recording).returncode == 0
     frames = list(RecordedFrames(recording))
 
     def interrupted(_):
@@ -225,7 +225,7 @@ def test_verify_that_is_stopped_says_that_it_did_not_compare_all(tmp_path, caplo
 def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):
     recording = tmp_path / "drive.mcap"
     source = "sim:city?frames=3"
-    assert run("encode", source, recording, "--set", "max_error_m=0.05", "--skip", 1).returncode == 0
+    assert run_here("encode", source, recording, "--set", "max_error_m=0.05", "--skip", 1).returncode == 0
     result = run("verify", recording, source, "--json")
     found = json.loads(result.stdout)
     assert result.returncode == 0, result.stderr
@@ -239,7 +239,7 @@ def test_verify_judges_each_frame_by_its_own_message_where_a_target_bitrate_turn
     recording = tmp_path / "drive.mcap"
     source = "sim:city?frames=3"
     chosen = ("--set", "target_kbps=1500", "--set", "intensity=off")
-    assert run("encode", source, recording, *chosen).returncode == 0
+    assert run_here("encode", source, recording, *chosen).returncode == 0
     result = run("verify", recording, source, "--json")
     found = json.loads(result.stdout)
     assert result.returncode == 0, result.stderr
@@ -249,7 +249,7 @@ def test_verify_judges_each_frame_by_its_own_message_where_a_target_bitrate_turn
 
 def test_a_cut_recording_decodes_as_far_as_it_goes_with_a_warning_and_code_0(tmp_path):
     recording = tmp_path / "drive.mcap"
-    assert run("encode", "sim:city?frames=3", recording).returncode == 0
+    assert run_here("encode", "sim:city?frames=3", recording).returncode == 0
     whole = recording.read_bytes()
     recording.write_bytes(whole[: len(whole) * 2 // 3])
     result = run("decode", recording, tmp_path / "back.pcap")
@@ -261,7 +261,7 @@ def test_a_cut_recording_decodes_as_far_as_it_goes_with_a_warning_and_code_0(tmp
 
 def test_info_explains_a_recording_and_each_message(tmp_path):
     recording = tmp_path / "drive.mcap"
-    assert run("encode", "sim:city?frames=2", recording).returncode == 0
+    assert run_here("encode", "sim:city?frames=2", recording).returncode == 0
     found = json.loads(run("info", recording, "--json").stdout)
     assert found["messages"] == 2
     dump = run("info", recording, "--message", 1)
@@ -273,7 +273,7 @@ def test_info_explains_a_recording_and_each_message(tmp_path):
 
 def test_info_takes_a_recording_with_options_as_the_source_that_they_name(tmp_path):
     recording = tmp_path / "drive.mcap"
-    assert run("encode", "sim:city?frames=1", recording).returncode == 0
+    assert run_here("encode", "sim:city?frames=1", recording).returncode == 0
     found = json.loads(run("info", f"{recording}?read=messages", "--json").stdout)
     assert (found["what"], found["packets"]) == ("recording drive.mcap, decoded messages", 348)
     assert "no packets" in the_one_line(run_here("info", f"{recording}?read=packets"))
@@ -293,7 +293,7 @@ def test_info_without_a_source_reports_this_installation():
 def test_what_is_read_is_never_written_over(tmp_path):
     """Opening it for writing would empty a recording that may be the only one of a drive."""
     path = tmp_path / "drive.mcap"
-    assert run("encode", "sim:city?frames=1", path).returncode == 0
+    assert run_here("encode", "sim:city?frames=1", path).returncode == 0
     before = path.read_bytes()
     link = tmp_path / "link.mcap"
     link.symlink_to(path)
@@ -309,7 +309,7 @@ def test_what_is_read_is_never_written_over(tmp_path):
 
 def test_a_name_that_is_no_unicode_is_a_name_like_any_other(tmp_path):
     path = tmp_path / "drive\udcff.pcap"
-    assert run("simulate", "sim:city", tmp_path / "drive.pcap", "--frames", "1").returncode == 0
+    assert run_here("simulate", "sim:city", tmp_path / "drive.pcap", "--frames", "1").returncode == 0
     (tmp_path / "drive.pcap").rename(path)
     command = [*COMMAND, "encode", str(path), str(tmp_path / "out\udcff.mcap")]
     result = subprocess.run(command, capture_output=True, env=environment(), check=False)
@@ -325,7 +325,7 @@ def test_more_frames_than_can_be_counted_are_wrong_usage(words):
 
 def test_a_recording_cut_in_its_first_message_is_warned_of_once(tmp_path):
     path = tmp_path / "cut.mcap"
-    assert run("encode", "sim:city?frames=2", path).returncode == 0
+    assert run_here("encode", "sim:city?frames=2", path).returncode == 0
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
     result = run("decode", path, tmp_path / "out.pcap")
     assert result.returncode == 0, result.stderr
@@ -346,11 +346,11 @@ def test_a_closed_standard_output_is_no_traceback():
 def test_poses_travel_with_the_frames(tmp_path):
     """A monitor that puts clouds into one map would lose where they were taken."""
     capture, poses = tmp_path / "town.pcap", tmp_path / "poses.txt"
-    assert run("simulate", "sim:street", capture, "--frames", 2).returncode == 0
+    assert run_here("simulate", "sim:street", capture, "--frames", 2).returncode == 0
     first_s = 1_767_225_600
     poses.write_text("".join(f"{first_s + 0.1 * i:.1f} {2.0 * i} 0 0 0 0 0 1\n" for i in range(4)))
     out = tmp_path / "posed.mcap"
-    assert run("encode", capture, out, "--poses", poses).returncode == 0
+    assert run_here("encode", capture, out, "--poses", poses).returncode == 0
     with out.open("rb") as handle:
         decoder = lidarcodec.StreamDecoder()
         frames = [f for _, data in read_recording(handle) for f in decoder.decode(lidarcodec.unpack(data))]
@@ -361,9 +361,9 @@ def test_poses_travel_with_the_frames(tmp_path):
 
 def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
     capture, out = tmp_path / "town.pcap", tmp_path / "town.mcap"
-    assert run("simulate", "sim:street", capture, "--frames", 3).returncode == 0
-    assert run("encode", capture, out).returncode == 0
-    assert run("verify", out, capture).returncode == 0
+    assert run_here("simulate", "sim:street", capture, "--frames", 3).returncode == 0
+    assert run_here("encode", capture, out).returncode == 0
+    assert run_here("verify", out, capture).returncode == 0
     whole = out.read_bytes()
     half = len(whole) // 2  # within the second message
     flipped = whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]
