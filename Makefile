@@ -17,7 +17,7 @@ WEB := $(STAMPS)/web
 # By the lock file, as it is. `npm ci` refuses one in which builds for other systems are missing, and a registry may lack those.
 NPM_INSTALL := npm install --no-save --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
-# Tests wait for each other's processes more than they compute: three at a time take 5 minutes 30 on two cores, two 6:40.
+# Tests wait for each other's processes more than they compute: on two cores three at a time are done sooner than two.
 JOBS ?= 3
 export PYTHON CXX
 # Tests start some five hundred processes. Where the environment forbids bytecode, as in many containers, each would compile
