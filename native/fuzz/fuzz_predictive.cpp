@@ -26,14 +26,20 @@ Ranges columns_of(const Ranges& image, std::size_t width, lidarcodec::KnownColum
   return before;
 }
 
+// One of the ways to code that this processor has, by any number. The plain one is for few: it takes ten times as long under
+// the sanitizers, and no input decides its course.
+lidarcodec::Path path_of(std::uint32_t number) {
+  const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
+  return paths.size() == 1 || number % 16 == 0 ? paths.front() : paths[1 + number / 16 % (paths.size() - 1)];
+}
+
 // What a coder that has seen a frame before writes and reads, whatever the processors of both can do.
 void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::RangeCells cells,
                       const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
                       lidarcodec::KnownColumns known, bool learned) {
   const Ranges before = columns_of(image, geometry.width, known);
-  const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
-  PredictiveCoder encoder(paths[turn % paths.size()], nets_of(learned, turn & 1u));
-  PredictiveCoder decoder(paths[turn / 8 % paths.size()], nets_of(learned, turn & 2u));
+  PredictiveCoder encoder(path_of(turn), nets_of(learned, turn % 16 == 1));
+  PredictiveCoder decoder(path_of(turn >> 3), nets_of(learned, turn % 16 == 2));
   for (int frame = 0; frame < 2; ++frame) {
     const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known);
     const Ranges came =
@@ -86,16 +92,15 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (slab) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
-    const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
-    PredictiveCoder coder(paths[turn / 64 % paths.size()], nets_of(learned, turn & 4u));
+    PredictiveCoder coder(path_of(turn >> 6), nets_of(learned, turn % 16 == 4));
     Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, known);
     const Ranges came = coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data());
-    if (turn & 256u) check_round_trip(came, returns, cells, geometry, turn, expected, known, learned);
+    if (turn / 256 % 4 == 0) check_round_trip(came, returns, cells, geometry, turn, expected, known, learned);
   } catch (const lidarcodec::Error&) {
   }
-  if (kind & 2u && !returns.empty() && rest.size() > 1) {
+  if (kind & 2u && turn / 256 % 4 == 1 && !returns.empty() && rest.size() > 1) {
     Ranges image(returns.size());
     for (std::size_t i = 0; i < image.size(); ++i) {
       const std::size_t at = i % (rest.size() - 1);
