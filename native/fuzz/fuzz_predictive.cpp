@@ -36,10 +36,10 @@ lidarcodec::Path path_of(std::uint32_t number) {
 // What a coder that has seen a frame before writes and reads, whatever the processors of both can do.
 void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::RangeCells cells,
                       const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
-                      lidarcodec::KnownColumns known, bool learned) {
+                      lidarcodec::KnownColumns known, bool learned, std::uint32_t ways) {
   const Ranges before = columns_of(image, geometry.width, known);
-  PredictiveCoder encoder(path_of(turn), nets_of(learned, turn % 16 == 1));
-  PredictiveCoder decoder(path_of(turn >> 3), nets_of(learned, turn % 16 == 2));
+  PredictiveCoder encoder(path_of(ways), nets_of(learned, ways / 64 % 16 == 0));
+  PredictiveCoder decoder(path_of(ways >> 5), nets_of(learned, ways / 2048 % 16 == 0));
   for (int frame = 0; frame < 2; ++frame) {
     const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known);
     const Ranges came =
@@ -78,6 +78,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::uint16_t* const expected = kind & 16u ? guesses.data() : nullptr;
   const lidarcodec::KnownColumns known = kind & 64u ? static_cast<lidarcodec::KnownColumns>(holes % (width + 1)) : -1;
   const bool learned = kind & 128u;
+  // How it is coded, and whether there and back, mixed so that no setting goes with one way alone.
+  const std::uint32_t ways = ((turn << 16 | std::uint32_t{holes} << 8 | kind) * 2654435761u) >> 16;
   try {
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
@@ -92,21 +94,21 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (slab) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
-    PredictiveCoder coder(path_of(turn >> 6), nets_of(learned, turn % 16 == 4));
+    PredictiveCoder coder(path_of(ways >> 3), nets_of(learned, ways / 512 % 16 == 0));
     Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, known);
     const Ranges came = coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data());
-    if (turn / 256 % 4 == 0) check_round_trip(came, returns, cells, geometry, turn, expected, known, learned);
+    if (ways / 4096 % 4 == 0) check_round_trip(came, returns, cells, geometry, turn, expected, known, learned, ways);
   } catch (const lidarcodec::Error&) {
   }
-  if (kind & 2u && turn / 256 % 4 == 1 && !returns.empty() && rest.size() > 1) {
+  if (kind & 2u && ways / 4096 % 4 == 1 && !returns.empty() && rest.size() > 1) {
     Ranges image(returns.size());
     for (std::size_t i = 0; i < image.size(); ++i) {
       const std::size_t at = i % (rest.size() - 1);
       image[i] = static_cast<std::uint16_t>(std::max(1, rest[at] << 8 | rest[at + 1]));
     }
-    check_round_trip(image, returns, cells, geometry, turn, expected, known, learned);
+    check_round_trip(image, returns, cells, geometry, turn, expected, known, learned, ways);
   }
   return 0;
 }
