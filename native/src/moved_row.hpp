@@ -8,6 +8,7 @@
 
 #include "beams.hpp"
 #include "range_history.hpp"
+#include "warp_fours.hpp"
 #include "warp_surface.hpp"
 
 namespace lidarcodec {
@@ -36,11 +37,12 @@ struct Taken {
 class MovedRow {
  public:
   // sectors: a bit for each in which points are looked at
-  void move(const std::uint16_t* ranges, const Taken& taken, const Beam& beam, const Motion& motion, std::uint64_t sectors) {
+  template <class Form>
+  [[gnu::always_inline]] void move(const std::uint16_t* ranges, const Taken& taken, const Beam& beam, const Motion& motion, std::uint64_t sectors) {
     size_ = 0;
     if (!beam.usable) return;
     const std::size_t returns = pick(ranges, taken, beam, sectors);
-    carry(returns, beam, motion);
+    carry<Form>(returns, beam, motion);
     land(x_.data(), y_.data(), angle_.data(), returns);
     keep(returns);
   }
@@ -96,20 +98,40 @@ class MovedRow {
     return n;
   }
 
-  // The points of the returns, moved. One too far away comes to lie on the axis, which is too near.
-  void carry(std::size_t n, const Beam& beam, const Motion& motion) {
+  // The points of the returns, moved. One too far away comes to lie on the axis, which is too near. As Beam::point and
+  // Motion::move, in doubles, which are exact where the motion is one: what is added up is below 2^53.
+  template <class Form>
+  [[gnu::always_inline]] void carry(std::size_t n, const Beam& beam, const Motion& motion) {
     const std::int32_t *length = length_.data(), *cos = cos_.data(), *sin = sin_.data();
     std::int32_t *x = x_.data(), *y = y_.data(), *z = z_.data();
-    for (std::size_t k = 0; k < n; ++k) {
-      const Point at = motion.move(beam.point(length[k], {cos[k], sin[k]}));
-      const bool within = is_within(at.x) && is_within(at.y) && is_within(at.z);
-      x[k] = within ? static_cast<std::int32_t>(at.x * 16) : 0;
-      y[k] = within ? static_cast<std::int32_t>(at.y * -16) : 0;
-      z[k] = static_cast<std::int32_t>(at.z);
+    const auto number = [](std::int64_t a) { return static_cast<double>(a); };
+    const double along = number(beam.along), across = number(beam.across), up = number(beam.up);
+    const double along_0 = number(beam.along_0), across_0 = number(beam.across_0), up_0 = number(beam.up_0);
+    std::array<double, 9> turn;
+    for (std::size_t i = 0; i < turn.size(); ++i) turn[i] = motion.rotation[i];
+    const std::array<double, 3> shift = {number(motion.translation[0]), number(motion.translation[1]), number(motion.translation[2])};
+    for (std::size_t k = 0; k < n; k += 4) {
+      const Fours far = fours_of<Form>(ints_at(length + k)), c = fours_of<Form>(ints_at(cos + k)), s = fours_of<Form>(ints_at(sin + k));
+      const Fours p = rounded30<Form>(far * along) + along_0, q = rounded30<Form>(far * across) + across_0;
+      const Fours ahead = rounded30<Form>(p * c + q * s), left = rounded30<Form>(q * c - p * s), high = rounded30<Form>(far * up) + up_0;
+      const auto to = [&](std::size_t i) __attribute__((always_inline)) {
+        return rounded30<Form>(turn[3 * i] * ahead + turn[3 * i + 1] * left + turn[3 * i + 2] * high) + shift[i];
+      };
+      const Fours to_x = to(0), to_y = to(1), to_z = to(2);
+      const FourMasks within = is_within(to_x) & is_within(to_y) & is_within(to_z);
+      put(cut_off(chosen(within, to_x * 16.0, Fours{})), x + k);
+      put(cut_off(chosen(within, to_y * -16.0, Fours{})), y + k);
+      put(cut_off(chosen(within, to_z, Fours{})), z + k);
     }
   }
 
-  static bool is_within(std::int64_t at) { return -kFarthest <= at && at <= kFarthest; }
+  [[gnu::always_inline]] static FourMasks is_within(Fours at) { return size_of(at) <= double{kFarthest}; }
+
+  // a / 2^30, rounded. Exact for whole numbers below 2^53.
+  template <class Form>
+  [[gnu::always_inline]] static Fours rounded30(Fours a) {
+    return rounded_down<Form>(a * (1.0 / (1 << 30)) + 0.5);
+  }
 
   // a if so, else b; without a branch.
   static std::int32_t either(bool so, std::int32_t a, std::int32_t b) { return b ^ ((a ^ b) & -static_cast<std::int32_t>(so)); }
@@ -203,7 +225,7 @@ class MovedRow {
   }
 
   // Of the returns that were picked.
-  std::vector<std::int32_t> length_ = std::vector<std::int32_t>(kSlots + 1), cos_ = length_, sin_ = length_;
+  std::vector<std::int32_t> length_ = std::vector<std::int32_t>(kSlots + 4), cos_ = length_, sin_ = length_;
   // Of the points. After `keep` x is the distance from the axis.
   std::vector<std::int32_t> x_ = length_, y_ = length_, z_ = length_;
   std::vector<Angle> angle_ = std::vector<Angle>(kSlots), seen_ = std::vector<Angle>(kSlots + 1);

@@ -6,7 +6,8 @@
 #include <memory>
 
 #include "moved_row.hpp"
-#include "warp_surface.hpp"
+#include "processor.hpp"
+#include "warp_crossing.hpp"
 
 namespace lidarcodec {
 namespace {
@@ -67,10 +68,9 @@ struct Side {
   }
 };
 
-}  // namespace
-
-std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const BeamTable& table, const Motion& motion,
-                                           const Columns& columns) {
+template <class Form>
+[[gnu::always_inline]] inline std::vector<std::uint16_t> expect(const RangeHistory& history, const BeamTable& table, const Motion& motion,
+                                                                const Columns& columns) {
   check_azimuths(columns);
   std::vector<std::uint16_t> expected(kRows * columns.width);
   const Beams beams = beams_of(table);
@@ -91,7 +91,7 @@ std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const Be
       Surface(beams, sides[1].rows, places.get() + Surface::kPlaces, lengths.get() + Surface::kPlaces)};
   MovedRow moved;
   for (std::size_t row = 0; row < kRows; ++row) {
-    moved.move(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
+    moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
     for (std::size_t side = 0; side < 2; ++side) {
       const bool own = (beams[row].sideways < 0) == (side == 1);
       if (!sides[side].rows.empty()) moved.lay(own ? beams[row].sideways : sides[side].sideways, surfaces[side].ring(row));
@@ -99,8 +99,8 @@ std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const Be
   }
   for (std::size_t side = 0; side < 2; ++side) {
     if (sides[side].rows.empty()) continue;
-    for (std::size_t direction = 0; direction < kDirections; ++direction)
-      if (seen[direction * kSectors / kDirections]) surfaces[side].cross(direction);
+    for (std::size_t direction = 0; direction < kDirections; direction += 4)
+      if (seen[direction * kSectors / kDirections]) surfaces[side].template cross<Form>(direction);
     surfaces[side].close();
     for (const std::size_t row : sides[side].rows) {
       const MetByRow met = surfaces[side].met_by(row);
@@ -110,6 +110,24 @@ std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const Be
     }
   }
   return expected;
+}
+
+#if defined(__x86_64__)
+LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_at_once(const RangeHistory& history, const BeamTable& table,
+                                                                           const Motion& motion, const Columns& columns) {
+  return expect<FoursAtOnce>(history, table, motion, columns);
+}
+#endif
+
+}  // namespace
+
+std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const BeamTable& table, const Motion& motion,
+                                           const Columns& columns) {
+#if defined(__x86_64__)
+  static const bool at_once = quickest_path() == Path::Avx2;
+  if (at_once) return expect_at_once(history, table, motion, columns);
+#endif
+  return expect<FoursByTwo>(history, table, motion, columns);
 }
 
 }  // namespace lidarcodec

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "beams.hpp"
+#include "warp_fours.hpp"
 
 namespace lidarcodec {
 
@@ -81,10 +82,11 @@ class Surface {
       : beams_(beams), rows_(rows), points_(points), met_(met) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       const Beam& beam = beams[rows[i]];
-      asking_[i + 1] = {beam.up_0, beam.back, beam.slope, beam.lengthen, rows[i] * kStride};
+      asking_[i + 1] = {static_cast<double>(beam.up_0), static_cast<double>(beam.back), static_cast<double>(beam.slope) * kFactor,
+                        static_cast<double>(beam.lengthen) * kFactor, rows[i] * kStride};
     }
-    asking_[0] = {kBeyondAll};
-    asking_[rows.size() + 1] = {-kBeyondAll};
+    asking_[0].up_0 = kBeyondAll;
+    asking_[rows.size() + 1].up_0 = -kBeyondAll;
   }
 
   // A ring, with no places yet.
@@ -93,7 +95,8 @@ class Surface {
     return RingPlaces(points_ + row * kStride);
   }
 
-  // Finds what each beam that looks in this direction meets first.
+  // Finds what each beam meets first that looks in this direction and the three after it; a multiple of 4.
+  template <class Form>
   void cross(std::size_t direction);
 
   // What the beams of a row meet, by direction. Call `close` first.
@@ -105,36 +108,27 @@ class Surface {
   }
 
  private:
+  // What of a beam says where it passes, in whole numbers; its slope and `lengthen` in steps of 1.
   struct Asking {
-    std::int64_t up_0 = 0, back = 0, slope = 0, lengthen = 0;
+    double up_0 = 0, back = 0, slope = 0, lengthen = 0;
     std::size_t at = 0;  // of its row, in met_
   };
 
-  // The places of a direction, from the top, of the rings that have one.
-  struct Column {
-    std::array<Place, kRows> places;
-    std::array<std::uint8_t, kRows> below;  // how many beams pass above each or through it
-    std::size_t size = 0;
-  };
+  struct Places;
+  static FourMasks is_above(const Asking& beam, const Places& at);
+  template <class Form>
+  static Fours above(const Asking& beam, const Places& at);
+  static FourMasks jump(const Places& a, const Places& b);
+  template <class Form>
+  static void meet(const Asking& beam, const Places& a, const Places& b, FourMasks passes, Fours& met);
 
-  // A beam that passes between a place and the one before it.
-  struct Passing {
-    std::uint8_t place, beam;
-  };
-
-  // How far the point lies above a beam.
-  static std::int64_t above(const Asking& asking, const Place& at) {
-    return at.height - asking.up_0 - (((at.away + asking.back) * asking.slope) >> 24);
-  }
-
-  // Finds the places of a direction, and the beams that pass between two of them; how many. They are at most 64 for each place.
-  std::size_t descend(std::size_t direction, Column& column, Passing* passings) const;
-
-  // An open beam, one that meets nothing, but passes a point within 0.006 of its distance: it meets the closest such point.
-  void graze(std::uint64_t open, std::int32_t* met, const Column& column) const;
+  // A beam that meets nothing, but passes a place within 0.006 of its distance, meets the closest such place. rings: those
+  // that it passes between. Gives how far it is from the axis.
+  double graze(const Asking& beam, std::size_t direction, std::uint64_t rings) const;
 
   // Points are at most 2^25 above or below a real beam: this is above all of them.
-  static constexpr std::int64_t kBeyondAll = std::int64_t{1} << 40;
+  static constexpr double kBeyondAll = double{1ull << 40};
+  static constexpr double kFactor = 1.0 / (1 << 24);
 
   const Beams& beams_;
   const std::vector<std::uint8_t>& rows_;
