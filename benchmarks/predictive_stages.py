@@ -59,6 +59,7 @@ SETTINGS = {
     "predictive, every frame a key": _settings("predictive", memory=False).model_copy(update={"key_interval": 1}),
     "predictive": _settings("predictive"),
     "predictive with motion": _settings("predictive", motion=True),
+    "predictive, effort 2, with motion": _settings("predictive", motion=True, effort=2),
     "riddle, effort 2": _settings("riddle", effort=2),
     "riddle, effort 3": _settings("riddle", effort=3),
     "riddle, effort 4": _settings("riddle", effort=4),

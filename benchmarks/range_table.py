@@ -68,6 +68,8 @@ OURS = (
     Ours("`predictive`, a frame alone", "predictive", {"memory": False}),
     Ours("`predictive`, after the frame before", "predictive", {}, after=True),
     Ours("`predictive motion=true`, after the frame before", "predictive", {"motion": True}, after=True),
+    Ours("`predictive effort=2`, a frame alone", "predictive", {"memory": False, "effort": 2}),
+    Ours("`predictive effort=2 motion=true`, after it", "predictive", {"motion": True, "effort": 2}, after=True),
     Ours("`riddle effort=2`, a frame alone", "riddle", {"memory": False}),
     Ours("`riddle effort=3`, a frame alone", "riddle", {"memory": False, "effort": 3}),
     Ours("`riddle effort=4`, a frame alone", "riddle", {"memory": False, "effort": 4}),

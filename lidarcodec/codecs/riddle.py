@@ -189,7 +189,7 @@ class RiddleEncoder(ExpectingEncoder):
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
         samples = None if learner is None else learner.samples_of(frame, expects=expected is not None)
         coded = self._memory.coder.encode(
-            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples
+            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples, quick=True
         )
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)

@@ -236,11 +236,12 @@ class NativePredictiveCoder:
         expected: npt.NDArray[np.uint16],
         known: int,
         samples: ReturnSamples | None = None,
+        quick: bool = False,
     ) -> bytes:
         """Bytes of (64, W) ranges. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
         given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, firing, expected, known)
-        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native))
+        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native, quick))
 
     def decode(
         self,

@@ -28,13 +28,14 @@ from lidarcodec.entropy.reference_predictive_place import (
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS = 1, 2, 2, 8, 32
+ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, QUICK = 1, 2, 2, 8, 32, 64
 FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
 RATES: Final = (720, 460, 320, 230)
 OFFSET_RATE: Final = 655
 DEPTH: Final = 3
+QUICK_ENDS: Final = (67, 32700)
 
 Image = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.uint8]
@@ -45,7 +46,7 @@ class Given(NamedTuple):
     """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame.
 
     firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
-    not at first. `decode` does as the bytes say
+    not at first; quick: with fewer contexts. `decode` does as the bytes say of both
     """
 
     layout: Layout
@@ -54,13 +55,14 @@ class Given(NamedTuple):
     expected: Image | None = None
     known: int | None = None
     firing: int | None = 0
+    quick: bool = False
 
     @property
     def kind(self) -> int:
         """The first byte."""
         where = QUARTERS if self.known is None else SLAB
         counted = 0 if self.firing is None else OF_FIRINGS
-        return (ALONE if self.expected is None else EXPECTING) + where + counted
+        return (ALONE if self.expected is None else EXPECTING) + where + counted + (QUICK if self.quick else 0)
 
     @property
     def parts(self) -> int:
@@ -81,8 +83,8 @@ class Given(NamedTuple):
 class Parts:
     """Codes rows of ranges, the quarters of a row or two rows in turns, each with a coder of its own."""
 
-    def __init__(self, model: Model, step: int, coders: list[Coder]) -> None:
-        self._model, self._coders = model, coders
+    def __init__(self, model: Model, step: int, coders: list[Coder], *, quick: bool) -> None:
+        self._model, self._coders, self._quick = model, coders, quick
         self.start, self.first = 480 // step + 5, 2500 // step
         self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
 
@@ -100,7 +102,7 @@ class Parts:
                 self._code_together(together, i, works, states)
 
     def _code_together(self, now: list[int], i: int, works: list[Work], states: list[State]) -> None:
-        places = {p: Place(states[p], works[p].about, works[p].cells[i], self.first) for p in now}
+        places = {p: Place(states[p], works[p].about, works[p].cells[i], self.first, quick=self._quick) for p in now}
         walked = {p: self._walk(self._coders[p], places[p], works[p].row[places[p].cell]) for p in now}
         for p in now:
             place, (leaf, learned), row = places[p], walked[p], works[p].row
@@ -151,6 +153,8 @@ class Parts:
         leaf, away = (7 - came if down else came - 8), (-1 - d if d < 0 else d)
         begin, scale = leaf_start(place.scale, leaf), place.scale
         left = LEAF_BITS[scale][leaf] if leaf < 7 else tables.beyond_bits(scale)
+        if self._quick and leaf < 7:
+            return begin + self._quick_offset(coder, (scale, leaf), left, away - begin)
         near = [-1 - (x - place.base) if down else x - place.base for x in place.near]
         octave = 0
         while leaf == 7:
@@ -173,6 +177,16 @@ class Parts:
             side = (leaf, down if leaf < 7 else None)
             if self._decide(coder, ("near", says, depth, side), ("leaf", scale, leaf, depth), 0, away >= middle):
                 begin = middle
+        return begin + coder.plain(away - begin, left)
+
+    def _quick_offset(self, coder: Coder, where: tuple[int, int], left: int, away: int) -> int:
+        node = 1
+        while left > 0 and node < 4:
+            p = self._model.quick.get((*where, node), 16384)
+            bit = coder.bit(away >> left - 1 & 1, p)
+            self._model.quick[*where, node] = p + ((QUICK_ENDS[bit] - p) >> 6)
+            node, left = 2 * node + bit, left - 1
+        begin = node - (1 << node.bit_length() - 1) << left
         return begin + coder.plain(away - begin, left)
 
     def _settle(self, part: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
@@ -212,7 +226,7 @@ def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Ro
 
 
 def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
-    coder = Parts(model, frame.step, coders)
+    coder = Parts(model, frame.step, coders, quick=frame.quick)
     if frame.known is None:
         code_frame(rows, coder)
     else:
@@ -249,7 +263,8 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         return image
     if not data:
         raise TruncatedError("ranges end within their header", 0)
-    frame = frame._replace(firing=0 if data[0] & OF_FIRINGS else None)
+    counted = bool(data[0] & OF_FIRINGS)
+    frame = frame._replace(firing=0 if counted else None, quick=counted and bool(data[0] & QUICK))
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))

@@ -38,6 +38,9 @@ EXPECTED_CONTEXTS: Final[tuple[tuple[int, ...], ...]] = (
     (SEEN_PLAIN + 1, SEEN + 1),
 )
 """Those of frames that know what to expect, beside the others."""
+QUICK_ALONE: Final = (0, 1, 4, 5, 6, 8, 9, 10, 11, 12, 13)
+QUICK_EXPECTING: Final = (0, 1, 4, 5, 6, 9, 10, 13, 14, 15, 16, 17, 18)
+"""Numbers of the contexts of quick kinds."""
 
 LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
 LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
@@ -94,6 +97,7 @@ class Model:
     def __init__(self) -> None:
         self.cells: dict[tuple[int, ...], list[int]] = {}
         self.offsets: dict[tuple[object, ...], int] = {}
+        self.quick: dict[tuple[int, ...], int] = {}  # how likely offset bits of quick kinds are ones, of 32768
         self.states: list[State] = []  # of the rows where the last slab ended, in cells of `step`
         self.step = 0
 
@@ -107,7 +111,7 @@ class Model:
 class Place:
     """What is known of a return before it is coded."""
 
-    def __init__(self, half: State, about: Surroundings, k: int, first: int) -> None:
+    def __init__(self, half: State, about: Surroundings, k: int, first: int, *, quick: bool) -> None:
         at = k + MARGIN
         above, upper, sizes = about.above, about.upper, about.sizes
         self.cell = k
@@ -143,6 +147,9 @@ class Place:
         self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
         if about.expected:
             self._expect(half, about, at, up, of)
+        if quick:
+            used = QUICK_EXPECTING if about.expected else QUICK_ALONE
+            self.contexts = [context for context in self.contexts if context[0] in used]
 
     def _expect(self, half: State, about: Surroundings, at: int, up: list[int], of: list[int]) -> None:
         seen, known, bias = about.expected[at - 1 : at + 4], about.known, half.bias >> 2

@@ -37,7 +37,7 @@ void bind_predictive(nb::module_& m) {
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
              In<std::int32_t, 1> rotation, std::uint32_t turn, std::uint32_t firing, In<std::uint16_t, 2> expected,
-             std::int64_t known, lidarcodec::RiddleSamples* samples) {
+             std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
@@ -46,14 +46,15 @@ void bind_predictive(nb::module_& m) {
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples, quick);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
           nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"),
-          nb::arg("samples").none() = nb::none(), "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column.")
+          nb::arg("samples").none() = nb::none(), nb::arg("quick") = false,
+          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column; `quick`: with fewer contexts.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

@@ -121,11 +121,12 @@ Bytes returns_of(const Ranges& image) {
   return returns;
 }
 
-// What ranges are coded with: a path of the processor, and maybe networks.
+// What ranges are coded with: a path of the processor, and maybe networks or few contexts.
 struct Way {
   Path path;
   std::shared_ptr<const RiddleNets> nets;
   std::string codec, name;
+  bool quick = false;
 
   PredictiveCoder coder() const { return PredictiveCoder(path, nets); }
 };
@@ -140,6 +141,7 @@ std::vector<Way> ways_here() {
   };
   for (const Path path : paths_here()) {
     ways.push_back({path, nullptr, "", name_of(path)});
+    ways.push_back({path, nullptr, "quick ", name_of(path), true});
     if (path != paths_here().back()) with_nets(path, forms.front());
   }
   for (const NetForm form : forms) with_nets(paths_here().back(), form);
@@ -161,7 +163,7 @@ void check_ranges(const Scene& scene, const Way& way) {
         const Columns columns{scene.width, azimuth.data(), scene.fired.data()};
         const Ranges seen = expected_ranges(history, scene.table, Motion{}, columns);
         const std::uint16_t* const expected = expects ? seen.data() : nullptr;
-        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected);
+        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected, kWholeFrame, nullptr, way.quick);
         const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, scene.geometry, expected);
         for (std::size_t i = 0; i < came.size(); ++i)
           if (static_cast<std::uint32_t>(std::abs(came[i] - image[i])) > step / 2) fail("ranges");
@@ -195,7 +197,7 @@ void check_slabs(const Scene& scene, const Way& way) {
     geometry.width = width;
     geometry.fired = fired.data();
     const auto past = static_cast<KnownColumns>(known);
-    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000, static_cast<std::uint32_t>(slab * each), nullptr, past);
+    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000, static_cast<std::uint32_t>(slab * each), nullptr, past, nullptr, way.quick);
     const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), scene.cells, geometry, nullptr, past, before.data());
     for (std::size_t i = 0; i < came.size(); ++i)
       if (i % width >= known && came[i] != ranges[i]) fail("slabs");

@@ -61,10 +61,10 @@ struct Watched : Forms {
     watch.contexts.add(watch.found - begun);
   }
   template <bool kExpects>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances, bool quick) {
     const std::uint64_t begun = ticks();
     watch.looked_at = 0;
-    Forms::template add_up<kExpects>(cells, slots, chances);
+    Forms::template add_up<kExpects>(cells, slots, chances, quick);
     watch.sums.add(ticks() - begun);
   }
   template <bool kExpects>
@@ -77,9 +77,9 @@ struct Watched : Forms {
     watch.sums.add(ticks() - begun);
   }
   template <bool kExpects, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, bool quick) {
     const std::uint64_t begun = ticks();
-    Forms::template learn<kExpects, kLearned>(cells, slots, chances, walked);
+    Forms::template learn<kExpects, kLearned>(cells, slots, chances, walked, quick);
     watch.learning.add(ticks() - begun);
   }
   static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,
@@ -141,7 +141,7 @@ void code_watched(const ImageCoding& on, const RowSource& source, PredictivePart
   const auto step = static_cast<std::int32_t>(source.cells.step);
   watch = {};
   std::uint64_t canvas = 0, last = ticks();
-  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, parts);
+  Rows coder(on.model, on.teaching, source.cells.step, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
   RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const RowWork work = stage.begin(row, image);
@@ -188,7 +188,7 @@ void measure(const Task& task) {
   MaskGeometry geometry = task.geometry;
   std::vector<PredictiveModel> models(4, PredictiveModel(kLearned));
   SlabStates states;
-  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false}; };
+  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false, !kLearned}; };
   for (int round = 0; round < task.rounds; ++round) {
     for (PredictiveModel& model : models) model.reset();
     for (const Frame& frame : task.frames) {

@@ -41,7 +41,8 @@ void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::Ran
   PredictiveCoder encoder(path_of(ways), nets_of(learned, ways / 64 % 16 == 0));
   PredictiveCoder decoder(path_of(ways >> 5), nets_of(learned, ways / 2048 % 16 == 0));
   for (int frame = 0; frame < 2; ++frame) {
-    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known);
+    const bool quick = ways / 16384 % 4 > static_cast<std::uint32_t>(frame);
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known, nullptr, quick);
     const Ranges came =
         decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected, known, before.data());
     for (std::size_t i = 0; i < image.size(); ++i) {
@@ -84,8 +85,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
-      const bool counted = turn & 512u;
-      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0)),
+      const bool counted = turn & 512u, quick = counted && !learned && (turn & 1024u);
+      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (quick ? 64 : 0)),
                static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8)};
       if (counted) coded.push_back(holes % 25u);
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));

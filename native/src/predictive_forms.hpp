@@ -95,6 +95,15 @@ struct NarrowForm {
   }
 
   template <bool kExpects>
+  static Cells quick_sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
+    constexpr auto& kUsed = quick_contexts<kExpects>();
+    Cells sum = Cells::load(cells + slots.of[kUsed[0]] + at);
+#pragma GCC unroll 20
+    for (std::size_t i = 1; i < kUsed.size(); ++i) sum = sum + Cells::load(cells + slots.of[kUsed[i]] + at);
+    return sum;
+  }
+
+  template <bool kExpects>
   static Cells sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
     Cells sum = Cells::load(cells + slots.of[0] + at);
 #pragma GCC unroll 20
@@ -108,7 +117,12 @@ struct NarrowForm {
   }
 
   template <bool kExpects>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances, bool quick) {
+    if (!quick) [[unlikely]] return add_up_all<kExpects>(cells, slots, chances);
+    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(quick_sum_of<kExpects>(cells, slots, at)).store(chances.of.data() + at);
+  }
+  template <bool kExpects>
+  [[gnu::noinline]] static void add_up_all(const std::int16_t* cells, const Slots& slots, Chances& chances) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kExpects>(cells, slots, at)).store(chances.of.data() + at);
   }
 
@@ -138,9 +152,24 @@ struct NarrowForm {
     }
   }
 
-  // walked: down the tree, where the return lies.
+  // walked: down the tree, where the return lies. quick: only the quick contexts; never where a network says what is likely.
   template <bool kExpects, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, bool quick) {
+    if constexpr (kLearned) {
+      learn_these<kUsedContexts<kExpects>, true>(cells, slots, chances, walked, [](std::size_t i) { return i; });
+    } else {
+      if (!quick) [[unlikely]] return learn_all<kExpects>(cells, slots, chances, walked);
+      learn_these<quick_contexts<kExpects>().size(), false>(cells, slots, chances, walked, [](std::size_t i) { return quick_contexts<kExpects>()[i]; });
+    }
+  }
+  template <bool kExpects>
+  [[gnu::noinline]] static void learn_all(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+    learn_these<kUsedContexts<kExpects>, false>(cells, slots, chances, walked, [](std::size_t i) { return i; });
+  }
+
+ private:
+  template <std::size_t count, bool kLearned, class Which>
+  static void learn_these(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, Which which) {
     std::array<std::array<Cells, 2>, kRates<kLearned>.size()> by;
     for (std::size_t v = 0; v < 2; ++v) {
       const Cells error = error_of(walked, chances, 8 * v);
@@ -152,8 +181,8 @@ struct NarrowForm {
       by[r][0] = by[r][0] + Cells::load(seen.data());
     }
 #pragma GCC unroll 20
-    for (std::size_t i = 0; i < kUsedContexts<kExpects>; ++i) {
-      std::int16_t* const slot = cells + slots.of[i];
+    for (std::size_t i = 0; i < count; ++i) {
+      std::int16_t* const slot = cells + slots.of[which(i)];
       const std::array<Cells, 2>& move = by[rate_of_slot(slot)];
       (Cells::load(slot) + move[0]).store(slot);
       (Cells::load(slot + 8) + move[1]).store(slot + 8);

@@ -97,6 +97,16 @@ constexpr Context context_of_features(std::size_t i) {
 inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfFeatures.size();
 inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
+// Those that do nearly as well by themselves, of frames alone, and of those that expect something (docs/decisions/0016):
+// contexts of quick kinds.
+inline constexpr std::array<std::uint8_t, 11> kQuickAlone = {0, 1, 4, 5, 6, 8, 9, 10, 11, 12, 13};
+inline constexpr std::array<std::uint8_t, 13> kQuickExpecting = {0, 1, 4, 5, 6, 9, 10, 13, 14, 15, 16, 17, 18};
+template <bool kExpects>
+constexpr const auto& quick_contexts() {
+  if constexpr (kExpects) return kQuickExpecting;
+  else return kQuickAlone;
+}
+
 inline constexpr std::uint32_t kMaskContexts = 512;
 // Firings after which the sensor's errors come again: they have periods of 3, 12, 2.4 and 24 firings.
 inline constexpr std::uint32_t kFirings = 24;
@@ -139,6 +149,10 @@ struct OffsetCells {
   std::array<std::int16_t, kScaleClasses * 8 * 4> leaf{};          // [scale][leaf][depth]
   std::array<std::int16_t, 32 * 128> more{};                       // [octave][who is here, who beyond]
   std::array<std::int16_t, kScaleClasses * 32> more_of_scale{};    // [scale][octave]
+
+  // With the quick contexts: how likely the first two offset bits are ones, of 32768. [scale][leaf][node 1 to 3]
+  std::array<std::uint16_t, kScaleClasses * 8 * 4> quick;
+  constexpr OffsetCells() { quick.fill(16384); }
 };
 
 // Of returns beyond the last leaf, where a network says what is likely (riddle_beyond.hpp).

@@ -32,16 +32,17 @@ struct Teaching {
 template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
-  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_, Decisions::model_;
+  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_, Decisions::model_, Decisions::plain, Decisions::quick_offset;
 
  public:
   using Decisions::kReads;
   using Parts = PredictiveParts<Coder>;
 
   // step: native range steps in a cell; limit: largest range, in cells; teaching: where kLearned.
-  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, Parts& parts)
+  // quick: with fewer contexts, and offsets that look at nothing else; never where kLearned.
+  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, bool quick, Parts& parts)
       : Decisions(model, limit), teaching_(teaching), step_(step), start_(480 / step + 5),
-        first_(static_cast<std::int32_t>(2500 / step)), parts_(parts) {}
+        first_(static_cast<std::int32_t>(2500 / step)), quick_(!kLearned && quick), parts_(parts) {}
 
   // Writes or reads the ranges of the returns of a row, its quarters in turns. Raises Section or Truncated.
   void code(const RowWork& row) {
@@ -160,7 +161,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     for (std::size_t p = 0; p < N; ++p) {
-      Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]]);
+      Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]], quick_);
       if (rows[p]->about.first_firing == kFiringSlots) [[unlikely]] model_.forget_not_counted();
       if constexpr (kLearned)
         Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
@@ -214,7 +215,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kLearned) {
       look_for_net(part, about, place);
     } else {
-      Forms::template add_up<kExpects>(model_.cells(), place.slots, place.chances);
+      Forms::template add_up<kExpects>(model_.cells(), place.slots, place.chances, quick_);
     }
   }
 
@@ -276,6 +277,9 @@ class PredictiveRows : RangeDecisions<Coder> {
         return beyond_leaf(part.coder, interval, {anchors(part, about, place), place.base, down, least, place.scale}, begin, away);
       }
     }
+    if constexpr (!kLearned) {
+      if (quick_ && leaf < 7) return begin + quick_offset(part.coder, interval, place.scale, leaf, left, away - begin);
+    }
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(part, about, place, down);
     std::uint32_t end = begin + (1u << left);
@@ -312,15 +316,7 @@ class PredictiveRows : RangeDecisions<Coder> {
         from_end = from_middle;
       }
     }
-    if (left > 0) {
-      if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-      if constexpr (kReads) {
-        begin += part.coder.decode_plain(interval, left);
-      } else {
-        part.coder.encode_plain(interval, away - begin, left);
-      }
-    }
-    return kReads ? begin : away;
+    return begin + plain(part.coder, interval, left, away - begin);
   }
 
   // Log odds of an offset bit: the network's of the first one, and half as much for each further one, as where the
@@ -377,6 +373,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::uint32_t step_;
   std::uint32_t start_;
   std::int32_t first_;
+  bool quick_;
   Parts& parts_;
   std::array<std::int32_t, RiddleSamples::kOffsets> of_cells_{};  // what contexts said of a return's offset bits
 };

@@ -18,6 +18,7 @@ namespace lidarcodec {
 
 inline constexpr std::int32_t kOffsetRate = 655;
 inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
+inline constexpr std::int32_t kLikeliest = 32700;  // where quick_offset's chances go, of 32767
 inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf: more than any range, and than any in other steps
 
 // Distance from the last return at which each leaf begins.
@@ -77,6 +78,40 @@ class RangeDecisions {
     return bit;
   }
 
+  // `bits` equally likely bits: the lowest of a number.
+  std::uint32_t plain(Coder& coder, WideInterval& interval, std::uint32_t bits, std::uint32_t number) {
+    if (bits == 0) return 0;
+    if (bits > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+    if constexpr (kReads) {
+      return coder.decode_plain(interval, bits);
+    } else {
+      coder.encode_plain(interval, number, bits);
+      return number;
+    }
+  }
+
+  // Writes or reads how far into its leaf, of so many bits, a return lies. The first two bits learn, from nothing but each other.
+  std::uint32_t quick_offset(Coder& coder, WideInterval& interval, std::uint32_t scale, std::uint32_t leaf, std::uint32_t bits,
+                             std::uint32_t in) {
+    constexpr std::uint32_t kNodes = 4;
+    std::uint16_t* const chances = model_.offsets.quick.data() + (scale * 8 + leaf) * kNodes;
+    std::uint32_t node = 1, begin = 0;
+    for (; bits > 0 && node < kNodes; --bits) {
+      const std::uint32_t middle = begin + (1u << (bits - 1));
+      std::uint16_t& chance = chances[node];
+      std::uint32_t bit = in >= middle;
+      if constexpr (kReads) {
+        bit = coder.decode(interval, chance);
+      } else {
+        coder.encode(interval, bit, chance);
+      }
+      chance = static_cast<std::uint16_t>(chance + ((static_cast<std::int32_t>(bit != 0 ? kLikeliest : kOne - kLikeliest) - chance) >> 6));
+      if (bit != 0) begin = middle;
+      node = 2 * node + bit;
+    }
+    return begin + plain(coder, interval, bits, in - begin);
+  }
+
   // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
   [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
                                               std::uint32_t away) {
@@ -105,14 +140,7 @@ class RangeDecisions {
       std::int16_t& cell = cells.offset[(depth * kScaleClasses + at.scale) * 16 + leaf];
       if (decide(coder, interval, cell, none, 0, in >= middle) != 0) from = middle;
     }
-    if (left > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-    if (left > 0) {
-      if constexpr (kReads) {
-        from += coder.decode_plain(interval, left);
-      } else {
-        coder.encode_plain(interval, in - from, left);
-      }
-    }
+    from += plain(coder, interval, left, in - from);
     if constexpr (!kReads) return away;
     const auto d = static_cast<std::int32_t>(from);
     const std::int32_t found = at.anchor + (back ? -1 - d : d);

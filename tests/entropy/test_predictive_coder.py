@@ -35,9 +35,10 @@ def scene(width: int, seed: int = 1) -> np.ndarray:
     return np.rint(ranges).clip(1, 65535).astype(np.uint16)
 
 
-def coded(ranges, returns, fired, of, step: int, levels=LEVELS, expected=None, firing=0) -> bytes:
+def coded(ranges, returns, fired, of, step: int, levels=LEVELS, expected=None, firing=0, quick=False) -> bytes:
     """What a fresh coder writes."""
-    return PredictiveCoder().encode(ranges, returns, fired, of, step, levels, expected=expected, firing=firing)
+    given_to = (ranges, returns, fired, of, step, levels)
+    return PredictiveCoder().encode(*given_to, expected=expected, firing=firing, quick=quick)
 
 
 def decoded(data: bytes, returns, fired, of, step: int, levels=LEVELS, expected=None) -> np.ndarray:
@@ -64,7 +65,7 @@ def check_bound(came: np.ndarray, ranges: np.ndarray, returns: np.ndarray, step:
 
 @st.composite
 def cases(draw: st.DrawFn):
-    """Ranges, returns, fired, sensor, step, levels, what is expected, firings before."""
+    """Ranges, returns, fired, sensor, step, levels, what is expected, firings before, whether quick."""
     width, seed = draw(st.integers(0, 20)), draw(st.integers(0, 2**32))
     rng = np.random.default_rng(seed)
     fired = rng.random((2, width)) < draw(st.sampled_from([0.0, 0.4, 1.0]))
@@ -76,21 +77,22 @@ def cases(draw: st.DrawFn):
     if not width:
         expected = None
     levels = rng.integers(0, 1001, 64).astype(np.int32)
-    return ranges, returns, fired, of, draw(st.sampled_from(STEPS)), levels, expected, draw(st.integers(0, 99))
+    step, firing, quick = draw(st.sampled_from(STEPS)), draw(st.integers(0, 99)), draw(st.booleans())
+    return ranges, returns, fired, of, step, levels, expected, firing, quick
 
 
 @settings(max_examples=40, deadline=None)
 @given(cases())
 def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
-    ranges, returns, fired, of, step, levels, expected, firing = case
-    data = coded(ranges, returns, fired, of, step, levels, expected, firing)
+    ranges, returns, fired, of, step, levels, expected, firing, quick = case
+    data = coded(ranges, returns, fired, of, step, levels, expected, firing, quick)
     came = decoded(data, returns, fired, of, step, levels, expected)
     check_bound(came, ranges, returns, step)
 
     frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
     np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
     turn = int.from_bytes(data[1:3], "little")
-    counted = frame._replace(firing=firing % predictive_coder.FIRINGS)
+    counted = frame._replace(firing=firing % predictive_coder.FIRINGS, quick=quick)
     assert data == reference_predictive.encode(ranges, cells, counted, turn, Model())
     old = reference_predictive.encode(ranges, cells, frame._replace(firing=None), turn, Model())
     np.testing.assert_array_equal(decoded(old, returns, fired, of, step, levels, expected), came)
@@ -100,12 +102,38 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
 @pytest.mark.parametrize("fired_of", [all_fired, one_in_three])
 @pytest.mark.parametrize("step", [1, 11, 20001])
-def test_frames_of_all_sizes_and_steps(width: int, fired_of, step: int) -> None:
+@pytest.mark.parametrize("quick", [False, True])
+def test_frames_of_all_sizes_and_steps(width: int, fired_of, step: int, quick: bool) -> None:
     fired = fired_of(width)
     returns, ranges = mask(width) & fired[row_geometry(SENSOR)[0]], scene(width)
-    data = coded(ranges, returns, fired, SENSOR, step)
+    data = coded(ranges, returns, fired, SENSOR, step, quick=quick)
     check_bound(decoded(data, returns, fired, SENSOR, step), ranges, returns, step)
-    assert data == coded(ranges, returns, fired, SENSOR, step)
+    assert data == coded(ranges, returns, fired, SENSOR, step, quick=quick)
+
+
+def test_frames_of_either_kind_follow_each_other_with_what_both_taught() -> None:
+    fired, returns = all_fired(300), mask(300)
+    encoder, decoder, written, sizes = PredictiveCoder(), PredictiveCoder(), Model(), []
+    frame = Given(layout_of(fired, SENSOR), 11, LEVELS.tolist())
+    for seed, quick in enumerate([True, False, False, True, True]):
+        ranges = scene(300, seed)
+        data = encoder.encode(ranges, returns, fired, SENSOR, 11, LEVELS, quick=quick)
+        check_bound(decoder.decode(data, returns, fired, SENSOR, 11, LEVELS), ranges, returns, 11)
+        turn = int.from_bytes(data[1:3], "little")
+        cells = returns.view(np.uint8)
+        assert data == reference_predictive.encode(ranges, cells, frame._replace(quick=quick), turn, written)
+        sizes.append(len(data))
+    assert max(sizes[1:]) < sizes[0]
+
+
+def test_kinds_that_nobody_wrote_are_refused() -> None:
+    fired, returns, ranges = all_fired(5), np.ones((64, 5), np.bool_), scene(5)
+    data = bytearray(coded(ranges, returns, fired, SENSOR, 1, quick=True))
+    assert data[0] == 105
+    for kind in (105 - 32, 105 + 16, 105 + 128, 106, 99):
+        data[0] = kind
+        with pytest.raises(SectionError, match="kind"):
+            decoded(bytes(data), returns, fired, SENSOR, 1)
 
 
 def test_what_a_frame_taught_makes_the_next_one_smaller() -> None:
@@ -205,9 +233,10 @@ def test_a_firing_beyond_the_pattern_is_refused() -> None:
         reference_predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
 
 
-def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error() -> None:
+@pytest.mark.parametrize("quick", [False, True])
+def test_every_cut_and_every_changed_byte_gives_ranges_or_our_error(quick: bool) -> None:
     fired, returns, ranges = all_fired(40), mask(40), scene(40)
-    data = coded(ranges, returns, fired, SENSOR, 11)
+    data = coded(ranges, returns, fired, SENSOR, 11, quick=quick)
     damaged = [data[:cut] for cut in range(len(data))]
     refused = 0
     rng = np.random.default_rng(3)
@@ -238,12 +267,25 @@ def golden_case() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return ranges.astype(np.uint16), (wave > 3) & fired[(row >= 32).astype(int), column], fired
 
 
-def test_bytes_are_the_same_on_every_machine() -> None:
+GOLDEN = {
+    False: "7b903d134eb4edbe86cb7aa41c3f38617c09cab0ad811d146c79d2a8a524caa5",
+    True: "0e594aaeafd493c41b1d35ce22b5317b37d8776a91fbef6b4970f272e1dc7d6a",
+}
+"""Of the bytes of `golden_case`, by whether with the quick contexts."""
+
+
+def golden_digest(path: str, quick: bool) -> str:
+    """Names the bytes of `golden_case` in three steps."""
     ranges, returns, fired = golden_case()
-    coder, digest = PredictiveCoder(), hashlib.sha256()
+    coder, digest = PredictiveCoder(path), hashlib.sha256()
     for step in (1, 11, 51):
-        digest.update(coder.encode(ranges, returns, fired, golden_sensor(), step, LEVELS))
-    assert digest.hexdigest() == "7b903d134eb4edbe86cb7aa41c3f38617c09cab0ad811d146c79d2a8a524caa5"
+        digest.update(coder.encode(ranges, returns, fired, golden_sensor(), step, LEVELS, quick=quick))
+    return digest.hexdigest()
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_bytes_are_the_same_on_every_machine(quick: bool) -> None:
+    assert golden_digest("", quick) == GOLDEN[quick]
 
 
 def test_the_tables_of_the_core_are_those_of_the_generator() -> None:

@@ -29,7 +29,7 @@ def cut(ranges, returns, fired, expected, begin: int, end: int, known: int) -> K
 
 @st.composite
 def streams(draw: st.DrawFn):
-    """Slabs of a sensor: ranges, returns, fired, expected of each, steps, how many columns each looks at."""
+    """Slabs of a sensor: ranges, returns, fired, expected of each, steps, how many columns each sees; whether quick."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     of = sensor(int(rng.integers(9))) if draw(st.booleans()) else SensorModel("HDL-64E", random_calibration(rng))
     slabs = []
@@ -41,13 +41,13 @@ def streams(draw: st.DrawFn):
         ranges = scene(width, int(rng.integers(1000)))
         expected = draw(st.sampled_from([None, guess(ranges), ranges * np.uint16(0)]))
         slabs.append((ranges, returns, fired, expected, draw(st.sampled_from(STEPS)), draw(st.integers(0, 14))))
-    return of, rng.integers(0, 1001, 64).astype(np.int32), slabs
+    return of, rng.integers(0, 1001, 64).astype(np.int32), slabs, draw(st.booleans())
 
 
 @settings(max_examples=40, deadline=None)
 @given(streams())
 def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None:
-    of, levels, slabs = stream
+    of, levels, slabs, quick = stream
     encoder, decoder, written, read = PredictiveCoder(), PredictiveCoder(), Model(), Model()
     old_decoder, old_written = PredictiveCoder(), Model()
     edge = KnownColumns.none()
@@ -55,18 +55,18 @@ def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None
         known = edge.last(wanted)
         count = known.ranges.shape[1]
         given = (ranges, returns, fired, of, step, levels)
-        data = encoder.encode(*given, turn=TURN, firing=5 * at, expected=expected, slab_after=known)
+        data = encoder.encode(*given, turn=TURN, firing=5 * at, expected=expected, slab_after=known, quick=quick)
         assert known_columns(data) == (count if returns.any() else None)
         came = decoder.decode(data, returns, fired, of, step, levels, expected=expected, slab_after=known)
         check_bound(came, ranges, returns, step)
 
         seen = None if expected is None else np.hstack([known.expected, expected])
-        frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count, 5 * at)
+        frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count, 5 * at, quick)
         image, cells = (np.hstack(both) for both in ((known.ranges, ranges), (known.ranges != 0, returns)))
         assert data == reference_predictive.encode(image, cells.view(np.uint8), frame, TURN, written)
         again = reference_predictive.decode(data, cells.view(np.uint8), frame, read, image)
         np.testing.assert_array_equal(again[:, count:], came)
-        not_counted = frame._replace(firing=None)
+        not_counted = frame._replace(firing=None, quick=False)
         old = reference_predictive.encode(image, cells.view(np.uint8), not_counted, TURN, old_written)
         assert known_columns(old) == known_columns(data)
         old_came = old_decoder.decode(old, returns, fired, of, step, levels, expected=expected, slab_after=known)

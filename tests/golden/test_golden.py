@@ -72,6 +72,12 @@ def settings_of() -> dict[str, StreamSettings]:
     ):
         codec, kind = name.split("_", 1)
         found[f"{codec}_firings_{kind}"] = found[name]
+    # Those before were written with all contexts.
+    quick = ("predictive_lossless", "predictive_slabs_motion", "predictive_turns_lossless")
+    found |= {name.replace("_", "_quick_", 1): found[name] for name in quick}
+    found["riddle_quick_turns_lossless"] = StreamSettings(
+        codec="riddle", codec_settings={"effort": 1}, max_error_m=0, key_interval=20
+    )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
