@@ -1,9 +1,9 @@
 """A headless Chromium for tests: the machine's own, driven by the package `playwright`. Skipped by name without them.
 
-All tests of this folder share one browser, one vehicle and, but for those that need tokens, one server: a core is busy
-with drawing, and none is to be left for a second system beside it. So they are one group for `pytest -n`, too. Browser
-and driver end with this folder, because the driver keeps an event loop in this thread, which tests of coroutines
-elsewhere would find in their way. Modules here have no coroutines.
+All tests of this folder share one browser, its page, one vehicle and, but for those that need tokens, one server: a
+core is busy with drawing, and none is to be left for a second system beside it. So they are one group for `pytest -n`,
+too. Browser and driver end with this folder, because the driver keeps an event loop in this thread, which tests of
+coroutines elsewhere would find in their way. Modules here have no coroutines.
 
 They run first: so `pytest -n` gives them to one process as they stand. Where it does not, processes take turns.
 """
@@ -35,6 +35,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 LIMIT_MS = 60_000
+VIEWPORT = {"width": 1280, "height": 720}
 EMPTY_S = 10.0
 TEST_S = 300
 """Of a test with its page: a busy machine draws slowly."""
@@ -110,32 +111,42 @@ def fleet(running: System) -> System:
     return running
 
 
+@pytest.fixture(scope="package")
+def tab(browser: Any) -> Any:
+    """The one page of all tests: a process for each would start for longer than most of them take."""
+    context = browser.new_context(viewport=VIEWPORT)
+    context.set_default_timeout(LIMIT_MS)
+    page = context.new_page()
+    page.complaints = []
+    page.on("console", lambda said: _complains(said) and page.complaints.append(said.text))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    return page
+
+
 @pytest.fixture
-def page_of(browser: Any) -> Iterator[Callable[..., Any]]:
-    """Function from an address to an open page of its own context; options are those of `new_context`.
+def page_of(tab: Any) -> Iterator[Callable[..., Any]]:
+    """Function from an address to the page there, loaded anew, with nothing kept of what a test before it did.
+
+    viewport, color_scheme: as for `new_context`
 
     `page.complaints` collects what the page wrote as errors or warnings on the console, and what it did not catch. A
     test fails at its end when there is any that it did not take out; the driver's remarks on reading pictures back are
     none of the page's. The page's policy forbids `eval`, and with it
     `page.wait_for_function`: wait with `expect`, or poll `page.evaluate`.
     """
-    pages = []
 
-    def open_page(url: str, **options: Any) -> Any:
-        context = browser.new_context(**options)
-        context.set_default_timeout(LIMIT_MS)
-        page = context.new_page()
-        page.complaints = []
-        page.on("console", lambda said: _complains(said) and page.complaints.append(said.text))
-        page.on("pageerror", lambda error: page.complaints.append(str(error)))
-        pages.append(page)
-        page.goto(url)
-        return page
+    def open_page(url: str, viewport: dict[str, int] = VIEWPORT, color_scheme: str = "light") -> Any:
+        tab.set_viewport_size(viewport)
+        tab.emulate_media(color_scheme=color_scheme)
+        tab.complaints.clear()
+        tab.goto(url)
+        return tab
 
     yield open_page
-    complaints = [text for page in pages for text in page.complaints]
-    for page in pages:
-        page.context.close()
+    complaints = list(tab.complaints)
+    if tab.url.startswith("http"):
+        tab.evaluate("localStorage.clear(), sessionStorage.clear()")
+    tab.goto("about:blank")
     assert complaints == []
 
 
