@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +27,12 @@ def city() -> list[Frame]:
     return long_enough(list(api.read_frames("sim:city?frames=12")), 7.0)
 
 
+@pytest.fixture(scope="module")
+def drive(data_file) -> Callable[[str], list[Frame]]:
+    """Function from a capture's name to its frames, read once: that takes a second, most of it to unpack."""
+    return cache(lambda name: list(api.read_frames(data_file(name))))
+
+
 def kept(sent: Sent, target: float) -> None:
     """The rules: any five seconds within 5 %, no second above 1.2 of the target."""
     five, one = sent.means(5.0), sent.means(1.0)
@@ -39,8 +47,8 @@ def test_the_simulator_keeps_to_the_target(city: list[Frame], codec: str, target
 
 
 @pytest.mark.parametrize("name", [SFND, VEGETATION])
-def test_a_drive_keeps_to_the_target(data_file, name: str) -> None:
-    frames = long_enough(list(api.read_frames(data_file(name))), 6.5)
+def test_a_drive_keeps_to_the_target(drive, name: str) -> None:
+    frames = long_enough(drive(name), 6.5)
     for codec in ("pcodec", "zstd"):
         for target in (600, 1200, 2000, 3500, 5000):
             kept(run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
@@ -79,17 +87,17 @@ def test_a_group_that_ends_early_or_is_left_behind_keeps_to_the_target(city: lis
 
 @pytest.mark.parametrize(("codec", "target"), [("h264", 250), ("h264", 600), ("h264-log", 1200)])
 def test_a_video_keeps_to_the_target_although_each_turn_of_its_knob_costs_a_picture(
-    data_file, codec: str, target: float
+    drive, codec: str, target: float
 ) -> None:
-    frames = long_enough(list(api.read_frames(data_file(VEGETATION))), 6.5)
+    frames = long_enough(drive(VEGETATION), 6.5)
     sent = run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off"))
     kept(sent, target)
 
 
 @pytest.mark.parametrize("codec", ["h264", "h264-log"])
-def test_a_video_in_another_scene_or_after_another_codec_settles_within_a_second(data_file, codec: str) -> None:
+def test_a_video_in_another_scene_or_after_another_codec_settles_within_a_second(drive, codec: str) -> None:
     """The first picture of another scene takes three times its share, unless it is coded anew before it is sent."""
-    one, two = (list(api.read_frames(data_file(name)))[:30] for name in (SFND, VEGETATION))
+    one, two = (drive(name)[:30] for name in (SFND, VEGETATION))
     frames = [frame.with_(index=i) for i, frame in enumerate(one + two)]
     settings = settings_from({"codec": "pcodec", "target_kbps": 700, "intensity": "off"})
     sent = run(frames, settings, {15: {"codec": codec}})
@@ -116,8 +124,8 @@ def test_a_new_target_of_a_video_loses_nothing(city: list[Frame]) -> None:
     assert 0.0 <= encoder.rate["crf"] <= 51.0
 
 
-def test_a_new_scene_and_a_new_codec_settle_within_a_second(data_file) -> None:
-    one, two = (list(api.read_frames(data_file(name)))[:30] for name in (SFND, VEGETATION))
+def test_a_new_scene_and_a_new_codec_settle_within_a_second(drive) -> None:
+    one, two = (drive(name)[:30] for name in (SFND, VEGETATION))
     frames = [frame.with_(index=i) for i, frame in enumerate(one + two)]
     settings = settings_from({"codec": "pcodec", "target_kbps": 2500, "intensity": "off"})
     sent = run(frames, settings, {15: {"codec": "jpeg"}, 45: {"codec": "zstd"}})
