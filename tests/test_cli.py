@@ -68,28 +68,29 @@ def test_failed_work_is_one_line_and_code_1(words, says, tmp_path, monkeypatch):
 def test_a_file_that_is_no_capture_is_refused_by_name(tmp_path):
     path = tmp_path / "holiday.pcap"
     path.write_bytes(b"\xff\xd8\xff\xe0 not a capture" * 100)
-    result = run("info", path)
+    result = run_here("info", path)
     assert result.returncode == 1
     assert "holiday.pcap" in the_one_line(result)
 
 
 def test_another_sensor_is_refused_by_name(data_file):
-    result = run("bench", data_file("vlp16_sampleshort.pcap"))
+    result = run_here("bench", data_file("vlp16_sampleshort.pcap"))
     assert result.returncode == 1
     assert "VLP-16" in the_one_line(result)
 
 
 def test_debug_shows_the_traceback_wherever_it_stands():
     for words in (["--debug", "info", "nowhere.pcap"], ["info", "nowhere.pcap", "--debug"]):
-        result = run(*words)
+        result = run_here(*words)
         assert result.returncode == 1
         assert "Traceback" in result.stderr
     assert "Traceback" in run("info", "nowhere.pcap", LIDARCODEC_DEBUG="1").stderr
 
 
 def test_without_a_command_the_help_is_shown_and_help_answers_at_once():
-    assert "Commands:" in run().stderr
-    assert run().returncode == 2
+    without = run()
+    assert "Commands:" in without.stderr
+    assert without.returncode == 2
     started = time.monotonic()
     shown = run("--help")
     assert time.monotonic() - started < 5
@@ -172,9 +173,9 @@ def test_a_signal_ends_work_with_code_0_and_leaves_a_file_that_reads(number, tmp
         process.send_signal(number)
         _, complaint = process.communicate(timeout=30)
         assert process.returncode == 0, complaint
-    found = json.loads(run("info", out, "--json").stdout)
+    found = json.loads(run_here("info", out, "--json").stdout)
     assert found["messages"] >= 1
-    assert run("decode", out, tmp_path / "back.pcap").returncode == 0
+    assert run_here("decode", out, tmp_path / "back.pcap").returncode == 0
 
 
 def test_a_simulated_drive_that_is_stopped_leaves_whole_packets_and_says_how_many(tmp_path):
@@ -226,12 +227,12 @@ def test_verify_keeps_a_bound_and_refuses_another_source(tmp_path):
     recording = tmp_path / "drive.mcap"
     source = "sim:city?frames=3"
     assert run_here("encode", source, recording, "--set", "max_error_m=0.05", "--skip", 1).returncode == 0
-    result = run("verify", recording, source, "--json")
+    result = run_here("verify", recording, source, "--json")
     found = json.loads(result.stdout)
     assert result.returncode == 0, result.stderr
     assert 0 < found["max_error_m"] <= 0.05
     assert found["packets_identical"] is False
-    other = run("verify", recording, "sim:city?frames=3&seed=77")
+    other = run_here("verify", recording, "sim:city?frames=3&seed=77")
     assert other.returncode == 1
 
 
@@ -240,7 +241,7 @@ def test_verify_judges_each_frame_by_its_own_message_where_a_target_bitrate_turn
     source = "sim:city?frames=3"
     chosen = ("--set", "target_kbps=1500", "--set", "intensity=off")
     assert run_here("encode", source, recording, *chosen).returncode == 0
-    result = run("verify", recording, source, "--json")
+    result = run_here("verify", recording, source, "--json")
     found = json.loads(result.stdout)
     assert result.returncode == 0, result.stderr
     assert found["max_error_m"] > 0.05
@@ -256,25 +257,25 @@ def test_a_cut_recording_decodes_as_far_as_it_goes_with_a_warning_and_code_0(tmp
     assert result.returncode == 0, result.stderr
     assert "warning" in the_one_line(result)
     recording.write_bytes(whole[:40])
-    assert run("decode", recording, tmp_path / "nothing.pcap").returncode == 1
+    assert run_here("decode", recording, tmp_path / "nothing.pcap").returncode == 1
 
 
 def test_info_explains_a_recording_and_each_message(tmp_path):
     recording = tmp_path / "drive.mcap"
     assert run_here("encode", "sim:city?frames=2", recording).returncode == 0
-    found = json.loads(run("info", recording, "--json").stdout)
+    found = json.loads(run_here("info", recording, "--json").stdout)
     assert found["messages"] == 2
     dump = run("info", recording, "--message", 1)
     assert dump.returncode == 0
     assert "checksum" in dump.stdout
     assert "as computed" in dump.stdout
-    assert run("info", recording, "--message", 2).returncode == 2
+    assert run_here("info", recording, "--message", 2).returncode == 2
 
 
 def test_info_takes_a_recording_with_options_as_the_source_that_they_name(tmp_path):
     recording = tmp_path / "drive.mcap"
     assert run_here("encode", "sim:city?frames=1", recording).returncode == 0
-    found = json.loads(run("info", f"{recording}?read=messages", "--json").stdout)
+    found = json.loads(run_here("info", f"{recording}?read=messages", "--json").stdout)
     assert (found["what"], found["packets"]) == ("recording drive.mcap, decoded messages", 348)
     assert "no packets" in the_one_line(run_here("info", f"{recording}?read=packets"))
     assert "'colour'" in the_one_line(run_here("info", f"{recording}?colour=red"))
@@ -298,10 +299,10 @@ def test_what_is_read_is_never_written_over(tmp_path):
     link = tmp_path / "link.mcap"
     link.symlink_to(path)
     for out in (path, link):
-        result = run("encode", path, out)
+        result = run_here("encode", path, out)
         assert result.returncode == 2
         assert "another name" in the_one_line(result)
-    result = run("encode", "sim:city?frames=1", path, "--skip", "5")
+    result = run_here("encode", "sim:city?frames=1", path, "--skip", "5")
     assert result.returncode == 1
     assert "nothing was encoded" in the_one_line(result)
     assert path.read_bytes() == before
@@ -331,7 +332,7 @@ def test_a_recording_cut_in_its_first_message_is_warned_of_once(tmp_path):
     assert result.returncode == 0, result.stderr
     assert "cut.mcap was cut" in the_one_line(result)
     path.write_bytes(path.read_bytes()[:30_000])
-    result = run("decode", path, tmp_path / "none.pcap")
+    result = run_here("decode", path, tmp_path / "none.pcap")
     assert result.returncode == 1
     assert "cut.mcap" in the_one_line(result)
 
@@ -369,6 +370,6 @@ def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
     flipped = whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]
     for damaged, says in ((whole[:half], "cut"), (flipped, "damaged")):
         out.write_bytes(damaged)
-        result = run("verify", out, capture)
+        result = run_here("verify", out, capture)
         assert result.returncode == 1
         assert says in result.stdout

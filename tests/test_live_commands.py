@@ -15,7 +15,7 @@ from tests.command_line import COMMAND, environment, run, run_here, start, the_o
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     path = tmp_path_factory.mktemp("town") / "town.pcap"
-    assert run("simulate", "sim:city", path, "--frames", 12).returncode == 0
+    assert run_here("simulate", "sim:city", path, "--frames", 12).returncode == 0
     return path
 
 
@@ -55,7 +55,7 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     summary = json.loads(out)
     assert (summary["frames"], summary["errors"]) == (12, {})
     (recording,) = (tmp_path / "kept").glob("*.mcap")
-    assert json.loads(run("verify", recording, capture, "--json").stdout)["packets_identical"] is True
+    assert json.loads(run_here("verify", recording, capture, "--json").stdout)["packets_identical"] is True
 
 
 def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(capture, endpoint, subscriber):

@@ -18,7 +18,7 @@ from lidarcodec.training.annotate import AnnotationSettings, annotate, counted_p
 from lidarcodec.training.annotation_folder import AnnotationFolder, Scans
 from lidarcodec.training.ground import Ransac, ground_finder
 from lidarcodec.training.labels import GROUND, HIGH, LOW, labels_of, threshold_of
-from tests.command_line import run
+from tests.command_line import run, run_here
 
 pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine that others use too
 FRAMES = 12
@@ -213,4 +213,4 @@ def test_the_command_annotates_by_odometry_and_says_what_it_found(tmp_path: Path
     assert about["frames"] == 4
     assert sorted(path.name for path in (out / "labels").iterdir()) == ["000000.npz", "000002.npz"]
     assert len(Trajectory.load(out / "trajectory.npz")) == 4
-    assert run("annotate", "udp://127.0.0.1:0", "--out", str(tmp_path / "live")).returncode == 2
+    assert run_here("annotate", "udp://127.0.0.1:0", "--out", str(tmp_path / "live")).returncode == 2
