@@ -18,6 +18,8 @@ WEB := $(STAMPS)/web
 NPM_INSTALL := npm install --no-save --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
 # Tests wait for each other's processes more than they compute: on two cores three at a time are done sooner than two.
+# Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
+# when it has done its own.
 JOBS ?= 3
 export PYTHON CXX
 # Tests start some five hundred processes. Where the environment forbids bytecode, as in many containers, each would compile
@@ -41,7 +43,7 @@ demo: ## drive through a simulated town, live on a page in the browser (ARGS="--
 	@$(BIN)/lidarcodec demo $(ARGS)
 
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
-	$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
 
 lint: $(STAMPS)/dev $(NATIVE) ## ruff, format, mypy --strict and the import contracts
 	$(BIN)/ruff check .
