@@ -60,26 +60,26 @@ struct Watched : Forms {
     watch.found = ticks();
     watch.contexts.add(watch.found - begun);
   }
-  template <bool kExpects>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances, bool quick) {
+  template <const auto& kUsed>
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
     const std::uint64_t begun = ticks();
     watch.looked_at = 0;
-    Forms::template add_up<kExpects>(cells, slots, chances, quick);
+    Forms::template add_up<kUsed>(cells, slots, chances);
     watch.sums.add(ticks() - begun);
   }
-  template <bool kExpects>
+  template <const auto& kUsed>
   static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
                     std::int16_t* said, Chances& chances) {
     const std::uint64_t begun = ticks();
     if (watch.looked_at != 0) watch.inputs_and_network.add(begun - watch.found);
     watch.looked_at = 0;
-    Forms::template weigh<kExpects>(cells, slots, net, weights, said, chances);
+    Forms::template weigh<kUsed>(cells, slots, net, weights, said, chances);
     watch.sums.add(ticks() - begun);
   }
-  template <bool kExpects, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, bool quick) {
+  template <const auto& kUsed, bool kLearned>
+  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     const std::uint64_t begun = ticks();
-    Forms::template learn<kExpects, kLearned>(cells, slots, chances, walked, quick);
+    Forms::template learn<kUsed, kLearned>(cells, slots, chances, walked);
     watch.learning.add(ticks() - begun);
   }
   static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,

@@ -128,24 +128,15 @@ struct Avx2Forms {
     find_inputs<kExpects, AtOnce>(of, in);
   }
 
-  template <bool kExpects>
-  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances, bool quick) {
-    if (!quick) [[unlikely]] return add_up_all<kExpects>(cells, slots, chances);
-    constexpr auto& kUsed = quick_contexts<kExpects>();
-    __m256i sum = load(cells + slots.of[kUsed[0]]);
-#pragma GCC unroll 20
-    for (std::size_t i = 1; i < kUsed.size(); ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[kUsed[i]]));
-    store(probabilities_of(sum), chances.of.data());
-  }
-  template <bool kExpects>
-  LIDARCODEC_AVX2 [[gnu::noinline]] static void add_up_all(const std::int16_t* cells, const Slots& slots, Chances& chances) {
-    store(probabilities_of(sum_of<kExpects>(cells, slots)), chances.of.data());
+  template <const auto& kUsed>
+  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    store(probabilities_of(sum_of<kUsed>(cells, slots)), chances.of.data());
   }
 
-  template <bool kExpects>
+  template <const auto& kUsed>
   LIDARCODEC_AVX2 static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
                                     std::int16_t* said, Chances& chances) {
-    const __m256i contexts = sum_of<kExpects>(cells, slots);
+    const __m256i contexts = sum_of<kUsed>(cells, slots);
     store(contexts, said);
     const __m256i quarter = _mm256_adds_epi16(_mm256_mulhi_epi16(load(net), load(weights.of_net.data())),
                                               _mm256_mulhi_epi16(contexts, load(weights.of_contexts.data())));
@@ -163,23 +154,8 @@ struct Avx2Forms {
     store(_mm256_adds_epi16(load(weights.of_contexts.data()), by_contexts), weights.of_contexts.data());
   }
 
-  template <bool kExpects, bool kLearned>
-  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, bool quick) {
-    if constexpr (kLearned) {
-      learn_these<kUsedContexts<kExpects>, true>(cells, slots, chances, walked, [](std::size_t i) { return i; });
-    } else {
-      if (!quick) [[unlikely]] return learn_all<kExpects>(cells, slots, chances, walked);
-      learn_these<quick_contexts<kExpects>().size(), false>(cells, slots, chances, walked, [](std::size_t i) { return quick_contexts<kExpects>()[i]; });
-    }
-  }
-  template <bool kExpects>
-  LIDARCODEC_AVX2 [[gnu::noinline]] static void learn_all(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
-    learn_these<kUsedContexts<kExpects>, false>(cells, slots, chances, walked, [](std::size_t i) { return i; });
-  }
-
- private:
-  template <std::size_t count, bool kLearned, class Which>
-  LIDARCODEC_AVX2 static void learn_these(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, Which which) {
+  template <const auto& kUsed, bool kLearned>
+  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     const __m256i error = error_of(walked, chances);
     alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kLearned>.size()> by;
 #pragma GCC unroll 4
@@ -190,13 +166,14 @@ struct Avx2Forms {
       store(move, by[r].data());
     }
 #pragma GCC unroll 20
-    for (std::size_t i = 0; i < count; ++i) {
-      std::int16_t* const slot = cells + slots.of[which(i)];
+    for (const std::uint8_t context : kUsed) {
+      std::int16_t* const slot = cells + slots.of[context];
       const std::int16_t* const move = by[rate_of_slot(slot)].data();
       store(_mm256_adds_epi16(load(slot), load(move)), slot);
     }
   }
 
+ private:
   // What inputs::OneByOne does, eight distances at a time.
   struct AtOnce {
     template <std::size_t Straight, inputs::Places A, inputs::Places B>
@@ -263,11 +240,11 @@ struct Avx2Forms {
     }
   };
 
-  template <bool kExpects>
+  template <const auto& kUsed>
   LIDARCODEC_AVX2 static __m256i sum_of(const std::int16_t* cells, const Slots& slots) {
-    __m256i sum = load(cells + slots.of[0]);
+    __m256i sum = load(cells + slots.of[kUsed[0]]);
 #pragma GCC unroll 20
-    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[i]));
+    for (std::size_t i = 1; i < kUsed.size(); ++i) sum = _mm256_adds_epi16(sum, load(cells + slots.of[kUsed[i]]));
     return sum;
   }
 

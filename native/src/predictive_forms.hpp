@@ -37,9 +37,6 @@ struct alignas(32) Chances {
   std::array<std::int16_t, 16> of;
 };
 
-template <bool kExpects>
-inline constexpr std::size_t kUsedContexts = kExpects ? kAllContexts : kPredictiveContexts;
-
 // A slot's first cell, by features.
 constexpr std::uint32_t slot_of(const Context& context, const Features& of) {
   return context.is_pair() ? of[context.a] * 16u + of[context.b]
@@ -82,8 +79,9 @@ struct NarrowForm {
     name(2, known.returns % kMaskContexts);
     name(3, of[kUp] * kScaleClasses + known.scale);
     name(4, known.firing);
+    constexpr std::size_t kOfFeatures = all_contexts<kExpects>().size() - kFixedContexts;
 #pragma GCC unroll 16
-    for (std::size_t i = 0; i + kFixedContexts < kUsedContexts<kExpects>; ++i)
+    for (std::size_t i = 0; i < kOfFeatures; ++i)
       name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
 
@@ -94,20 +92,12 @@ struct NarrowForm {
     return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at), Cells::load(chances.of.data() + at));
   }
 
-  template <bool kExpects>
-  static Cells quick_sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
-    constexpr auto& kUsed = quick_contexts<kExpects>();
+  // kUsed: numbers of the contexts, here and below.
+  template <const auto& kUsed>
+  static Cells sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
     Cells sum = Cells::load(cells + slots.of[kUsed[0]] + at);
 #pragma GCC unroll 20
     for (std::size_t i = 1; i < kUsed.size(); ++i) sum = sum + Cells::load(cells + slots.of[kUsed[i]] + at);
-    return sum;
-  }
-
-  template <bool kExpects>
-  static Cells sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
-    Cells sum = Cells::load(cells + slots.of[0] + at);
-#pragma GCC unroll 20
-    for (std::size_t i = 1; i < kUsedContexts<kExpects>; ++i) sum = sum + Cells::load(cells + slots.of[i] + at);
     return sum;
   }
 
@@ -116,22 +106,17 @@ struct NarrowForm {
     find_inputs<kExpects>(of, in);
   }
 
-  template <bool kExpects>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances, bool quick) {
-    if (!quick) [[unlikely]] return add_up_all<kExpects>(cells, slots, chances);
-    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(quick_sum_of<kExpects>(cells, slots, at)).store(chances.of.data() + at);
-  }
-  template <bool kExpects>
-  [[gnu::noinline]] static void add_up_all(const std::int16_t* cells, const Slots& slots, Chances& chances) {
-    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kExpects>(cells, slots, at)).store(chances.of.data() + at);
+  template <const auto& kUsed>
+  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kUsed>(cells, slots, at)).store(chances.of.data() + at);
   }
 
   // The same with what a network says, each by its weight. said: takes the log odds of the contexts.
-  template <bool kExpects>
+  template <const auto& kUsed>
   static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
                     std::int16_t* said, Chances& chances) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) {
-      const Cells contexts = sum_of<kExpects>(cells, slots, at);
+      const Cells contexts = sum_of<kUsed>(cells, slots, at);
       contexts.store(said + at);
       const Cells quarter = product(Cells::load(net + at), Cells::load(weights.of_net.data() + at)) +
                             product(contexts, Cells::load(weights.of_contexts.data() + at));
@@ -152,24 +137,9 @@ struct NarrowForm {
     }
   }
 
-  // walked: down the tree, where the return lies. quick: only the quick contexts; never where a network says what is likely.
-  template <bool kExpects, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, bool quick) {
-    if constexpr (kLearned) {
-      learn_these<kUsedContexts<kExpects>, true>(cells, slots, chances, walked, [](std::size_t i) { return i; });
-    } else {
-      if (!quick) [[unlikely]] return learn_all<kExpects>(cells, slots, chances, walked);
-      learn_these<quick_contexts<kExpects>().size(), false>(cells, slots, chances, walked, [](std::size_t i) { return quick_contexts<kExpects>()[i]; });
-    }
-  }
-  template <bool kExpects>
-  [[gnu::noinline]] static void learn_all(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
-    learn_these<kUsedContexts<kExpects>, false>(cells, slots, chances, walked, [](std::size_t i) { return i; });
-  }
-
- private:
-  template <std::size_t count, bool kLearned, class Which>
-  static void learn_these(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked, Which which) {
+  // walked: down the tree, where the return lies.
+  template <const auto& kUsed, bool kLearned>
+  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
     std::array<std::array<Cells, 2>, kRates<kLearned>.size()> by;
     for (std::size_t v = 0; v < 2; ++v) {
       const Cells error = error_of(walked, chances, 8 * v);
@@ -181,8 +151,8 @@ struct NarrowForm {
       by[r][0] = by[r][0] + Cells::load(seen.data());
     }
 #pragma GCC unroll 20
-    for (std::size_t i = 0; i < count; ++i) {
-      std::int16_t* const slot = cells + slots.of[which(i)];
+    for (const std::uint8_t context : kUsed) {
+      std::int16_t* const slot = cells + slots.of[context];
       const std::array<Cells, 2>& move = by[rate_of_slot(slot)];
       (Cells::load(slot) + move[0]).store(slot);
       (Cells::load(slot + 8) + move[1]).store(slot + 8);

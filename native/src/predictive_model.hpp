@@ -97,14 +97,32 @@ constexpr Context context_of_features(std::size_t i) {
 inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfFeatures.size();
 inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
-// Those that do nearly as well by themselves, of frames alone, and of those that expect something (docs/decisions/0016):
-// contexts of quick kinds.
+// Numbers of the contexts of frames alone, and of those that expect something: of all kinds but quick ones, and of those,
+// which do nearly as well with fewer (docs/decisions/0016).
+template <std::size_t count>
+inline constexpr auto kFirst = [] {
+  std::array<std::uint8_t, count> numbers{};
+  for (std::size_t i = 0; i < count; ++i) numbers[i] = static_cast<std::uint8_t>(i);
+  return numbers;
+}();
 inline constexpr std::array<std::uint8_t, 11> kQuickAlone = {0, 1, 4, 5, 6, 8, 9, 10, 11, 12, 13};
 inline constexpr std::array<std::uint8_t, 13> kQuickExpecting = {0, 1, 4, 5, 6, 9, 10, 13, 14, 15, 16, 17, 18};
+
+template <bool kExpects>
+constexpr const auto& all_contexts() {
+  if constexpr (kExpects) {
+    return kFirst<kAllContexts>;
+  } else {
+    return kFirst<kPredictiveContexts>;
+  }
+}
 template <bool kExpects>
 constexpr const auto& quick_contexts() {
-  if constexpr (kExpects) return kQuickExpecting;
-  else return kQuickAlone;
+  if constexpr (kExpects) {
+    return kQuickExpecting;
+  } else {
+    return kQuickAlone;
+  }
 }
 
 inline constexpr std::uint32_t kMaskContexts = 512;

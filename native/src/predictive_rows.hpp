@@ -76,6 +76,8 @@ class PredictiveRows : RangeDecisions<Coder> {
  private:
   static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 4;
 
+  static constexpr auto &kAll = all_contexts<kExpects>(), &kQuick = quick_contexts<kExpects>();
+
   static constexpr std::size_t kAlike = 16, kAlikeLeft = 4;  // ranges of a row that is not there; those to the left
 
   struct Learned {
@@ -143,7 +145,7 @@ class PredictiveRows : RangeDecisions<Coder> {
         for (Place& at : place) at.net.values.out.fill(0);
       }
       for (Place& at : place)
-        Forms::template weigh<kExpects>(model_.cells(), at.slots, at.net.values.out.data(), model_.balance[at.scale], at.net.said.data(), at.chances);
+        Forms::template weigh<kAll>(model_.cells(), at.slots, at.net.values.out.data(), model_.balance[at.scale], at.net.said.data(), at.chances);
     }
 #pragma GCC unroll 4
     for (int level = 3; level >= 0; --level) {
@@ -161,7 +163,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     for (std::size_t p = 0; p < N; ++p) {
-      Forms::template learn<kExpects, kLearned>(model_.cells(), place[p].slots, place[p].chances, kWalks[node[p]], quick_);
+      learn(place[p], kWalks[node[p]]);
       if (rows[p]->about.first_firing == kFiringSlots) [[unlikely]] model_.forget_not_counted();
       if constexpr (kLearned)
         Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
@@ -215,8 +217,26 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kLearned) {
       look_for_net(part, about, place);
     } else {
-      Forms::template add_up<kExpects>(model_.cells(), place.slots, place.chances, quick_);
+      add_up(place);
     }
+  }
+
+  // Of the contexts that this kind goes with.
+  void add_up(Place& place) {
+    if (!quick_) [[unlikely]] return add_up_all(place);
+    Forms::template add_up<kQuick>(model_.cells(), place.slots, place.chances);
+  }
+  void learn(const Place& place, const Walk& walked) {
+    if constexpr (kLearned) {
+      Forms::template learn<kAll, true>(model_.cells(), place.slots, place.chances, walked);
+    } else {
+      if (!quick_) [[unlikely]] return learn_all(place, walked);
+      Forms::template learn<kQuick, false>(model_.cells(), place.slots, place.chances, walked);
+    }
+  }
+  [[gnu::noinline]] void add_up_all(Place& place) { Forms::template add_up<kAll>(model_.cells(), place.slots, place.chances); }
+  [[gnu::noinline]] void learn_all(const Place& place, const Walk& walked) {
+    Forms::template learn<kAll, false>(model_.cells(), place.slots, place.chances, walked);
   }
 
   // What the network is told of a return.

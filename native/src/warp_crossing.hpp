@@ -91,8 +91,10 @@ template <class Form>
         break;
       }
     }
-    while (Form::set(now == static_cast<double>(least)) == 0) ++least;
-    while (Form::set(now == static_cast<double>(most)) == 0) --most;
+    if (least != most) {
+      while (Form::set(now == static_cast<double>(least)) == 0) ++least;
+      while (Form::set(now == static_cast<double>(most)) == 0) --most;
+    }
     const FourInts passed = cut_off(now);
     for (std::size_t i = 0; i < 4; ++i)
       below[static_cast<std::size_t>(passed[i])][i] |= std::uint64_t{known_ones >> i & 1u} << ring;
