@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <cstring>
 
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
 #include "processor.hpp"
 
 namespace lidarcodec {
@@ -19,25 +23,18 @@ constexpr Angle kAllSteps = [] {
   return all;
 }();
 
-struct Four {
-  using Numbers = std::int32_t __attribute__((vector_size(16)));
-  using Angles = Angle __attribute__((vector_size(16)));
-};
-struct Eight {
-  using Numbers = std::int32_t __attribute__((vector_size(32)));
-  using Angles = Angle __attribute__((vector_size(32)));
-};
+using Four = std::int32_t __attribute__((vector_size(16)));
+using FourAngles = Angle __attribute__((vector_size(16)));
 
 // All steps of two vectors while they are in registers: while one waits for its last step the other one goes on.
-template <class Vector>
-[[gnu::always_inline]] inline void land_two(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
-  typename Vector::Numbers x[2], y[2];
-  typename Vector::Angles angle[2];
+inline void land_two(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
+  Four x[2], y[2];
+  FourAngles angle[2];
   std::memcpy(x, x_at, sizeof x);
   std::memcpy(y, y_at, sizeof y);
   for (std::size_t v = 0; v < 2; ++v) {
     const auto back = x[v] >> 31;  // all ones: on the far side
-    angle[v] = (reinterpret_cast<typename Vector::Angles>(back) << 31) + kAllSteps;
+    angle[v] = (reinterpret_cast<FourAngles>(back) << 31) + kAllSteps;
     x[v] = (x[v] ^ back) - back;
     y[v] = (y[v] ^ back) - back;
   }
@@ -49,7 +46,7 @@ template <class Vector>
       const auto dx = ((x[v] >> i) ^ down) - down, dy = ((y[v] >> i) ^ down) - down;
       x[v] += dy;
       y[v] -= dx;
-      angle[v] -= reinterpret_cast<typename Vector::Angles>(down) & twice;
+      angle[v] -= reinterpret_cast<FourAngles>(down) & twice;
     }
   }
   std::memcpy(x_at, x, sizeof x);
@@ -60,12 +57,39 @@ template <class Vector>
 using Land = void (*)(std::int32_t*, std::int32_t*, Angle*);
 
 void land_in_fours(std::int32_t* x, std::int32_t* y, Angle* angle) {
-  land_two<Four>(x, y, angle);
-  land_two<Four>(x + 8, y + 8, angle + 8);
+  land_two(x, y, angle);
+  land_two(x + 8, y + 8, angle + 8);
 }
 
 #if defined(__x86_64__)
-[[gnu::target("avx2")]] void land_in_eights(std::int32_t* x, std::int32_t* y, Angle* angle) { land_two<Eight>(x, y, angle); }
+// The same, eight in a vector, by an instruction that gives a number the sign of another one.
+[[gnu::target("avx2")]] void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
+  __m256i x[2], y[2], angle[2];
+  for (std::size_t v = 0; v < 2; ++v) {
+    x[v] = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(x_at + 8 * v));
+    y[v] = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(y_at + 8 * v));
+    const __m256i back = _mm256_or_si256(_mm256_srai_epi32(x[v], 31), _mm256_set1_epi32(1));
+    angle[v] = _mm256_slli_epi32(_mm256_srai_epi32(x[v], 31), 31);
+    x[v] = _mm256_sign_epi32(x[v], back);
+    y[v] = _mm256_sign_epi32(y[v], back);
+  }
+#pragma GCC unroll 20
+  for (int i = 0; i < kLandingSteps; ++i) {
+    const __m256i step = _mm256_set1_epi32(static_cast<int>(step_of(static_cast<std::size_t>(i))));
+    for (std::size_t v = 0; v < 2; ++v) {
+      const __m256i way = _mm256_or_si256(y[v], _mm256_set1_epi32(1));
+      const __m256i dx = _mm256_sign_epi32(_mm256_srai_epi32(x[v], i), way), dy = _mm256_sign_epi32(_mm256_srai_epi32(y[v], i), way);
+      x[v] = _mm256_add_epi32(x[v], dy);
+      y[v] = _mm256_sub_epi32(y[v], dx);
+      angle[v] = _mm256_add_epi32(angle[v], _mm256_sign_epi32(step, way));
+    }
+  }
+  for (std::size_t v = 0; v < 2; ++v) {
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(x_at + 8 * v), x[v]);
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(y_at + 8 * v), y[v]);
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(angle_at + 8 * v), angle[v]);
+  }
+}
 Land quickest() { return quickest_path() == Path::Avx2 ? land_in_eights : land_in_fours; }
 #else
 Land quickest() { return land_in_fours; }
