@@ -23,6 +23,7 @@ constexpr std::uint32_t kLeastMatched = 150, kLeastMatchedHeld = 40;
 constexpr double kHoldTurn = 400, kHoldShift = 0.4;  // as much as points 2 cm off say against 1 mrad and 3 cm
 constexpr double kWorstMedianM = 0.2;
 constexpr double kFarthestM = 20;
+constexpr double kFarStepM = 0.05;  // after a longer step less is left out: what is near by chance would hold it there
 constexpr double kMatchedM = 0.5;  // a point this close to the surface lies on it
 
 struct Patch {
@@ -386,8 +387,9 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
     rigid = turned_by(w, v, rigid);
     turned = turned + w;
     shifted = shifted + v;
-    farthest_m = std::max(least_m, 0.6 * farthest_m);
-    wide_m *= 0.5;
+    const bool is_far = dot(v, v) > kFarStepM * kFarStepM;
+    farthest_m = std::max(least_m, (is_far ? 0.8 : 0.6) * farthest_m);
+    wide_m *= is_far ? 0.7 : 0.5;
     if (result.iterations >= 4 && dot(w, w) < 2e-9 && dot(v, v) < 1e-6) break;
   }
   result.matched = search.matched();

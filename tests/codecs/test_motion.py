@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import islice, pairwise
+
 import numpy as np
 import pytest
 
 from lidarcodec.codecs.motion import MOST_SHIFT, MOST_TURN, STILL, Motion, decode_motion, encode_motion
 from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.warp import RangeHistory
+from lidarcodec.codecs.warp import RangeHistory, beam_rows
 from lidarcodec.errors import SectionError
+from lidarcodec.pipeline import frames_of
+from lidarcodec.sources import open_source
 from tests.codecs.test_warp import AZIMUTHS, frame_of, moved, scene, sensor
 
 PERIOD_NS = 100_000_000
@@ -123,3 +127,20 @@ def test_a_lost_scene_keeps_the_motion_and_then_stands() -> None:
         assert lost.motion == (found.motion if lost.origin == "kept" else STILL)
     assert origins[0] == "kept"
     assert origins[-1] == "still"
+
+
+def test_a_stream_that_begins_at_speed_finds_its_motion_at_once(data_file) -> None:
+    """Its first search begins at rest, a metre away, all others where the last one ended. It must get there, too."""
+    calibration = data_file("kitti_hdl64e_s2_recovered_db.xml")
+    with open_source(data_file("kitti_0013_f052-107.pcap.xz"), calibration=calibration) as source:
+        given = list(islice(frames_of(source.packets(), source.sensor), 30, 42))
+    for before, frame in pairwise(given):
+        history = RangeHistory()
+        history.remember(before.range, before.azimuth, before.fired, before.sensor)
+        seen = (frame.range, frame.azimuth, frame.fired.view(np.uint8), beam_rows(frame.sensor))
+        first, found, _, _, iterations, _ = history.native.find_motion(*seen, STILL.numbers)
+        again = history.native.find_motion(*seen, first)[0]
+        assert found
+        assert iterations < 20  # it ended because it was there
+        assert np.abs(first[9:]).max() > 12_000  # steps of 1/16 mm
+        assert np.abs(first[9:] - again[9:]).max() < 160
