@@ -77,14 +77,6 @@ inline Beams beams_of(const BeamTable& table) {
 struct Motion {
   std::array<std::int32_t, 9> rotation{1 << 30, 0, 0, 0, 1 << 30, 0, 0, 0, 1 << 30};
   std::array<std::int32_t, 3> translation{};
-
-  // The point moved; it may be up to 2^25 away along each axis.
-  Point move(const Point& p) const {
-    const auto along = [&](std::size_t i) {
-      return rounded30(rotation[3 * i] * p.x + rotation[3 * i + 1] * p.y + rotation[3 * i + 2] * p.z) + translation[i];
-    };
-    return {along(0), along(1), along(2)};
-  }
 };
 
 }  // namespace lidarcodec

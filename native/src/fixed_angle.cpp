@@ -63,7 +63,7 @@ void land_in_fours(std::int32_t* x, std::int32_t* y, Angle* angle) {
 
 #if defined(__x86_64__)
 // The same, eight in a vector, by an instruction that gives a number the sign of another one.
-[[gnu::target("avx2")]] void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
+LIDARCODEC_AVX2 void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
   __m256i x[2], y[2], angle[2];
   for (std::size_t v = 0; v < 2; ++v) {
     x[v] = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(x_at + 8 * v));

@@ -291,6 +291,7 @@ class Search {
     return true;
   }
 
+  std::size_t beside() const { return matches_.size(); }  // points that have a closest one
   std::uint32_t matched() const { return matched_; }
 
  private:
@@ -379,7 +380,7 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
   Metres turned, shifted;
   for (result.iterations = 0; result.iterations < kIterations; ++result.iterations) {
     search.match(rigid, farthest_m);
-    if (search.matched() < least) break;
+    if (search.beside() < least) break;
     result.median_m = search.median();
     Metres w, v;
     if (!search.step(std::max({0.03, 3 * result.median_m, wide_m}), hold, turned, shifted, w, v)) break;

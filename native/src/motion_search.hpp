@@ -15,7 +15,7 @@ struct FoundMotion {
   std::uint32_t points = 0;       // points with a normal that were tried
   std::uint32_t matched = 0;      // of them, those that lie on the history's surface
   std::uint32_t iterations = 0;
-  double median_m = 0;            // median distance of the matched ones from it
+  double median_m = 0;            // median distance from it, of those and of points a little further off
 };
 
 // Motion from a turn ago to the frame with these ranges, (64, W), searched from `start`. Takes 3 ms for a frame of a turn.

@@ -98,8 +98,8 @@ class MovedRow {
     return n;
   }
 
-  // The points of the returns, moved. One too far away comes to lie on the axis, which is too near. As Beam::point and
-  // Motion::move, in doubles, which are exact where the motion is one: what is added up is below 2^53.
+  // The points of the returns (as Beam::point), moved. One too far away comes to lie on the axis, which is too near. In doubles,
+  // which are exact where the motion is a rotation and a shift: what is added up is below 2^53.
   template <class Form>
   [[gnu::always_inline]] void carry(std::size_t n, const Beam& beam, const Motion& motion) {
     const std::int32_t *length = length_.data(), *cos = cos_.data(), *sin = sin_.data();

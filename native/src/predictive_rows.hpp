@@ -32,7 +32,8 @@ struct Teaching {
 template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
-  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_, Decisions::model_, Decisions::plain, Decisions::quick_offset;
+  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_;
+  using Decisions::model_, Decisions::plain, Decisions::quick_offset;
 
  public:
   using Decisions::kReads;

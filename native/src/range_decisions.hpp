@@ -18,7 +18,7 @@ namespace lidarcodec {
 
 inline constexpr std::int32_t kOffsetRate = 655;
 inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
-inline constexpr std::int32_t kLikeliest = 32700;  // where quick_offset's chances go, of 32767
+inline constexpr std::int32_t kLikeliest = 32700;  // where quick_offset's chances go, of 32768
 inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf: more than any range, and than any in other steps
 
 // Distance from the last return at which each leaf begins.

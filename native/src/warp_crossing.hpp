@@ -1,8 +1,8 @@
 // Where beams meet the surface: down the rings of four directions at a time. Compiled for each kind of processor (warp.cpp).
 #pragma once
+#include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 

@@ -95,7 +95,7 @@ class Surface {
     return RingPlaces(points_ + row * kStride);
   }
 
-  // Finds what each beam meets first that looks in this direction and the three after it; a multiple of 4.
+  // Finds what each beam that looks in this direction or the three after it meets first. direction: a multiple of 4.
   template <class Form>
   void cross(std::size_t direction);
 
@@ -108,7 +108,7 @@ class Surface {
   }
 
  private:
-  // What of a beam says where it passes, in whole numbers; its slope and `lengthen` in steps of 1.
+  // What of a beam says where it passes: whole numbers, but for its slope and `lengthen`, multiples of 2^-24.
   struct Asking {
     double up_0 = 0, back = 0, slope = 0, lengthen = 0;
     std::size_t at = 0;  // of its row, in met_
