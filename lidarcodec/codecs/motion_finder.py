@@ -45,7 +45,7 @@ class FoundMotion:
     """A motion, where it is from, and how well it fits.
 
     origin: `poses`, `found`: registered; `kept`: not found, the last one; `still`: nothing is known
-    points, matched: tried, and of them on the surface seen before; median_m: distance of points near it
+    points, matched: tried, and of them on the surface seen before; median_m: their median distance from it
     """
 
     motion: Motion

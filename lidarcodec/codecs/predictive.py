@@ -7,7 +7,7 @@ from what the one before taught, which saves 0.06 bit, and masks refer to those 
 costs all frames up to the next key frame.
 
 With `motion` it also expects what the sensor saw a turn ago, moved as the sensor moved since: 0.1 to 0.2 bit less, for
-13 ms more to encode (3 of them to find the motion where frames have no poses) and 10 to decode. Masks then are
+15 ms more to encode (5 of them to find the motion where frames have no poses) and 10 to decode. Masks then are
 coded by a coder that looks at all of that (`entropy.MaskStream`).
 
 Slabs (frames of less than half a turn) go on where the one before ended, and cost hardly more than whole frames.

@@ -11,7 +11,7 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kEvery = 13;          // slots from candidate to candidate in a row
+constexpr std::size_t kEvery = 6;           // slots from candidate to candidate in a row
 constexpr std::size_t kTried = 3;            // slots of which the first with a return is a candidate
 constexpr std::size_t kPerFacing = 500;      // points of each way to face
 constexpr double kCubeM = 0.4;              // of points in a cube of this side one is used
@@ -23,8 +23,6 @@ constexpr std::uint32_t kLeastMatched = 150, kLeastMatchedHeld = 40;
 constexpr double kHoldTurn = 400, kHoldShift = 0.4;  // as much as points 2 cm off say against 1 mrad and 3 cm
 constexpr double kWorstMedianM = 0.2;
 constexpr double kFarthestM = 20;
-constexpr double kFarStepM = 0.05;  // after a longer step less is left out: what is near by chance would hold it there
-constexpr double kMatchedM = 0.5;  // a point this close to the surface lies on it
 
 struct Patch {
   Metres at, normal;
@@ -223,7 +221,6 @@ class Search {
   // Points of the frame, moved, beside the closest point that was seen there before.
   void match(const Rigid& rigid, double farthest_m) {
     matches_.clear();
-    matched_ = 0;
     moved_.clear();
     for (std::size_t i = 0; i < patches_.size(); ++i) {
       const Metres p = rigid.move(patches_[i].at);
@@ -252,7 +249,6 @@ class Search {
       if (closest == nullptr) continue;
       const Metres normal = rigid.turn(patches_[i].normal);
       matches_.push_back({p, normal, dot(normal, p - *closest)});
-      matched_ += best < kMatchedM * kMatchedM;
     }
   }
 
@@ -291,8 +287,7 @@ class Search {
     return true;
   }
 
-  std::size_t beside() const { return matches_.size(); }  // points that have a closest one
-  std::uint32_t matched() const { return matched_; }
+  std::size_t matched() const { return matches_.size(); }
 
  private:
   struct Ring {
@@ -353,7 +348,6 @@ class Search {
   bool sorted_rings_ = false;
   std::vector<Metres> moved_;
   std::vector<Match> matches_;
-  std::uint32_t matched_ = 0;  // of them, those that lie on the surface
   std::vector<double> sorted_;
 };
 
@@ -374,13 +368,11 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
   if (patches.size() < least) return result;
   Search search(before, beams, patches);
   Rigid rigid = rigid_of(start).inverse();
-  // Further than what lies on the surface: what is a little off holds the motion, too, as much as it weighs.
-  const double least_m = hold ? kMatchedM : 1;
-  double farthest_m = hold ? kMatchedM : 2, wide_m = hold ? 0.1 : 1;
+  double farthest_m = hold ? 0.5 : 2, wide_m = hold ? 0.1 : 1;
   Metres turned, shifted;
   for (result.iterations = 0; result.iterations < kIterations; ++result.iterations) {
     search.match(rigid, farthest_m);
-    if (search.beside() < least) break;
+    if (search.matched() < least) break;
     result.median_m = search.median();
     Metres w, v;
     if (!search.step(std::max({0.03, 3 * result.median_m, wide_m}), hold, turned, shifted, w, v)) break;
@@ -388,12 +380,11 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
     rigid = turned_by(w, v, rigid);
     turned = turned + w;
     shifted = shifted + v;
-    const bool is_far = dot(v, v) > kFarStepM * kFarStepM;
-    farthest_m = std::max(least_m, (is_far ? 0.8 : 0.6) * farthest_m);
-    wide_m *= is_far ? 0.7 : 0.5;
-    if (result.iterations >= 4 && dot(w, w) < 2e-9 && dot(v, v) < 1e-6) break;
+    farthest_m = std::max(0.5, 0.8 * farthest_m);
+    wide_m *= 0.7;
+    if (result.iterations >= 4 && dot(w, w) < 1e-10 && dot(v, v) < 1e-6) break;
   }
-  result.matched = search.matched();
+  result.matched = static_cast<std::uint32_t>(search.matched());
   const Rigid back = rigid.inverse();  // of a rotation: a start that is none is not found
   if (result.matched < least || !(result.median_m < kWorstMedianM) || !(length_of(back.shift) < kFarthestM) ||
       !(std::abs(dot(back.row[0], back.row[0]) - 1) < 1e-6 && std::abs(dot(back.row[1], back.row[1]) - 1) < 1e-6))
