@@ -1,10 +1,10 @@
 """`predictive`: what is likely is learned while coding, from the returns around each return. No weights, any sensor.
 
-Half a bit to two thirds of a bit a return less than `pcodec`, and twice the time: 6.1 bits lossless, 2.8 within a
-centimetre, 1.5 within five on KITTI, about 10 ms each way. `effort=2` takes a third longer over the ranges, for as many
-bits lossless in a long stream and 1 to 2 % less within five centimetres. With `memory`, on by default, a frame goes on
-from what the one before taught, which saves 0.06 bit, and masks refer to those of the last turn; a lost message then
-costs all frames up to the next key frame.
+Half a bit to two thirds of a bit a return less than `pcodec`, and two to three times the time: 6.2 bits lossless, 2.9
+within a centimetre, 1.6 within five on KITTI, 14 ms each way on a Zen 3. `effort=2` takes a third longer over ranges
+lossless, for as many bits in a long stream, and an eighth to a fifth longer within five centimetres, for 1 to 2 % less.
+With `memory`, on by default, a frame goes on from what the one before taught, which saves 0.06 bit, and masks refer to
+those of the last turn; a lost message then costs all frames up to the next key frame.
 
 With `motion` it also expects what the sensor saw a turn ago, moved as the sensor moved since: 0.1 to 0.2 bit less, for
 15 ms more to encode (5 of them to find the motion where frames have no poses) and 10 to decode. Masks then are
@@ -42,7 +42,7 @@ class PredictiveSettings(CodecSettings):
     """Settings of `predictive`."""
 
     effort: int = Field(1, ge=1, le=2)
-    """1: the contexts that say most, 2: all of them: up to 0.05 bit less for a third more time on ranges."""
+    """1: the contexts that say most, 2: all of them: up to 0.05 bit less for an eighth to a third more time."""
 
     memory: bool = True
     """Whether a frame goes on from what those since the last key frame taught: smaller, but then it needs them."""
