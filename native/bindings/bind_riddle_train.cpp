@@ -27,6 +27,15 @@ void bind_riddle_train(nb::module_& m) {
            },
            nb::arg("share"), nb::arg("seed"), "share: of 65536 returns, how many are taken.")
       .def("__len__", &RiddleSamples::size)
+      .def(
+          "taken",
+          [](const RiddleSamples& samples) {
+            const std::size_t n = samples.size();
+            return nb::make_tuple(give(std::vector(samples.in), {n, samples.inputs}), give(std::vector(samples.leaf), {n}),
+                                  give(std::vector(samples.offset), {n, RiddleSamples::kOffsets}),
+                                  give(std::vector(samples.said), {n, RiddleSamples::kDecisions}));
+          },
+          "Inputs (n, 72 or 112) int8, leaves (n,), first three offset bits (n, 3), 255: none, and what contexts said of each decision (n, 7) int16.")
       .def_prop_ro("inputs", [](const RiddleSamples& samples) { return samples.inputs; });
   nb::class_<RiddleTrainer>(m, "RiddleTrainer")
       .def("__init__",

@@ -209,11 +209,14 @@ void check_slabs(const Scene& scene, const Way& way) {
 // Networks alone, in every form.
 void check_networks() {
   for (const NetForm form : net_forms_here()) {
-    for (const bool with_cases : {false, true}) {
+    const auto print = [form](const std::string& kind, bool with_cases, bool all_tiles) {
       Hash hash;
-      hash.add(odds_of_networks(form, with_cases));
-      hash.print(std::string(with_cases ? "networks with cases, " : "networks, ") + name_of(form));
-    }
+      hash.add(odds_of_networks(form, with_cases, all_tiles));
+      hash.print(kind + ", " + name_of(form));
+    };
+    print("networks", false, true);
+    print("networks with cases", true, true);
+    print("networks of few tiles", true, false);
   }
 }
 

@@ -1,5 +1,6 @@
 // Networks with weights at random, for coders of ranges and alone.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -38,6 +39,18 @@ struct RandomLayers {
   }
   RandomLayers(const RandomLayers&) = delete;
 
+  // Leaves about two in three tiles out.
+  void leave_tiles_out(RandomNumbers& random) {
+    using lidarcodec::kBlock, lidarcodec::kTileInputs;
+    for (std::size_t l = 0; l < layers.size(); ++l)
+      for (std::size_t block = 0; block * kBlock < layers[l].out; ++block)
+        for (std::size_t in = 0; in < layers[l].in; in += kTileInputs) {
+          if (random.up_to(1) == 0) continue;
+          for (std::size_t o = block * kBlock; o < end_of_block(layers[l], block); ++o)
+            std::fill_n(weights[l].begin() + static_cast<std::ptrdiff_t>(o * layers[l].in + in), kTileInputs, std::int16_t{0});
+        }
+  }
+
   // Biases of rows and scales in the first layer.
   void add_cases(RandomNumbers& random) {
     for (std::size_t i = 0; i < lidarcodec::kCases * layers[0].out; ++i) cases.push_back(static_cast<std::int8_t>(random.up_to(127)));
@@ -66,9 +79,9 @@ inline std::shared_ptr<const lidarcodec::RiddleNets> nets_of(bool learned, bool 
   return !learned ? nullptr : plain ? slow : quick;
 }
 
-// What networks of many sizes say of seven returns, by four, by two and by one: with weights of 8 bits, with those that two
+// What networks of many sizes, with all tiles or with some, say of seven returns, by four, by two and by one: with weights of 8 bits, with those that two
 // bytes with a sign can be, and with larger ones; small ones are as frequent as large ones, lest all sums be at their ends.
-inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form, bool with_cases) {
+inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form, bool with_cases, bool all_tiles) {
   RandomNumbers random(11);
   std::vector<std::int16_t> odds;
   for (const std::array<std::size_t, 2>& hidden : {std::array<std::size_t, 2>{8, 8}, {24, 40}, {96, 32}, {192, 48}, {256, 256}}) {
@@ -79,6 +92,7 @@ inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form, bool
                          most == 127 ? std::array<std::uint32_t, 3>{4, 4, 9} : std::array<std::uint32_t, 3>{12, 12, 13});
       for (auto& weights : given.weights) weights.front() = static_cast<std::int16_t>(most), weights.back() = static_cast<std::int16_t>(-most - 1);
       if (with_cases) given.add_cases(random);
+      if (!all_tiles) given.leave_tiles_out(random);
       const lidarcodec::RiddleNet net(given.layers, form);
       std::array<lidarcodec::NetValues, 7> values;
       for (lidarcodec::NetValues& value : values)

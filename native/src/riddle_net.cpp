@@ -105,24 +105,45 @@ constexpr std::array<std::int32_t, kNetLayers> kMoved = {128, 0, 0};
 constexpr bool kTwoPlanes = false;
 #endif
 
+// Weights of a layer's tiles: in which tile, of which sum and which of its four inputs one is.
+template <class Put>
+void for_each_weight(const GivenLayer& from, const Layer& layer, const Put& put) {
+  for (std::size_t block = 0; block < layer.blocks(); ++block)
+    for (std::size_t tile = layer.tiles_of[block]; tile < layer.tiles_of[block + 1]; ++tile)
+      for (std::size_t o = block * kBlock; o < end_of_block(from, block); ++o)
+        for (std::size_t i = 0; i < kTileInputs; ++i)
+          put(tile, o % kBlock, i, from.weights[o * from.in + layer.inputs_of[tile] + i]);
+}
+
+// Tiles that have weights, and their weights.
+void put_tiles(const GivenLayer& from, Layer& layer) {
+  layer.tiles_of.push_back(0);
+  for (std::size_t block = 0; block < layer.blocks(); ++block) {
+    for (std::size_t in = 0; in < from.in; in += kTileInputs)
+      if (!is_tile_empty(from, block, in)) layer.inputs_of.push_back(static_cast<std::uint16_t>(in));
+    layer.tiles_of.push_back(layer.tiles());
+  }
+  layer.weights.assign(layer.tiles() * kTileWeights);
+  for_each_weight(from, layer, [&](std::size_t tile, std::size_t sum, std::size_t i, std::int16_t weight) {
+    layer.weights.data()[tile * kTileWeights + (i / 2 * kBlock + sum) * 2 + i % 2] = weight;
+  });
+}
+
 // Weights once more as bytes, where they fit.
 void put_bytes(const GivenLayer& from, Layer& layer) {
   const auto fit = [&](int least, int most) {
     return std::all_of(from.weights, from.weights + from.in * from.out, [&](std::int16_t w) { return w >= least && w <= most; });
   };
   layer.planes = fit(-128, 127) ? 1 : kTwoPlanes && fit(-32768, 127 * 256 + 127) ? 2 : 0;
-  const std::size_t size = layer.blocks() * kBlock * from.in;  // of a plane
+  const std::size_t size = layer.tiles() * kTileWeights;  // of a plane
   layer.byte_weights.assign(layer.planes * size);
   if (layer.planes == 0) return;
-  for (std::size_t o = 0; o < from.out; ++o) {
-    for (std::size_t i = 0; i < from.in; ++i) {
-      const std::int16_t w = from.weights[o * from.in + i];
-      std::int8_t* const to = layer.byte_weights.data() + (i / 4 * layer.blocks() + o / kBlock) * 4 * kBlock + o % kBlock * 4 + i % 4;
-      const auto low = static_cast<std::int8_t>(w);
-      if (layer.planes == 2) *to = static_cast<std::int8_t>((w - low) / 256);
-      to[(layer.planes - 1) * size] = low;
-    }
-  }
+  for_each_weight(from, layer, [&](std::size_t tile, std::size_t sum, std::size_t i, std::int16_t weight) {
+    std::int8_t* const to = layer.byte_weights.data() + tile * kTileWeights + sum * kTileInputs + i;
+    const auto low = static_cast<std::int8_t>(weight);
+    if (layer.planes == 2) *to = static_cast<std::int8_t>((weight - low) / 256);
+    to[(layer.planes - 1) * size] = low;
+  });
 }
 
 // What sums begin with, for inputs that are larger by `moved`.
@@ -160,6 +181,13 @@ void check(const GivenLayer& given, std::size_t number, std::int64_t largest) {
 }
 
 }  // namespace
+
+bool is_tile_empty(const GivenLayer& layer, std::size_t block, std::size_t in) {
+  for (std::size_t o = block * kBlock; o < end_of_block(layer, block); ++o)
+    for (std::size_t i = in; i < in + kTileInputs; ++i)
+      if (layer.weights[o * layer.in + i] != 0) return false;
+  return true;
+}
 
 std::vector<NetForm> net_forms_here() {
   std::vector<NetForm> forms = {NetForm::Plain};
@@ -217,13 +245,7 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     layer.shift = static_cast<std::uint32_t>(static_cast<std::int32_t>(from.shift) + kShifts[l].more);
     layer.low = l == 2 ? -32768 : 0;
     layer.high = l == 2 ? 32767 : kMiddleTop;
-    layer.weights.assign(layer.blocks() * kBlock * layer.in);
-    const bool by_block = form_ == NetForm::Avx2;
-    layer.pair_step = 2 * kBlock * (by_block ? 1 : layer.blocks());
-    layer.block_step = 2 * kBlock * (by_block ? layer.in / 2 : 1);
-    for (std::size_t o = 0; o < from.out; ++o)
-      for (std::size_t i = 0; i < from.in; ++i)
-        layer.weights.data()[i / 2 * layer.pair_step + o / kBlock * layer.block_step + o % kBlock * 2 + i % 2] = from.weights[o * from.in + i];
+    put_tiles(from, layer);
     put_bytes(from, layer);
     if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }

@@ -51,6 +51,14 @@ struct GivenLayer {
   const std::int8_t* cases = nullptr;  // (96, out): biases of rows, then of scales; or there are none
 };
 
+// Weights of a layer are left out in tiles of sixteen sums, a block, and four inputs.
+inline constexpr std::size_t kBlock = 16, kTileInputs = 4;
+
+inline std::size_t end_of_block(const GivenLayer& layer, std::size_t block) { return std::min(layer.out, (block + 1) * kBlock); }
+
+// Whether all weights of a tile, from input `in` on, are 0.
+bool is_tile_empty(const GivenLayer& layer, std::size_t block, std::size_t in);
+
 // Numbers that begin at a line of the processor's cache.
 template <class Number>
 class Lines {
@@ -85,12 +93,14 @@ class RiddleNet {
     std::size_t in = 0, out = 0;
     std::uint32_t shift = 0;  // of the sums
     std::int32_t low = 0, high = 0;
-    // For every two inputs and every block of 16 sums a pair of weights each, in the order in which the form fetches them:
-    // so many weights from one two inputs to the next, and from one block to the next. Sums beyond `out` are 0.
+    // Tiles, block after block, without the empty ones. Weights of sums beyond `out` are 0. Of each tile its first input; of
+    // each block, and behind the last one, its first tile.
+    std::vector<std::uint16_t> inputs_of;
+    std::vector<std::size_t> tiles_of;
+    // Of each tile the weights of its first two inputs, a pair for each sum, then those of the other two.
     Lines<std::int16_t> weights;
-    std::size_t pair_step = 0, block_step = 0;
-    // The same as bytes: for every four inputs, blocks of 16 sums with four weights each. One plane of them where all
-    // weights fit 8 bits; else that of the upper bytes and that of the lower ones, with signs; none where those do not fit.
+    // The same as bytes, four for each sum. One plane of them where all weights fit 8 bits; else that of the upper bytes and
+    // that of the lower ones, with signs; none where those do not fit.
     std::size_t planes = 0;
     Lines<std::int8_t> byte_weights;
     // What sums begin with: biases, for each row where there are those of cases, and what each scale adds to them. In biases
@@ -98,7 +108,8 @@ class RiddleNet {
     // all sums are.
     Lines<std::int32_t> rows, scales;
     bool has_cases = false;
-    std::size_t blocks() const { return (out + 15) / 16; }
+    std::size_t blocks() const { return (out + kBlock - 1) / kBlock; }
+    std::size_t tiles() const { return inputs_of.size(); }
   };
 
  private:

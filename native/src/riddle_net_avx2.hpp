@@ -31,15 +31,21 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
       sums[r][0] = _mm256_add_epi32(_mm256_load_si256(row), _mm256_load_si256(scale));
       sums[r][1] = _mm256_add_epi32(_mm256_load_si256(row + 1), _mm256_load_si256(scale + 1));
     }
-    const std::int16_t* w = weights_at(layer, block, 0);
-    for (std::size_t i = 0; i < layer.in; i += 2, w += layer.pair_step) {
-      const auto* from = reinterpret_cast<const __m256i*>(w);
-      const __m256i w0 = _mm256_load_si256(from), w1 = _mm256_load_si256(from + 1);
+    const std::size_t end = layer.tiles_of[block + 1];
+    const auto* w = reinterpret_cast<const __m256i*>(layer.weights.data() + layer.tiles_of[block] * kTileWeights);
+    for (std::size_t tile = layer.tiles_of[block]; tile < end; ++tile) {
+      const std::size_t at = layer.inputs_of[tile];
+#pragma GCC unroll 2
+      for (std::size_t pair = 0; pair < 2; ++pair, w += 2) {
+        const __m256i w0 = _mm256_load_si256(w), w1 = _mm256_load_si256(w + 1);
 #pragma GCC unroll 4
-      for (std::size_t r = 0; r < N; ++r) {
-        const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + i));
-        sums[r][0] = _mm256_add_epi32(sums[r][0], _mm256_madd_epi16(x, w0));
-        sums[r][1] = _mm256_add_epi32(sums[r][1], _mm256_madd_epi16(x, w1));
+        for (std::size_t r = 0; r < N; ++r) {
+          const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + at + 2 * pair));
+          sums[r][0] = _mm256_add_epi32(sums[r][0], _mm256_madd_epi16(x, w0));
+          sums[r][1] = _mm256_add_epi32(sums[r][1], _mm256_madd_epi16(x, w1));
+          // or products of both pairs would be added up first, for which there are too few registers
+          asm("" : "+x"(sums[r][0]), "+x"(sums[r][1]));
+        }
       }
     }
 #pragma GCC unroll 4

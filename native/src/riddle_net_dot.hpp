@@ -5,6 +5,8 @@
 #pragma once
 #include <arm_neon.h>
 
+#include <cstring>
+
 #include "riddle_net_lanes.hpp"
 
 #if defined(__ARM_FEATURE_DOTPROD)
@@ -17,21 +19,20 @@
 
 namespace lidarcodec::net_forms {
 
-// Four sums and what four inputs, the first or the last of `in`, add to each. Written out, since arm_neon.h of clang++ names
+// Four sums and what the first four of `in` add to each. Written out, since arm_neon.h of clang++ names
 // this instruction only where every processor has it.
-template <int kLane>
 LIDARCODEC_DOT inline int32x4_t with_four(int32x4_t sums, int8x16_t weights, int8x8_t in) {
-  asm("sdot %0.4s, %1.16b, %2.4b[%c3]" : "+w"(sums) : "w"(weights), "w"(in), "i"(kLane));
+  asm("sdot %0.4s, %1.16b, %2.4b[0]" : "+w"(sums) : "w"(weights), "w"(in));
   return sums;
 }
 
-template <int kLane, std::size_t N>
+template <std::size_t N>
 LIDARCODEC_DOT inline void add_four(int32x4_t (&sums)[N][4], const std::int8_t* weights, const int8x8_t (&in)[N]) {
 #pragma GCC unroll 4
   for (std::size_t v = 0; v < 4; ++v) {
     const int8x16_t of = vld1q_s8(weights + 16 * v);
 #pragma GCC unroll 4
-    for (std::size_t r = 0; r < N; ++r) sums[r][v] = with_four<kLane>(sums[r][v], of, in[r]);
+    for (std::size_t r = 0; r < N; ++r) sums[r][v] = with_four(sums[r][v], of, in[r]);
   }
 }
 
@@ -44,21 +45,24 @@ inline void settle(const Lanes::Sums& sums, const Layer& layer, std::int16_t* ou
 template <std::size_t N, class Out>
 LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const std::int8_t*, N>& in,
                               const std::array<Out*, N>& out) {
-  const std::size_t next = layer.blocks() * 4 * kBlock;
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
-    const std::int8_t* w = layer.byte_weights.data() + block * 4 * kBlock;
+    const std::size_t begin = layer.tiles_of[block], end = layer.tiles_of[block + 1];
     int32x4_t sums[N][4] = {};
     for (std::size_t plane = 0; plane < layer.planes; ++plane) {
 #pragma GCC unroll 4
       for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 4
         for (std::size_t v = 0; v < 4; ++v) sums[r][v] = vshlq_n_s32(sums[r][v], 8);
-      for (std::size_t i = 0; i < layer.in; i += 8, w += 2 * next) {
+      const std::int8_t* w = layer.byte_weights.data() + (plane * layer.tiles() + begin) * kTileWeights;
+      for (std::size_t tile = begin; tile < end; ++tile, w += kTileWeights) {
         int8x8_t x[N];
 #pragma GCC unroll 4
-        for (std::size_t r = 0; r < N; ++r) x[r] = vld1_s8(in[r] + i);
-        add_four<0>(sums, w, x);
-        add_four<1>(sums, w + next, x);
+        for (std::size_t r = 0; r < N; ++r) {
+          std::int32_t four;
+          std::memcpy(&four, in[r] + layer.inputs_of[tile], sizeof four);
+          x[r] = vreinterpret_s8_s32(vdup_n_s32(four));
+        }
+        add_four(sums, w, x);
       }
     }
 #pragma GCC unroll 4

@@ -34,6 +34,7 @@ struct Lanes {
   }
   static Sums sums(const std::int32_t* from) { return {load(from), load(from + 4)}; }
   static Sums both(const Sums& a, const Sums& b) { return {_mm_add_epi32(a.low, b.low), _mm_add_epi32(a.high, b.high)}; }
+  static Inputs inputs(const std::int16_t* from) { return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(from)); }
   static Weights weights(const std::int16_t* from) { return {load(from), load(from + 8)}; }
 
   template <int kPair>
@@ -55,23 +56,23 @@ struct Lanes {
 
 struct Lanes {
   static constexpr std::size_t kReturns = 4, kEights = 2;
-  using Inputs = int16x8_t;
+  using Inputs = int16x4_t;
   struct Sums {
     int32x4_t low, high;
   };
   using Weights = int16x8x2_t;  // those of even inputs, those of odd ones
 
-  static Inputs load(const std::int16_t* from) { return vld1q_s16(from); }
+  static Inputs inputs(const std::int16_t* from) { return vld1_s16(from); }
   static Sums sums(const std::int32_t* from) { return {vld1q_s32(from), vld1q_s32(from + 4)}; }
   static Sums both(const Sums& a, const Sums& b) { return {vaddq_s32(a.low, b.low), vaddq_s32(a.high, b.high)}; }
   static Weights weights(const std::int16_t* from) { return vld2q_s16(from); }
 
   template <int kPair>
   static void add(Sums& to, Inputs in, const Weights& w) {
-    to.low = vmlal_laneq_s16(to.low, vget_low_s16(w.val[0]), in, 2 * kPair);
-    to.high = vmlal_high_laneq_s16(to.high, w.val[0], in, 2 * kPair);
-    to.low = vmlal_laneq_s16(to.low, vget_low_s16(w.val[1]), in, 2 * kPair + 1);
-    to.high = vmlal_high_laneq_s16(to.high, w.val[1], in, 2 * kPair + 1);
+    to.low = vmlal_lane_s16(to.low, vget_low_s16(w.val[0]), in, 2 * kPair);
+    to.high = vmlal_high_lane_s16(to.high, w.val[0], in, 2 * kPair);
+    to.low = vmlal_lane_s16(to.low, vget_low_s16(w.val[1]), in, 2 * kPair + 1);
+    to.high = vmlal_high_lane_s16(to.high, w.val[1], in, 2 * kPair + 1);
   }
 
   static int16x8_t settled(const Sums& sums, const Layer& layer) {
@@ -97,11 +98,12 @@ void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, cons
 #pragma GCC unroll 2
       for (std::size_t e = 0; e < kEights; ++e)
         sums[r][e] = Lanes::both(Lanes::sums(begins[r].row + at + 8 * e), Lanes::sums(begins[r].scale + at + 8 * e));
-    const std::int16_t* w = layer.weights.data() + 2 * at;
-    for (std::size_t i = 0; i < layer.in; i += 8) {
+    const std::size_t block = at / kBlock, end = layer.tiles_of[block + 1];
+    const std::int16_t* w = layer.weights.data() + layer.tiles_of[block] * kTileWeights + 2 * (at % kBlock);
+    for (std::size_t tile = layer.tiles_of[block]; tile < end; ++tile) {
       Lanes::Inputs x[N];
 #pragma GCC unroll 4
-      for (std::size_t r = 0; r < N; ++r) x[r] = Lanes::load(in[r] + i);
+      for (std::size_t r = 0; r < N; ++r) x[r] = Lanes::inputs(in[r] + layer.inputs_of[tile]);
       const auto add = [&](auto pair) {
 #pragma GCC unroll 2
         for (std::size_t e = 0; e < kEights; ++e) {
@@ -109,12 +111,10 @@ void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, cons
 #pragma GCC unroll 4
           for (std::size_t r = 0; r < N; ++r) Lanes::add<pair.value>(sums[r][e], x[r], of);
         }
-        w += layer.blocks() * 2 * kBlock;
+        w += 2 * kBlock;
       };
       add(std::integral_constant<int, 0>{});
       add(std::integral_constant<int, 1>{});
-      add(std::integral_constant<int, 2>{});
-      add(std::integral_constant<int, 3>{});
     }
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r)

@@ -10,8 +10,6 @@
 namespace lidarcodec::net_forms {
 
 using Layer = RiddleNet::Layer;
-inline constexpr std::size_t kBlock = 16;
-
 // Inputs or hidden values of one return, between two layers.
 struct alignas(64) Words {
   std::array<std::int16_t, kMostHidden> of;
@@ -40,18 +38,16 @@ inline std::int16_t settled(std::int32_t sum, const Layer& layer) {
   return static_cast<std::int16_t>(std::clamp(sum >> layer.shift, layer.low, layer.high));
 }
 
-// Weights of block after block, for the inputs from `in` on, an even number.
-inline const std::int16_t* weights_at(const Layer& layer, std::size_t block, std::size_t in) {
-  return layer.weights.data() + in / 2 * layer.pair_step + block * layer.block_step;
-}
+inline constexpr std::size_t kTileWeights = kTileInputs * kBlock;
 
 inline void layer_plainly(const Layer& layer, const Begin& begin, const std::int16_t* in, std::int16_t* out) {
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     std::array<std::int32_t, kBlock> sums;
     for (std::size_t o = 0; o < kBlock; ++o) sums[o] = begin.row[block * kBlock + o] + begin.scale[block * kBlock + o];
-    for (std::size_t i = 0; i < layer.in; i += 2) {
-      const std::int16_t* const w = weights_at(layer, block, i);
-      for (std::size_t o = 0; o < kBlock; ++o) sums[o] += w[2 * o] * in[i] + w[2 * o + 1] * in[i + 1];
+    for (std::size_t tile = layer.tiles_of[block]; tile < layer.tiles_of[block + 1]; ++tile) {
+      const std::int16_t *const w = layer.weights.data() + tile * kTileWeights, *const x = in + layer.inputs_of[tile];
+      for (std::size_t o = 0; o < kBlock; ++o)
+        sums[o] += w[2 * o] * x[0] + w[2 * o + 1] * x[1] + w[2 * (kBlock + o)] * x[2] + w[2 * (kBlock + o) + 1] * x[3];
     }
     for (std::size_t o = 0; o < kBlock; ++o) out[block * kBlock + o] = settled(sums[o], layer);
   }

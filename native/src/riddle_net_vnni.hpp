@@ -12,14 +12,41 @@ struct alignas(64) Bytes {
   std::array<std::uint8_t, kMostHidden> of;
 };
 
-// Blocks of sums of N returns, from `first` on: of values without a sign, in 8 or 16 bits. Sums of S steps in turns are
-// added up apart: enough of them at once that none waits for its last product, and few enough for the registers.
+// What a layer's weights of values of a size begin at, and how many bytes of them are a tile's.
+template <class Value>
+const std::byte* weights_vnni(const Layer& layer) {
+  return reinterpret_cast<const std::byte*>(sizeof(Value) == 1 ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data());
+}
+template <class Value>
+inline constexpr std::size_t kTileBytes = kTileWeights * sizeof(Value);
+
+// Sums and the products of a vector of weights and as many values, without a sign, as fit four bytes.
+template <class Value>
+LIDARCODEC_VNNI __m512i with_products(__m512i sums, const Value* x, const std::byte* w) {
+  const __m512i values = _mm512_set1_epi32(four_bytes_at(x)), weights = _mm512_load_si512(w);
+  return sizeof(Value) == 1 ? _mm512_dpbusd_epi32(sums, values, weights) : _mm512_dpwssd_epi32(sums, values, weights);
+}
+
+template <class Out>
+LIDARCODEC_VNNI void settle_vnni(__m512i sums, const Layer& layer, Out* to) {
+  const __m512i shifted = _mm512_sra_epi32(sums, _mm_cvtsi32_si128(static_cast<int>(layer.shift)));
+  const __m512i done = _mm512_min_epi32(_mm512_max_epi32(shifted, _mm512_set1_epi32(layer.low)), _mm512_set1_epi32(layer.high));
+  if constexpr (sizeof(Out) == 1) {
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm512_cvtepi32_epi8(done));
+  } else {
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(done));
+  }
+}
+
+// Blocks of sums of N returns, from `first` on, of a layer that has all tiles: of values without a sign, in 8 or 16 bits. Sums
+// of S steps in turns are added up apart: enough of them at once that none waits for its last product, and few enough for the
+// registers.
 template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
 LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, std::size_t first,
                                  const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
-  constexpr bool kBytes = sizeof(Value) == 1;
   constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
-  const auto* w = reinterpret_cast<const std::byte*>(kBytes ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data()) + first * 64;
+  const std::size_t of_block = layer.in / kTileInputs * kTileBytes<Value>;
+  const std::byte* w = weights_vnni<Value>(layer) + first * of_block;
   __m512i sums[N][Blocks][S];
 #pragma GCC unroll 4
   for (std::size_t r = 0; r < N; ++r)
@@ -32,21 +59,13 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>&
     }
   for (std::size_t i = 0; i < layer.in; i += kAtOnce * S) {
 #pragma GCC unroll 4
-    for (std::size_t s = 0; s < S; ++s, w += layer.blocks() * 64) {
-      __m512i x[N];
-#pragma GCC unroll 4
-      for (std::size_t r = 0; r < N; ++r) x[r] = _mm512_set1_epi32(four_bytes_at(in[r] + i + kAtOnce * s));
+    for (std::size_t s = 0; s < S; ++s, w += 64)
 #pragma GCC unroll 8
-      for (std::size_t b = 0; b < Blocks; ++b) {
-        const __m512i of = _mm512_load_si512(w + b * 64);
+      for (std::size_t b = 0; b < Blocks; ++b)
 #pragma GCC unroll 4
         for (std::size_t r = 0; r < N; ++r)
-          sums[r][b][s] = kBytes ? _mm512_dpbusd_epi32(sums[r][b][s], x[r], of) : _mm512_dpwssd_epi32(sums[r][b][s], x[r], of);
-      }
-    }
+          sums[r][b][s] = with_products(sums[r][b][s], in[r] + i + kAtOnce * s, w + b * of_block);
   }
-  const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
-  const __m512i low = _mm512_set1_epi32(layer.low), high = _mm512_set1_epi32(layer.high);
 #pragma GCC unroll 4
   for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 8
@@ -54,20 +73,46 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>&
       __m512i sum = sums[r][b][0];
 #pragma GCC unroll 4
       for (std::size_t s = 1; s < S; ++s) sum = _mm512_add_epi32(sum, sums[r][b][s]);
-      const __m512i done = _mm512_min_epi32(_mm512_max_epi32(_mm512_sra_epi32(sum, shift), low), high);
-      auto* const to = out[r] + (first + b) * kBlock;
-      if constexpr (sizeof(Out) == 1) {
-        _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm512_cvtepi32_epi8(done));
-      } else {
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(done));
-      }
+      settle_vnni(sum, layer, out[r] + (first + b) * kBlock);
     }
+}
+
+// One block, of a layer that has some tiles. As above, sums of every other tile are added up apart.
+template <std::size_t N, class Value, class Out>
+LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<Begin, N>& begins, std::size_t block,
+                                         const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+  __m512i sums[N][2];
+#pragma GCC unroll 4
+  for (std::size_t r = 0; r < N; ++r) {
+    sums[r][0] = _mm512_add_epi32(_mm512_load_si512(begins[r].row + block * kBlock), _mm512_load_si512(begins[r].scale + block * kBlock));
+    sums[r][1] = _mm512_setzero_si512();
+  }
+  std::size_t tile = layer.tiles_of[block];
+  const std::size_t end = layer.tiles_of[block + 1];
+  const std::byte* w = weights_vnni<Value>(layer) + tile * kTileBytes<Value>;
+  const auto add = [&](std::size_t at, std::size_t s) LIDARCODEC_VNNI {
+#pragma GCC unroll 2
+    for (std::size_t i = 0; i < kTileInputs; i += 4 / sizeof(Value), w += 64)
+#pragma GCC unroll 4
+      for (std::size_t r = 0; r < N; ++r) sums[r][s] = with_products(sums[r][s], in[r] + at + i, w);
+  };
+  for (; tile + 2 <= end; tile += 2) {
+    add(layer.inputs_of[tile], 0);
+    add(layer.inputs_of[tile + 1], 1);
+  }
+  if (tile < end) add(layer.inputs_of[tile], 0);
+#pragma GCC unroll 4
+  for (std::size_t r = 0; r < N; ++r) settle_vnni(_mm512_add_epi32(sums[r][0], sums[r][1]), layer, out[r] + block * kBlock);
 }
 
 template <std::size_t N, class Value, class Out>
 void all_blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const Value*, N>& in,
                      const std::array<Out*, N>& out) {
   const std::size_t blocks = layer.blocks();
+  if (layer.tiles() < blocks * (layer.in / kTileInputs)) {
+    for (std::size_t block = 0; block < blocks; ++block) block_of_tiles_vnni(layer, begins, block, in, out);
+    return;
+  }
   constexpr std::size_t kTurns = N == 4 ? 1 : 2;  // so that a few blocks of few returns need not wait for their sums
   std::size_t at = 0;
   for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, begins, at, in, out);

@@ -105,6 +105,9 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     if (l == 0) layer.cases.resize(kCases * layer.out);
     if (given[l].cases != nullptr)
       std::transform(given[l].cases, given[l].cases + layer.cases.size(), layer.cases.begin(), [](std::int8_t c) { return static_cast<float>(c) * kCaseUnit; });
+    for (std::size_t block = 0; block * kBlock < layer.out; ++block)
+      for (std::size_t in = 0; in < layer.in; in += kTileInputs)
+        if (is_tile_empty(given[l], block, in)) empty_[l].push_back({block, in});
     gradient_[l] = of_zeros(layer);
     const Layer none = of_zeros(layer);
     moments_[l] = {{{none.weights, none.weights}, {none.bias, none.bias}, {none.cases, none.cases}}};
@@ -207,6 +210,7 @@ void RiddleTrainer::backward() {
     std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
     std::fill(gradient.cases.begin(), gradient.cases.end(), 0.0f);
     add_product(layer.in, layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
+    clear_empty_tiles(l);
     for (std::size_t b = 0; b < settings_.batch; ++b)
       for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += slopes[b * layer.out + o];
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
@@ -221,6 +225,14 @@ void RiddleTrainer::backward() {
     add_product(settings_.batch, layer.in, layer.out, {slopes.data(), layer.out, 1}, turned_.data(), before.data());
     for (std::size_t i = 0; i < before.size(); ++i) before[i] = moves_[l - 1][i] != 0 ? before[i] : 0.0f;
   }
+}
+
+void RiddleTrainer::clear_empty_tiles(std::size_t number) {
+  Layer& gradient = gradient_[number];
+  for (const Tile& tile : empty_[number])
+    for (std::size_t i = tile.in; i < tile.in + kTileInputs; ++i)
+      std::fill_n(gradient.weights.begin() + static_cast<std::ptrdiff_t>(i * gradient.out + tile.block * kBlock),
+                  std::min(kBlock, gradient.out - tile.block * kBlock), 0.0f);
 }
 
 void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments,

@@ -3,7 +3,7 @@
 // A copy of the network in single precision takes steps by Adam, a few hundred samples each. The loss is what the coder
 // would pay: the network's log odds and those that the contexts said of the same return, added up. Hidden values are rounded
 // as they will be, and so are the weights of a first layer that began in bytes; slopes go through as if they were not.
-// Biases of rows and scales, where the network has none yet, begin with 0.
+// Biases of rows and scales, where the network has none yet, begin with 0. Tiles of weights that are empty stay so.
 // (Rounded only when it was handed out, a network lost more than it had learned.) What is handed out is a running mean of
 // about the last eighth of all steps (polynomial-decay averaging, Shamir and Zhang 2013, arXiv:1212.1824), so that many
 // steps a frame are averaged over as much of the stream as few. Arithmetic is without fused operations and adds up in one
@@ -88,6 +88,7 @@ class RiddleTrainer {
   void step();
   void forward();
   void backward();
+  void clear_empty_tiles(std::size_t number);  // of a layer's slopes
   void update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments, std::vector<float>& mean);
   std::uint32_t random();
 
@@ -97,6 +98,10 @@ class RiddleTrainer {
   float left_first_ = 1.0f, left_second_ = 1.0f;  // of Adam's moments: how much of their beginning is left
   std::array<Layer, kNetLayers> layers_, mean_, gradient_;
   std::array<std::array<Moments, 3>, kNetLayers> moments_;
+  struct Tile {
+    std::size_t block, in;
+  };
+  std::array<std::vector<Tile>, kNetLayers> empty_;
   SampleRoom learned_, held_;
   // Of a batch: inputs and what comes out of each layer (batch, out), and the loss's slopes there; weights (out, in).
   std::array<std::vector<float>, kNetLayers + 1> values_, slopes_;

@@ -16,7 +16,7 @@ from lidarcodec.entropy import fast
 from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.settings import StreamSettings
-from tests.codecs.test_riddle_weights import float_layers, four_nets, with_cases
+from tests.codecs.test_riddle_weights import float_layers, four_nets, with_cases, without_tiles
 from tests.contracts import frames
 from tests.entropy.test_predictive_coder import LEVELS, SENSOR, all_fired, check_bound, guess, mask, scene
 
@@ -77,6 +77,22 @@ def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
             nets = entropy.NativeNets(form)
             nets.add([layer.given for layer in of.layers])
             np.testing.assert_array_equal(nets.run(given), riddle_weights.run(of, given))
+
+
+@pytest.mark.parametrize("form", fast.net_forms())
+@pytest.mark.parametrize("in_bytes", [False, True])
+def test_tiles_without_weights_are_left_out_alike_on_every_processor(form: str, in_bytes: bool) -> None:
+    rng = np.random.default_rng(8)
+    for inputs, hidden in ((72, (24, 40)), (112, (192, 48)), (112, (256, 256)), (72, (8, 8))):
+        drawn = float_layers(inputs, hidden, seed=hidden[0])
+        if in_bytes:
+            drawn[0] = rng.integers(-128, 128, drawn[0][0].shape) / 64, drawn[0][1]
+        for share in (0.5, 0.02):
+            net = with_cases(riddle_weights.quantised(inputs == 112, 2, without_tiles(drawn, share, rng)))
+            given = rng.integers(-128, 128, (33, inputs)).astype(np.int8)
+            nets = entropy.NativeNets(form)
+            nets.add([layer.given for layer in net.layers])
+            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(net, given))
 
 
 @pytest.mark.parametrize("step", [1, 11, 501])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -157,6 +158,24 @@ def test_a_file_of_ones_own_goes_on_learning(drive: list[Frame], tmp_path: Path)
         reader = StreamDecoder()
         for message in messages[first:]:
             check(reader.decode(message), drive[message.frame_index])
+
+
+def test_tiles_without_weights_stay_without(drive: list[Frame], tmp_path: Path) -> None:
+    """With them a network that was to be quick would take as long as any other after its first update."""
+
+    def cut(net: riddle_weights.Net) -> riddle_weights.Net:
+        first, *others = net.layers
+        weights = first.weights.copy()
+        weights[:16, 8:40] = 0
+        return replace(net, layers=(replace(first, weights=weights), *others))
+
+    nets = [cut(weights_of("").net(expects=expects, size=0)) for expects in (False, True)]
+    (tmp_path / "own.lcrw").write_bytes(riddle_weights.pack_weights(nets, {}))
+    messages, shelf = coded(drive, settings(weights=str(tmp_path / "own.lcrw"))), Shelf()
+    given = [shelf.take(s.data, m.frame_index) for m in messages for s in m.sections if s.type == SectionType.WEIGHTS]
+    before, after = (weights.net(expects=True, size=0).layers[0].weights for weights in (given[0], given[-1]))
+    assert (before != after).any()
+    assert not after[:16, 8:40].any()
 
 
 def test_a_message_with_a_damaged_update_costs_no_more_than_frames(drive: list[Frame], stream: list[Message]) -> None:

@@ -52,6 +52,18 @@ def with_cases(net: rw.Net, seed: int = 5) -> rw.Net:
     return replace(net, layers=(replace(net.layers[0], cases=cases), *net.layers[1:]))
 
 
+def without_tiles(
+    layers: list[tuple[Floats, Floats]], share: float, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """The layers with so large a share of their tiles, of sixteen sums and four inputs; the first block has none."""
+    made = []
+    for weights, biases in layers:
+        left = rng.random((-(-len(weights) // 16), weights.shape[1] // 4)) < share
+        left[0] = False
+        made.append((weights * left.repeat(16, 0)[: len(weights)].repeat(4, 1), biases))
+    return made
+
+
 def with_sum(body: bytes) -> bytes:
     """The bytes with a right checksum."""
     return body + int(crc32c(body)).to_bytes(4, "little")

@@ -35,6 +35,7 @@ GOLDEN = {
     "riddle, bytes, slabs": ("6d4a2af930342b3b", "c1a010882dc997f3"),
     "networks": ("c27b5467c7f5c223", "c27b5467c7f5c223"),
     "networks with cases": ("6954e6e33def5031", "6954e6e33def5031"),
+    "networks of few tiles": ("73b036c98a0e448f", "73b036c98a0e448f"),
     "training": ("9521f26dbb313587", "36424b49077276a3"),
     "mask": ("09e94b116add8d39", "da0f69b12ad0ee1a"),
     "mask of a stream": ("4c613a31c967585e", "c6dd2774adbdd03f"),

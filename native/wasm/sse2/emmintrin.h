@@ -11,6 +11,7 @@ inline __m128i _mm_set1_epi32(int x) { return wasm_i32x4_splat(x); }
 inline __m128i _mm_setzero_si128() { return wasm_i32x4_const_splat(0); }
 inline __m128i _mm_load_si128(const __m128i* from) { return wasm_v128_load(from); }
 inline __m128i _mm_loadu_si128(const __m128i* from) { return wasm_v128_load(from); }
+inline __m128i _mm_loadl_epi64(const __m128i* from) { return wasm_v128_load64_zero(from); }
 inline void _mm_store_si128(__m128i* to, __m128i a) { wasm_v128_store(to, a); }
 inline void _mm_storeu_si128(__m128i* to, __m128i a) { wasm_v128_store(to, a); }
 inline void _mm_storel_epi64(__m128i* to, __m128i a) { wasm_v128_store64_lane(to, a, 0); }
