@@ -29,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec._native import crc32c
+from lidarcodec.codecs.riddle_tiles import packed, tiles_left, unpacked
 from lidarcodec.errors import (
     ChecksumError,
     HeaderError,
@@ -41,9 +42,11 @@ from lidarcodec.errors import (
 )
 
 MAGIC: Final = b"LCRW"
-VERSION: Final = 4
+VERSION: Final = 5
+_ALL_TILES_VERSION: Final = 4
+"""Of files in which every tile of every layer has weights: as before any were left out, so that names stay."""
 _PLAIN_VERSION: Final = 3
-"""Of files in which no network has biases of cases: as before there were any, so that names stay."""
+"""Of those in which no network has biases of cases either."""
 INPUTS_ALONE: Final = 72
 """Inputs of a network for frames that expect nothing."""
 INPUTS_EXPECTING: Final = 112
@@ -69,6 +72,8 @@ _IN_BYTES: Final = 128
 """Added to the shift of a layer whose weights are kept in 8 bits."""
 _WITH_CASES: Final = 64
 """Added to that of a first layer with biases of cases."""
+_FEW_TILES: Final = 32
+"""Added to that of a layer some of whose tiles are left out."""
 ROW_CASES: Final = 64
 SCALE_CASES: Final = 32
 CASES: Final = ROW_CASES + SCALE_CASES
@@ -108,6 +113,11 @@ class Layer:
     def given(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int, npt.NDArray[np.int8]]:
         """As the native core takes it."""
         return self.weights, self.bias, self.shift, self.cases
+
+    @property
+    def few_tiles(self) -> bool:
+        """Whether some tiles have no weights: files and processors leave them out."""
+        return not tiles_left(self.weights).all()
 
     @property
     def in_bytes(self) -> bool:
@@ -317,21 +327,32 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
         raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
     if len(text) > MAX_PROVENANCE:
         raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
-    version = VERSION if any(len(layer.cases) for net in nets for layer in net.layers) else _PLAIN_VERSION
+    version = _version_of(nets, few_tiles=True)
     parts = [MAGIC, bytes([version]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
         parts.append(bytes([net.expects, net.size, len(net.layers)]))
         parts.append(np.array(net.dims, "<u2").tobytes())
         parts.append(bytes(map(_shift_byte, net.layers)))
         for layer in net.layers:
-            parts.append(layer.weights.astype("i1" if layer.in_bytes else "<i2").tobytes())
+            kept = "i1" if layer.in_bytes else "<i2"
+            parts.append(packed(layer.weights, kept) if layer.few_tiles else layer.weights.astype(kept).tobytes())
             parts += [layer.bias.astype("<i4").tobytes(), layer.cases.tobytes()]
     body = b"".join(parts)
     return body + int(crc32c(body)).to_bytes(4, "little")
 
 
+def _version_of(nets: Sequence[Net], *, few_tiles: bool) -> int:
+    """The version that has all of it, and no more. few_tiles: whether one may that leaves tiles out"""
+    layers = [layer for net in nets for layer in net.layers]
+    if few_tiles and any(layer.few_tiles for layer in layers):
+        return VERSION
+    return _ALL_TILES_VERSION if any(len(layer.cases) for layer in layers) else _PLAIN_VERSION
+
+
 def _shift_byte(layer: Layer) -> int:
-    return layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases))
+    return (
+        layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases)) + _FEW_TILES * layer.few_tiles
+    )
 
 
 class Reader:
@@ -365,8 +386,8 @@ def unpack_weights(data: bytes) -> Weights:
         raise HeaderError("not a weight file")
     reader = Reader(data[:-4])
     reader.take(len(MAGIC))
-    if (version := reader.number(1)) not in (_PLAIN_VERSION, VERSION):
-        known = f"{_PLAIN_VERSION} and {VERSION}"
+    if not _PLAIN_VERSION <= (version := reader.number(1)) <= VERSION:
+        known = f"{_PLAIN_VERSION} to {VERSION}"
         raise UnsupportedVersionError(f"weights of version {version}: this build reads {known}", len(MAGIC))
     if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of the weights does not match", len(data) - 4)
@@ -374,13 +395,13 @@ def unpack_weights(data: bytes) -> Weights:
     count = reader.number(1)
     if not 1 <= count <= MAX_NETS:
         raise SectionError(f"weights of {count} networks: 1 to {MAX_NETS} are possible", reader.at)
-    nets = tuple(_net(reader) for _ in range(count))
+    nets = tuple(_net(reader, version) for _ in range(count))
     if len({(net.expects, net.size) for net in nets}) != count:
         raise SectionError("weights with two networks of one kind and size", reader.at)
     if reader.left:
         raise SectionError(f"weights with {reader.left} bytes too many", reader.at)
-    if (version == VERSION) != any(len(net.layers[0].cases) for net in nets):
-        raise SectionError(f"weights of version {version} with biases of cases, or of {VERSION} without")
+    if version != _version_of(nets, few_tiles=version == VERSION):
+        raise SectionError(f"weights of version {version} without what that version is for", reader.at)
     return Weights(nets, provenance, hashlib.sha256(data).hexdigest()[:16], bytes(data))
 
 
@@ -397,7 +418,7 @@ def _provenance(reader: Reader) -> Mapping[str, Any]:
     return MappingProxyType(found)
 
 
-def _net(reader: Reader) -> Net:
+def _net(reader: Reader, version: int) -> Net:
     expects, size, layers = reader.take(3)
     if expects > 1 or size >= len(SIZES) or layers != _LAYERS:
         raise SectionError(f"a network of kind {expects}, size {size} and {layers} layers", reader.at)
@@ -407,13 +428,21 @@ def _net(reader: Reader) -> Net:
     made = []
     for into, out, shift in zip(dims, dims[1:], shifts, strict=False):
         in_bytes = shift >= _IN_BYTES
-        taken = np.frombuffer(reader.take((2 - in_bytes) * into * out), "i1" if in_bytes else "<i2")
+        kept = "i1" if in_bytes else "<i2"
+        if version == VERSION and shift & _FEW_TILES:
+            weights = unpacked(reader.take, (out, into), kept)
+        else:
+            taken = np.frombuffer(reader.take((2 - in_bytes) * into * out), kept)
+            weights = taken.astype(np.int16).reshape(out, into)
         bias = np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32)
         rows = CASES if shift & _WITH_CASES else 0
         cases = np.frombuffer(reader.take(rows * out), np.int8).reshape(rows, out)
-        made.append(Layer(taken.astype(np.int16).reshape(out, into), bias, shift % _WITH_CASES, cases))
+        flags = _WITH_CASES | _FEW_TILES if version == VERSION else _WITH_CASES
+        made.append(Layer(weights, bias, shift & ~_IN_BYTES & ~flags, cases))
         if made[-1].in_bytes != in_bytes:
             raise SectionError("a layer that fits bytes and is not kept in them", reader.at)
+        if version == VERSION and made[-1].few_tiles != bool(shift & _FEW_TILES):
+            raise SectionError("a layer with empty tiles that are not left out", reader.at)
     return Net(bool(expects), size, tuple(made))
 
 

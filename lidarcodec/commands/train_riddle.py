@@ -32,6 +32,9 @@ def riddle(
     begin: Annotated[
         str | None, option("--begin", metavar="package|FILE", help="Go on from the package's weights, or a file's.")
     ] = None,
+    beside: Annotated[
+        bool, option("--beside", help="Also learn beside what contexts say, of the drives coded with --begin.")
+    ] = False,
     size: Annotated[
         str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
@@ -82,7 +85,7 @@ def riddle(
     about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}
     wanted = run.RiddleRun(
         learned, single, held, simulated, tuple(size.split(",")), tuple(kind.split(",")), steps, batch,
-        precision=precision, begin=begin, gathering=how, about=about,
+        precision=precision, begin=begin, beside=beside, gathering=how, about=about,
     )  # fmt: skip
     weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
     for net in weights.provenance["networks"]:

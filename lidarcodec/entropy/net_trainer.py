@@ -14,6 +14,9 @@ from lidarcodec import _native
 if TYPE_CHECKING:
     from lidarcodec.entropy.fast import GivenLayer, NativeNets
 
+Taken = tuple[npt.NDArray[np.int8], npt.NDArray[np.uint8], npt.NDArray[np.uint8], npt.NDArray[np.int16]]
+"""Of n returns: inputs (n, 72 or 112); leaves (n,); the first three offset bits (n, 3), 255: none; log odds that
+contexts said of the four decisions of the leaf and of those bits (n, 7), 32768 for six natural units."""
 FloatLayer = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 
 _ALL: Final = 65536
@@ -35,6 +38,11 @@ class ReturnSamples:
     def inputs(self) -> int:
         """Numbers that the network was told of each, 72 or 112."""
         return int(self.native.inputs)
+
+    def taken(self) -> Taken:
+        """What was taken, a copy."""
+        found: Taken = self.native.taken()
+        return found
 
 
 @dataclass(frozen=True)

@@ -261,7 +261,8 @@ def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
         (b"LCRX" + body[4:], HeaderError),
         (body[:4] + b"\x01" + body[5:], UnsupportedVersionError),  # its inputs were others
         (body[:4] + b"\x02" + body[5:], UnsupportedVersionError),  # its hidden values had 12 bits
-        (body[:4] + b"\x05" + body[5:], UnsupportedVersionError),
+        (body[:4] + b"\x05" + body[5:], SectionError),  # all tiles are there
+        (body[:4] + b"\x06" + body[5:], UnsupportedVersionError),
         (body[:5] + (2**32 - 1).to_bytes(4, "little") + body[9:], SectionError),
         (body[:5] + (60_000).to_bytes(4, "little") + body[9:], TruncatedError),
         (body[:9] + b"[]" + body[11:], SectionError),
@@ -278,6 +279,44 @@ def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
         rw.unpack_weights(data[:-1] + bytes([data[-1] ^ 1]))
     with pytest.raises(SectionError, match="possible"):
         rw.unpack_weights(bytes(rw.MAX_FILE + 1))
+
+
+@pytest.mark.parametrize("in_bytes", [False, True])
+def test_tiles_without_weights_take_a_bit_of_a_file(in_bytes: bool) -> None:
+    rng = np.random.default_rng(2)
+    every = float_layers(112, (200, 40))
+    if in_bytes:
+        every[0] = rng.integers(-128, 128, every[0][0].shape) / 64, every[0][1]
+    few = without_tiles(every, 0.25, rng)
+    files = [rw.pack_weights([with_cases(rw.quantised(True, 2, layers))], {}) for layers in (every, few)]
+    assert [data[4] for data in files] == [4, 5]
+    assert len(files[1]) < 0.5 * len(files[0])
+    (net,) = rw.unpack_weights(files[1]).nets
+    for layer, wanted in zip(net.layers, rw.quantised(True, 2, few).layers, strict=True):
+        assert layer.shift == wanted.shift
+        np.testing.assert_array_equal(layer.weights, wanted.weights)
+        np.testing.assert_array_equal(layer.bias, wanted.bias)
+    assert rw.pack_weights([net], {}) == files[1]
+
+
+def test_tiles_of_a_file_are_those_that_have_weights() -> None:
+    few = without_tiles(float_layers(72, (24, 40)), 0.5, np.random.default_rng(3))
+    body = rw.pack_weights([rw.quantised(False, 2, few)], {})[:-4]
+    first = 4 + 1 + 4 + 2 + 1 + 3 + 2 * 4 + 3  # the first layer's 36 bits: of two blocks of 18 the first is empty
+    bits, tile = int.from_bytes(body[first : first + 5], "little"), 2 * 16 * 4
+    behind = body[first + 5 + tile * bits.bit_count() :]
+    for changed in (
+        body[: first + 4] + bytes([body[first + 4] | 1 << 5]) + body[first + 5 :],  # a bit beyond the last tile
+        body[:first] + (bits | 1).to_bytes(5, "little") + bytes(tile) + body[first + 5 :],  # an empty tile
+        body[:first] + (2**36 - 1).to_bytes(5, "little") + b"\1" * tile * 36 + behind,  # all tiles
+        body[: first + 5 + tile - 1] + b"\1" + body[first + 5 + tile :],  # a weight of a sum that there is not
+        body[: first - 3] + bytes([body[first - 3] & ~32]) + body[first - 2 :],  # no word of tiles
+    ):
+        with pytest.raises(DecodeError):
+            rw.unpack_weights(with_sum(changed))
+    for end in range(first, len(body), 97):
+        with pytest.raises(DecodeError):
+            rw.unpack_weights(with_sum(body[:end]))
 
 
 def test_what_cannot_be_packed_or_read_says_so(tmp_path: Path) -> None:

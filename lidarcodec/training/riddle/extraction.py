@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from lidarcodec import _native
 from lidarcodec.codecs.canvas import level_offsets
+from lidarcodec.codecs.riddle_weights import INPUTS_ALONE, INPUTS_EXPECTING
 from lidarcodec.entropy import columns_in_turn
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.frame import Frame
@@ -16,13 +17,18 @@ from lidarcodec.units import LASERS
 
 Rows = npt.NDArray[np.int8]
 
+SAID: Final = 7
+"""Decisions of a return: four of its leaf, and three offset bits."""
+LABELS: Final = 4 + 2 * SAID
+"""Bytes behind the inputs in a row: the leaf, the first three offset bits, -1 for each that there is not, and of each
+decision what contexts said, int16, 0 where none were asked."""
 _WHOLE_SHARE: Final = 65536
 
 
 def extracted(
     frame: Frame, step: int, expected: npt.NDArray[np.uint16] | None, rows: int, rng: np.random.Generator
 ) -> Rows:
-    """(n, inputs + 4) int8 of about `rows` returns of a frame, drawn at random: inputs, leaf, three offset bits or -1.
+    """Of about `rows` returns of a frame, drawn at random.
 
     step: odd; expected: (64, W) uint16, what to expect, 0 = nothing; None: a frame that expects nothing
     Raises SectionError for a frame whose blocks did not fire where there are returns.
@@ -43,6 +49,25 @@ def extracted(
         share,
         int(rng.integers(1 << 32)),
     )
+    return rows_of(inputs, leaves, bits, np.zeros((len(leaves), SAID), np.int16))
+
+
+def rows_of(
+    inputs: npt.NDArray[np.int8],
+    leaves: npt.NDArray[np.uint8],
+    bits: npt.NDArray[np.uint8],
+    said: npt.NDArray[np.int16],
+) -> Rows:
+    """(n, inputs + 18) int8: inputs, leaf, three offset bits or -1, and 14 bytes of what contexts said."""
     labels = np.concatenate([leaves.view(np.int8)[:, None], bits.view(np.int8)], axis=1)  # 255, no bit, becomes -1
-    found: Rows = np.concatenate([inputs, labels], axis=1)
-    return found
+    return np.concatenate([inputs, labels, said.astype("<i2").view(np.int8)], axis=1)
+
+
+def row_bytes(expects: bool) -> int:
+    """Bytes of a row."""
+    return (INPUTS_EXPECTING if expects else INPUTS_ALONE) + LABELS
+
+
+def joined(parts: list[Rows], *, expects: bool) -> Rows:
+    """All rows of one kind."""
+    return np.concatenate([np.empty((0, row_bytes(expects)), np.int8), *parts])

@@ -12,11 +12,13 @@ from typing import Final
 import numpy as np
 import torch
 
+from lidarcodec.codecs.riddle_tiles import SUMS
 from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
+from lidarcodec.training.riddle.extraction import LABELS, Rows, row_bytes
 from lidarcodec.training.riddle.nets import HIDDEN, RiddleLoss, RiddleNet, mean_bits, values_of
-from lidarcodec.training.riddle.samples import LABELS, Rows, row_bytes
+from lidarcodec.training.riddle.tiles import Tiles
 
 _BETAS: Final = (0.9, 0.98)
 _MOST_NORM: Final = 1.0
@@ -33,6 +35,7 @@ class FitSettings:
     """What a network is trained with.
 
     hidden:    widths of the two hidden layers; steps: of the optimiser; batch: samples in each; rate: its peak
+    keep:      share of the tiles of the first two layers that is left in the end, 1: all (tiles.py)
     precision: `float32`, or `mixed`: products in bfloat16 until the last steps, twice as fast where processors have it
 
     The last fifth of the steps goes on with hidden values and the first layer in 8 bits, at a fifth of the rate.
@@ -40,6 +43,7 @@ class FitSettings:
 
     expects: bool
     hidden: tuple[int, ...] = HIDDEN["large"]
+    keep: tuple[float, float] = (1.0, 1.0)
     steps: int = 8000
     batch: int = 8192
     rate: float = 3e-3
@@ -50,6 +54,12 @@ class FitSettings:
         for name, (least, most) in {"steps": (1, 10**7), "batch": (1, 1 << 20), "rate": (1e-6, 1.0)}.items():
             if not least <= getattr(self, name) <= most:
                 raise SettingsError(f"{name} = {getattr(self, name)}: {least} to {most} are possible", name)
+        if not all(0 < keep <= 1 for keep in self.keep):
+            raise SettingsError(f"keep = {self.keep}: shares of tiles above 0, 1 at most, are possible", "keep")
+        if min(self.keep) < 1 and any(width % SUMS for width in self.hidden):
+            raise SettingsError(
+                f"layers of {self.hidden} hidden values have no whole tiles: take multiples of {SUMS}", "hidden"
+            )
         if self.precision not in ("float32", "mixed"):
             raise SettingsError(f"precision = {self.precision}: float32 or mixed are possible", "precision")
 
@@ -116,6 +126,7 @@ def fit(
     net.load_state_dict(state.model)
     optimiser.load_state_dict(state.optimiser)
     net.whole = state.step > settings.float_steps
+    tiles = Tiles(net, settings.keep, settings.float_steps)
     draw, loss = _Draw(samples, settings.batch), RiddleLoss(device)
     began, before, costs = time.monotonic(), state.seconds, []
     for step in range(state.step, settings.steps if stop_at is None else min(stop_at, settings.steps)):
@@ -123,6 +134,7 @@ def fit(
             some = torch.from_numpy(_Draw(samples, _SCALED_BY)(runs.step_rng(settings.seed, step, 1))).to(device)
             net.make_whole(values_of(some))
             optimiser = _optimiser(net, settings)
+        tiles.before_step(step, optimiser)
         runs.set_rate(optimiser, settings.rate_at(step))
         rows = torch.from_numpy(draw(runs.step_rng(settings.seed, step))).to(device)
         mixed = settings.precision == "mixed" and not net.whole
@@ -133,6 +145,7 @@ def fit(
         cost.backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), _MOST_NORM)
         optimiser.step()
+        tiles.after_step()
         costs.append(float(cost.detach()) / math.log(2))
         if (step + 1) % every == 0 or step + 1 == settings.steps:
             seconds = before + time.monotonic() - began

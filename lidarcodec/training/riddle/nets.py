@@ -28,10 +28,16 @@ from lidarcodec.codecs.riddle_weights import (
 )
 from lidarcodec.codecs.riddle_weights import quantised as quantised_net
 from lidarcodec.errors import SettingsError
-from lidarcodec.training.riddle.samples import LABELS, Rows
+from lidarcodec.training.riddle.extraction import LABELS, SAID, Rows
 
 HIDDEN: Final = {"small": (32, 32), "large": (96, 32), "largest": (192, 48)}
 """Hidden layers of each size."""
+KEEP: Final = {
+    "small": ((1.0, 1.0), (1.0, 1.0)),
+    "large": ((0.6, 0.6), (0.55, 0.6)),
+    "largest": ((0.45, 0.4), (0.3, 0.33)),
+}
+"""Share of the tiles of the first two layers that is left of each size, alone and expecting (tiles.py)."""
 WORST: Final = 0.003
 """Bits a return that whole numbers may cost."""
 _TOP: Final = MIDDLE_TOP / (1 << MIDDLE_BITS)
@@ -52,6 +58,8 @@ _OFTEN_REACHED: Final = 0.875
 """Share of the largest hidden value that one value in two thousand may pass after scaling."""
 _CHUNK: Final = 16384
 _DEPTH: Final = 4
+_BESIDE: Final = 0.9
+"""How much of what contexts said counts."""
 _SHARES: Final = (1.0, 0.5, 0.25)
 """What the log odds of the first offset bit say of it and of the next two."""
 
@@ -164,7 +172,8 @@ def values_of(rows: torch.Tensor, dtype: torch.dtype = torch.float32) -> torch.T
 
 
 class RiddleLoss:
-    """Natural units that samples cost under log odds: of the leaf's four bits, and of the first three offset bits.
+    """Natural units that samples cost under log odds and what contexts said: of the leaf's four bits, and of the first
+    three offset bits.
 
     As the coder has it, with probabilities that are no smaller than its own, and a little of what they would cost
     without that end (`smooth`), so that there is a slope everywhere.
@@ -173,13 +182,14 @@ class RiddleLoss:
     def __init__(self, device: torch.device, smooth: float = _SMOOTH) -> None:
         self._outputs = torch.from_numpy(_OUTPUTS).to(device)
         self._signs = torch.from_numpy(_SIGNS).to(device)
-        self._shares = torch.tensor(_SHARES, device=device)
+        self._shares = torch.tensor((1.0,) * _DEPTH + _SHARES, device=device)
         self._smooth = smooth
 
     def __call__(self, odds: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
-        """(n,) cost of each. odds: (n, 32) float32; rows: (n, inputs + 4) int8."""
-        leaf, bits = rows[:, -LABELS].long(), rows[:, 1 - LABELS :]
-        wrong = odds.gather(1, self._outputs[leaf]) * self._with_bits(leaf, bits)
+        """(n,) cost of each. odds: (n, 32) float32; rows: (n, inputs + 18) int8."""
+        leaf, bits = rows[:, -LABELS].long(), rows[:, 1 - LABELS : -2 * SAID]
+        said = rows[:, -2 * SAID :].contiguous().view(torch.int16) * (_BESIDE / OUTPUT_UNIT)
+        wrong = (odds.gather(1, self._outputs[leaf]) * self._shares + said) * self._with_bits(leaf, bits)
         rare = 0.5 * (1 - (wrong.abs() / _LIMIT).clamp(max=1)).clamp(min=_LEAST_LEFT) ** 3
         costs = torch.where(wrong > 0, -torch.log(rare), -torch.log1p(-rare))
         if self._smooth:
@@ -188,7 +198,7 @@ class RiddleLoss:
 
     def _with_bits(self, leaf: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
         signs = self._signs[leaf]
-        signs[:, _DEPTH:] = (1.0 - 2.0 * (bits == 1)) * self._shares
+        signs[:, _DEPTH:] = 1.0 - 2.0 * (bits == 1)
         return signs
 
 

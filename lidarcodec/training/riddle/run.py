@@ -16,8 +16,9 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.drives import simulated_drives
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit
-from lidarcodec.training.riddle.nets import HIDDEN, exported, mean_bits
+from lidarcodec.training.riddle.nets import HIDDEN, KEEP, exported, mean_bits
 from lidarcodec.training.riddle.samples import Gathering, SampleStore
+from lidarcodec.training.riddle.tiles import share_left
 from lidarcodec.whole_files import written_whole
 
 KINDS: Final = ("alone", "expecting")
@@ -36,6 +37,8 @@ class RiddleRun:
     sources: drives to learn from; scans: single scans, from which only networks alone learn; simulated: so many
              simulated drives on top; held: drives to measure on, and one in eight of the simulated
     begin:   a weight file whose networks of the same layers are where training begins; `package`: the package's own
+    beside:  whether sources are coded as streams, too, with the networks it begins with, for samples with what contexts
+             say beside them
     sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
     about:   what is written into the file: licence, date, anything that JSON holds
     """
@@ -51,6 +54,7 @@ class RiddleRun:
     rate: float = 3e-3
     precision: str = "float32"
     begin: str | None = None
+    beside: bool = False
     gathering: Gathering = field(default_factory=Gathering)
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -60,6 +64,8 @@ class RiddleRun:
                 raise SettingsError(f"{name} = {','.join(given)}: choose of {', '.join(known)}", name)
         if not 0 <= self.simulated <= 100_000:
             raise SettingsError(f"{self.simulated} simulated drives: 0 to 100000 are possible", "simulated")
+        if self.beside and self.begin is None:
+            raise SettingsError("contexts stand beside networks: name those to begin with", "begin")
         if not self.sources and not self.scans and not self.simulated:
             raise SettingsError("nothing to train on: give sources, or --simulated N")
         if not self.held and self.simulated < _SIMULATED_HELD:
@@ -79,18 +85,20 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
     """
     chosen, folder = runs.choose_device(device), out.with_name(f"{out.name}.run")
     training, held = run.drives()
-    learned = SampleStore(folder, "training", run.gathering, training, run.scans)
+    begun = None if run.begin is None else _begun_with(run.begin)
+    learned = SampleStore(folder, "training", run.gathering, training, run.scans, begun if run.beside else None)
     measured = SampleStore(folder, "held-out", run.gathering, held, ())
     for store in (learned, measured):
         store.gather(say)
-    before = () if run.begin is None else _begun_with(run.begin).nets
+    before = () if begun is None else begun.nets
     nets, results = [], []
     for kind in run.kinds:
         expects = kind == "expecting"
         samples, looked_at = learned.rows(expects), measured.some(expects, HELD_ROWS)
         for size in run.sizes:
             settings = FitSettings(
-                expects, HIDDEN[size], run.steps, run.batch, run.rate, run.gathering.seed, run.precision
+                expects, HIDDEN[size], KEEP[size][expects],
+                run.steps, run.batch, run.rate, run.gathering.seed, run.precision,
             )  # fmt: skip
             name = f"{kind}-{size}"
             begin = next((net for net in before if (net.expects, net.dims) == (expects, settings.dims)), None)
@@ -120,6 +128,7 @@ def _result(
     return {
         "network": name,
         "hidden": list(net.dims[1:-1]),
+        "tiles left": share_left(net),
         "steps": state.step,
         "batch": settings.batch,
         "samples": rows,
@@ -140,6 +149,7 @@ def _provenance(run: RiddleRun, results: list[dict[str, Any]]) -> dict[str, Any]
         "seed": run.gathering.seed,
         "rate": run.rate,
         **({} if run.begin is None else {"begun with": _provenance_of(run.begin)}),
+        **({"beside contexts": True} if run.beside else {}),
         "precision": run.precision,
         "networks": results,
         "tool": f"lidarcodec {__version__}",

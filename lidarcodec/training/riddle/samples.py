@@ -10,33 +10,33 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarcodec.codecs.expecting import as_decoded
 from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.riddle_weights import INPUTS_ALONE, INPUTS_EXPECTING
+from lidarcodec.codecs.riddle_shelf import EFFORTS, networks_of
+from lidarcodec.codecs.riddle_weights import Weights
 from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.sources import open_source
+from lidarcodec.training.riddle.beside import BesideSamples
 from lidarcodec.training.riddle.drives import clips, frames_to_learn
-from lidarcodec.training.riddle.extraction import extracted
+from lidarcodec.training.riddle.extraction import LABELS, Rows, extracted, joined, row_bytes
 from lidarcodec.training.riddle.variations import Variation
 from lidarcodec.training.runs import step_rng
 
 STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
 """Quantiser steps, as often as they stand here."""
-LABELS: Final = 4
-"""Bytes behind the inputs in a row: the leaf, and the first three offset bits, -1 for each that there is not."""
 _WARM: Final = 2
 """Frames of a clip before motion is known."""
 _CLIP_STEPS: Final = 4
+_STREAM_FRAMES: Final = 200
 
-Rows = npt.NDArray[np.int8]
 Say = Callable[[str], None]
 
 
@@ -63,11 +63,6 @@ class Gathering:
             raise SettingsError(f"units = {self.units}: auto, varied or own are possible", "units")
 
 
-def row_bytes(expects: bool) -> int:
-    """Bytes of a row."""
-    return (INPUTS_EXPECTING if expects else INPUTS_ALONE) + LABELS
-
-
 def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Generator) -> tuple[Rows, Rows]:
     """Rows of a clip at one step: of one of its frames alone, and of all but the first two expecting.
 
@@ -75,7 +70,8 @@ def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Gen
     """
     history, finder = RangeHistory(), MotionFinder()
     looked_alone = int(rng.integers(len(clip)))
-    alone, expecting = [np.empty((0, row_bytes(False)), np.int8)], [np.empty((0, row_bytes(True)), np.int8)]
+    alone: list[Rows] = []
+    expecting: list[Rows] = []
     for number, frame in enumerate(clip):
         if number == looked_alone:
             alone.append(extracted(frame, step, None, rows, rng))
@@ -86,7 +82,7 @@ def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Gen
                 expecting.append(extracted(frame, step, expected, rows, rng))
             sent = as_decoded(frame.range, frame.valid, step, frame.sensor)
             history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
-    return np.concatenate(alone), np.concatenate(expecting)
+    return joined(alone, expects=False), joined(expecting, expects=True)
 
 
 def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False) -> Iterator[tuple[Rows, Rows]]:
@@ -105,13 +101,39 @@ def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False)
                     yield clip_samples(part, int(step), how.frame_rows, rng)
 
 
+def stream_samples(spec: str, how: Gathering, beside: Weights, *stream: int) -> tuple[Rows, Rows]:
+    """Rows of a source coded as a stream with the largest of these networks, at one step: of its first 200 frames.
+
+    stream: numbers that name it. Raises as `source_samples`.
+    """
+    units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
+    rng = step_rng(how.seed, 0, *stream, 1)
+    with open_source(spec) as source:
+        frames = [
+            frame.with_(side=None) for frame in islice(frames_to_learn(source, how.framing, how.frames), _STREAM_FRAMES)
+        ]
+    varied = Variation.drawn(rng, units=units).of(frames, rng)
+    return BesideSamples(networks_of(beside, max(EFFORTS)), int(rng.choice(STEPS)), how.frame_rows, rng).of(varied)
+
+
 class SampleStore:
     """Samples of a run in a folder: two files for each source and pass, written whole or not at all."""
 
-    def __init__(self, folder: Path, name: str, how: Gathering, sources: Sequence[str], scans: Sequence[str]) -> None:
-        self.folder, self._how = folder / name, how
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        how: Gathering,
+        sources: Sequence[str],
+        scans: Sequence[str],
+        beside: Weights | None = None,
+    ) -> None:
+        """beside: weights to code the sources with, too, for samples with what contexts say beside their networks"""
+        self.folder, self._how, self._beside = folder / name, how, beside
         self._sources = [(spec, False) for spec in sources] + [(spec, True) for spec in scans]
-        self._plan = {"sources": list(sources), "scans": list(scans), **asdict(how)}
+        self._plan = {"sources": list(sources), "scans": list(scans), "labels": LABELS, **asdict(how)}
+        if beside is not None:
+            self._plan["beside"] = beside.name
 
     def gather(self, say: Say) -> None:
         """Takes what is not there yet. Raises SettingsError if the folder has samples of something else."""
@@ -145,7 +167,10 @@ class SampleStore:
         new = [path.with_suffix(".new") for path in paths]
         try:
             with new[0].open("wb") as alone, new[1].open("wb") as expecting:
-                for rows in source_samples(spec, self._how, number, turn, scans=scans):
+                parts = source_samples(spec, self._how, number, turn, scans=scans)
+                if self._beside is not None and not scans:
+                    parts = chain(parts, [stream_samples(spec, self._how, self._beside, number, turn)])
+                for rows in parts:
                     for file, part in zip((alone, expecting), rows, strict=True):
                         file.write(part.tobytes())
             for path, made in zip(paths, new, strict=True):

@@ -15,8 +15,8 @@ from lidarcodec.errors import SettingsError
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
 from lidarcodec.training.riddle import nets  # noqa: E402
+from lidarcodec.training.riddle.extraction import Rows, row_bytes  # noqa: E402
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit  # noqa: E402
-from lidarcodec.training.riddle.samples import Rows, row_bytes  # noqa: E402
 
 CPU = torch.device("cpu")
 TOY = FitSettings(False, (16, 8), steps=300, batch=256, rate=1e-2, seed=3)
@@ -26,9 +26,10 @@ def toy_rows(count: int, seed: int, expects: bool = False) -> Rows:
     """Samples whose leaf follows two of their inputs, with some noise, and whose offset bit follows a third."""
     rng = np.random.default_rng(seed)
     rows = rng.integers(-60, 61, (count, row_bytes(expects))).astype(np.int8)
-    rows[:, -4] = ((rows[:, 3].astype(int) + rows[:, 9] + rng.integers(-10, 11, count)) // 9 + 8).clip(0, 15)
-    rows[:, -3] = np.where(rows[:, 5] > 30, -1, rows[:, 7] > 0)
-    rows[:, -2:] = -1
+    rows[:, -18] = ((rows[:, 3].astype(int) + rows[:, 9] + rng.integers(-10, 11, count)) // 9 + 8).clip(0, 15)
+    rows[:, -17] = np.where(rows[:, 5] > 30, -1, rows[:, 7] > 0)
+    rows[:, -16:-14] = -1
+    rows[:, -14:] = 0
     return rows
 
 
@@ -102,7 +103,7 @@ def test_the_loss_is_that_of_the_tree(tmp_path: Path) -> None:
         node = 2 * node + bit
     odds[0, 16 + 11] = -20.0  # first offset bit 0
     rows = np.zeros((4, row_bytes(False)), np.int8)
-    rows[:, -4:] = [[11, 0, -1, -1], [11, 1, -1, -1], [10, -1, -1, -1], [11, 0, 1, 1]]
+    rows[:, -18:-14] = [[11, 0, -1, -1], [11, 1, -1, -1], [10, -1, -1, -1], [11, 0, 1, 1]]
     odds, values = odds.repeat(4, 1), torch.from_numpy(rows)
     least, of_five = -math.log(0.5 * 0.085**3), -math.log(0.5 * (1 - 5 / 6) ** 3)
     costs = nets.RiddleLoss(CPU, smooth=0.0)(odds, values)

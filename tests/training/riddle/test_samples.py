@@ -13,7 +13,8 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.sources.simulator import SimulatorSource
 from lidarcodec.training.riddle.drives import frames_to_learn
-from lidarcodec.training.riddle.samples import Gathering, SampleStore, clip_samples, row_bytes
+from lidarcodec.training.riddle.extraction import row_bytes
+from lidarcodec.training.riddle.samples import Gathering, SampleStore, clip_samples
 
 HOW = Gathering(seed=5, frame_rows=300)
 DRIVE = "sim:road?frames=4"
@@ -33,13 +34,13 @@ def gathered(tmp_path_factory: pytest.TempPathFactory) -> SampleStore:
 
 def test_samples_are_inputs_a_leaf_and_offset_bits(drive: list[Frame]) -> None:
     alone, expecting = clip_samples(drive, 11, 2000, np.random.default_rng(1))
-    assert alone.shape[1] == row_bytes(False) == 76
-    assert expecting.shape[1] == row_bytes(True) == 116
+    assert alone.shape[1] == row_bytes(False) == 90
+    assert expecting.shape[1] == row_bytes(True) == 130
     assert 1700 < len(alone) < 2300  # of one frame
     assert 3400 < len(expecting) < 4600  # of all but the first two
     for rows in (alone, expecting):
-        assert set(np.unique(rows[:, -4])) == set(range(16))
-        bits = rows[:, -3:]
+        assert set(np.unique(rows[:, -18])) == set(range(16))
+        bits = rows[:, -17:-14]
         assert set(np.unique(bits)) == {-1, 0, 1}
         assert not ((bits[:, :-1] == -1) & (bits[:, 1:] != -1)).any()  # there is no second bit without a first
     (again, _) = clip_samples(drive, 11, 2000, np.random.default_rng(1))
@@ -49,7 +50,7 @@ def test_samples_are_inputs_a_leaf_and_offset_bits(drive: list[Frame]) -> None:
 def test_what_is_expected_is_told(drive: list[Frame]) -> None:
     """What lay further on a turn ago draws ranges to its side."""
     rows = clip_samples(drive, 11, 2000, np.random.default_rng(1))[1]
-    further, leaf = rows[:, 77].astype(int), rows[:, -4].astype(int)
+    further, leaf = rows[:, 77].astype(int), rows[:, -18].astype(int)
     away, near, closer = (leaf[which].mean() for which in (further > 40, np.abs(further) < 8, further < -40))
     assert away > near + 0.3
     assert closer < near - 0.3

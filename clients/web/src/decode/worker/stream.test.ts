@@ -1,6 +1,6 @@
 /** What a viewer would lose: the same frame as from the server, whatever codec, and a page that goes on, whatever bytes. */
 
-import { readFileSync } from "node:fs";
+import { readdirSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { beforeAll, describe, expect, it, vi } from "vitest";
 import { crc32c } from "../../../../typescript/src/crc32c.js";
@@ -11,9 +11,11 @@ import { parseFrame } from "../../view/frame";
 import { sensorTable } from "../../view/sensor";
 import { DECODED_HERE } from "../index";
 import { DECODES, type Decoded, StreamDecoder } from "./stream";
+import { readWeights } from "./weights";
 
 const FOLDER = import.meta.dirname;
-const WEIGHTS = join(FOLDER, "../../../../../lidarcodec/codecs/weights/riddle-sim.lcrw");
+const WEIGHTS = join(FOLDER, "../../../../../lidarcodec/codecs/weights");
+const SHIPPED = readdirSync(WEIGHTS).map((name) => new Uint8Array(readFileSync(join(WEIGHTS, name))));
 const NOW = 1_700_000_000_000;
 const ALL = vectors(/./);
 
@@ -31,7 +33,7 @@ function decoder(): StreamDecoder {
   fetched = [];
   const weights = async (name: string) => {
     fetched.push(name);
-    return new Uint8Array(readFileSync(WEIGHTS));
+    return SHIPPED.find((data) => readWeights(data).name === name) ?? null;
   };
   return new StreamDecoder(module, weights, () => NOW);
 }

@@ -13,6 +13,10 @@ const IN_BYTES = 128;
 /** Added to that of a first layer with biases of cases: a byte for each of 64 rows and 32 scales, behind its others. */
 const WITH_CASES = 64;
 const CASES = 96;
+/** Added to that of a layer whose file leaves out tiles of sixteen sums and four inputs without weights. */
+const FEW_TILES = 32;
+const TILE_SUMS = 16;
+const TILE_INPUTS = 4;
 
 export interface WeightNetwork extends Network {
   /** 0 small, 1 large, 2 largest. */
@@ -28,12 +32,39 @@ export function hex(bytes: Uint8Array): string {
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
+function joined(parts: readonly Uint8Array[]): Uint8Array {
+  const all = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  let at = 0;
+  for (const part of parts) {
+    all.set(part, at);
+    at += part.length;
+  }
+  return all;
+}
+
+/** All weights of a layer of which some tiles are there, (out, into) of `width` bytes. take: gives so many bytes. */
+function tiled(take: (bytes: number) => Uint8Array, into: number, out: number, width: number): Uint8Array {
+  if (into % TILE_INPUTS) throw damaged(`a layer of ${into} inputs in tiles of ${TILE_INPUTS}`);
+  const [blocks, across] = [Math.ceil(out / TILE_SUMS), into / TILE_INPUTS];
+  const left = take(Math.ceil((blocks * across) / 8));
+  const run = TILE_INPUTS * width;
+  const weights = new Uint8Array(blocks * TILE_SUMS * into * width);
+  for (let tile = 0; tile < blocks * across; tile++) {
+    if (!((left[tile >> 3] >> (tile & 7)) & 1)) continue;
+    const [block, place] = [Math.floor(tile / across), tile % across];
+    const taken = take(TILE_SUMS * run);
+    for (let sum = 0; sum < TILE_SUMS; sum++)
+      weights.set(taken.subarray(sum * run, (sum + 1) * run), (block * TILE_SUMS + sum) * into * width + place * run);
+  }
+  return weights.subarray(0, out * into * width);
+}
+
 /** The networks of a file's bytes. What its numbers are is looked at where they are used. */
 export function readWeights(data: Uint8Array): Weights {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (hex(data.subarray(0, 4)) === "4c435255") throw new DecodeError("version", "it goes on learning while it drives");
   if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
-  if (data[4] !== 3 && data[4] !== 4) throw new DecodeError("version", `weights of version ${data[4]}`);
+  if (data[4] < 3 || data[4] > 5) throw new DecodeError("version", `weights of version ${data[4]}`);
   const end = data.length - 4;
   if (view.getUint32(end, true) !== crc32c(data.subarray(0, end)))
     throw new DecodeError("checksum", "the checksum of the weights does not match");
@@ -56,18 +87,25 @@ export function readWeights(data: Uint8Array): Weights {
       second > 256
     )
       throw damaged("a network of other than the known kinds");
-    const counts = [inputs * first, first * second, second * outputs];
-    const weights = counts.reduce((sum, n, layer) => sum + (shifts[layer] < IN_BYTES ? 2 * n : n), 0);
-    const cases = shifts[0] & WITH_CASES ? CASES * first : 0;
-    const bytes = weights + 4 * (first + second + outputs) + cases;
     at += 14;
-    if (bytes > end - at) throw new DecodeError("truncated", "weights end within a network");
-    const taken = data.slice(at, at + bytes);
-    at += bytes;
+    const take = (bytes: number): Uint8Array => {
+      if (bytes > end - at) throw new DecodeError("truncated", "weights end within a network");
+      at += bytes;
+      return data.subarray(at - bytes, at);
+    };
+    const sizes = [inputs, first, second, outputs];
+    const tiles = data[4] === 5 ? FEW_TILES : 0;
+    const parts = Array.from(shifts, (shift, layer) => {
+      const [into, out] = [sizes[layer], sizes[layer + 1]];
+      const width = shift < IN_BYTES ? 2 : 1;
+      const weights = shift & tiles ? tiled(take, into, out, width) : take(into * out * width);
+      const cases = layer === 0 && shift & WITH_CASES ? CASES * out : 0;
+      return [weights, take(4 * out + cases)];
+    });
     return {
-      layers: taken,
+      layers: joined(parts.flat()),
       hidden: [first, second],
-      shifts: [shifts[0], shifts[1], shifts[2]],
+      shifts: [shifts[0] & ~tiles, shifts[1] & ~tiles, shifts[2] & ~tiles],
       expects: expects === 1,
       size,
     };

@@ -1,0 +1,128 @@
+"""Weights that a network does without, in tiles of sixteen hidden values and four inputs, which the coder leaves out.
+
+What a tile is worth is what the loss would rise without it, by its second derivative (LeCun, Denker and Solla 1990,
+"Optimal Brain Damage", eq. 5), for which the optimiser's mean of squared slopes stands. Those worth least go little by
+little (Zhu and Gupta 2017, arXiv:1710.01878, eq. 1). Before, hidden values are put in an order in which those that look
+at the same inputs stand together.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from lidarcodec.codecs.riddle_tiles import INPUTS, SUMS, tiles_left
+from lidarcodec.codecs.riddle_weights import Net
+from lidarcodec.training.riddle.nets import RiddleNet
+
+EVERY: Final = 50
+"""Steps from one look at what tiles are worth to the next."""
+_BEGIN, _END = 0.05, 0.55
+_ORDERS: Final = 8
+"""From so many random orders the best one is looked for."""
+
+Worth = npt.NDArray[np.float64]
+
+
+def in_tiles(values: torch.Tensor) -> torch.Tensor:
+    """Sums over the tiles of a layer: (out, in) to (out / 16, in / 4), the last one filled up with 0."""
+    filled = torch.nn.functional.pad(values, (0, 0, 0, -len(values) % SUMS))
+    return filled.reshape(len(filled) // SUMS, SUMS, -1, INPUTS).sum((1, 3))
+
+
+def share_left(net: Net) -> list[float]:
+    """Share of the tiles of the first two layers that have weights."""
+    return [round(float(tiles_left(layer.weights).mean()), 3) for layer in net.layers[:2]]
+
+
+class Tiles:
+    """Which tiles of the first two layers are left, and which go next.
+
+    keep: of each of the two layers the share that is left in the end; steps: in which that is reached
+    What is left stands in the weights alone, so a run that is resumed goes on as if it had not been stopped.
+    """
+
+    def __init__(self, net: RiddleNet, keep: tuple[float, float], steps: int) -> None:
+        self._net, self._keep = net, keep
+        self._first, self._last = int(_BEGIN * steps) // EVERY * EVERY, int(_END * steps)
+        self._left = [(in_tiles(layer.weight.detach().abs()) > 0).float() for layer in self._layers]
+
+    @property
+    def _layers(self) -> list[torch.nn.Linear]:
+        return [layer for layer in self._net.layers[:2] if isinstance(layer, torch.nn.Linear)]
+
+    def before_step(self, step: int, optimiser: torch.optim.Optimizer) -> None:
+        """What has to be left out, or put in order, before a step."""
+        if (
+            all(keep == 1 for keep in self._keep)
+            or step < max(self._first, 1)
+            or step % EVERY
+            or step > self._last + EVERY
+        ):
+            return
+        if step == max(self._first, EVERY) and all(bool(left.all()) for left in self._left):
+            self._put_in_order(optimiser)
+        way = min(1.0, (step - self._first) / max(1, self._last - self._first))
+        for number, (layer, keep) in enumerate(zip(self._layers, self._keep, strict=True)):
+            worth = in_tiles(layer.weight.detach() ** 2 * optimiser.state[layer.weight]["exp_avg_sq"])
+            count = round((keep + (1 - keep) * (1 - way) ** 3) * worth.numel())
+            least = worth.flatten().topk(count).values[-1]
+            self._left[number] *= (worth >= least).float()
+        self.after_step()
+
+    def after_step(self) -> None:
+        """Leaves out what was left out before: a step moves all weights."""
+        with torch.no_grad():
+            for layer, left in zip(self._layers, self._left, strict=True):
+                if not left.all():
+                    layer.weight *= left.repeat_interleave(SUMS, 0)[: len(layer.weight)].repeat_interleave(INPUTS, 1)
+
+    def _put_in_order(self, optimiser: torch.optim.Optimizer) -> None:
+        first, second = self._layers
+        worth = first.weight.detach() ** 2 * optimiser.state[first.weight]["exp_avg_sq"]
+        of_inputs = worth.reshape(len(worth), -1, INPUTS).sum(2).sqrt().cpu().double().numpy()
+        order = torch.from_numpy(order_of(of_inputs, self._keep[0])).to(first.weight.device)
+        with torch.no_grad():
+            for values, along in ((first.weight, 0), (first.bias, 0), (second.weight, 1), (self._net.cases, 1)):
+                state = optimiser.state[values]
+                for part in (values, state["exp_avg"], state["exp_avg_sq"]):
+                    part.copy_(part.index_select(along, order))
+
+
+def order_of(worth: Worth, keep: float) -> npt.NDArray[np.int64]:
+    """An order of hidden values whose tiles of the greatest worth are worth most, as far as some random orders lead.
+
+    worth: (hidden, inputs / 4), what each hidden value loses without each four inputs
+    keep:  share of tiles that is left
+    """
+    rng, found = np.random.default_rng(1), [(_kept(worth, np.arange(len(worth)), keep)[0], np.arange(len(worth)))]
+    for _ in range(_ORDERS):
+        order, before = rng.permutation(len(worth)), 0.0
+        kept, left = _kept(worth, order, keep)
+        while kept > before:
+            found.append((kept, order))
+            before, order = kept, _with_room(worth @ left.T)
+            kept, left = _kept(worth, order, keep)
+    return max(found, key=lambda each: each[0])[1]
+
+
+def _kept(worth: Worth, order: npt.NDArray[np.int64], keep: float) -> tuple[float, Worth]:
+    """What the best tiles of an order are worth, and which they are, (blocks, inputs / 4) of 0 and 1."""
+    tiles = worth[order].reshape(-1, SUMS, worth.shape[1]).sum(1)
+    left = (tiles >= np.sort(tiles, axis=None)[-round(keep * tiles.size)]).astype(np.float64)
+    return float((tiles * left).sum()), left
+
+
+def _with_room(worth: Worth) -> npt.NDArray[np.int64]:
+    """Hidden values, block by block: each goes where it is worth most, those of the greatest worth first, while there
+    is room. worth: (hidden, blocks)"""
+    blocks = np.full(len(worth), -1)
+    room = np.full(worth.shape[1], SUMS)
+    for value, block in zip(*np.unravel_index(np.argsort(-worth, axis=None, kind="stable"), worth.shape), strict=True):
+        if blocks[value] < 0 and room[block]:
+            blocks[value] = block
+            room[block] -= 1
+    return np.argsort(blocks, kind="stable")
