@@ -78,6 +78,10 @@ def settings_of() -> dict[str, StreamSettings]:
     found["riddle_quick_turns_lossless"] = StreamSettings(
         codec="riddle", codec_settings={"effort": 1}, max_error_m=0, key_interval=20
     )
+    # Those before were written with weights that have all tiles.
+    found["riddle_tiles_turns_lossless"] = StreamSettings(
+        codec="riddle", codec_settings={"effort": 4}, max_error_m=0, key_interval=20
+    )
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
