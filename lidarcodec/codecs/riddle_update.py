@@ -66,9 +66,9 @@ class Update:
     base: str
 
 
-def weights_with(nets: Sequence[Net]) -> Weights:
-    """Weights of these networks, without a provenance: what is in use is sent, and no more."""
-    return unpack_weights(pack_weights(nets, {}))
+def weights_with(nets: Sequence[Net], *, few_tiles: bool = True) -> Weights:
+    """Weights of these networks, without a provenance: what is in use is sent, no more. few_tiles: as `pack_weights`"""
+    return unpack_weights(pack_weights(nets, {}, few_tiles=few_tiles))
 
 
 def is_update(data: bytes) -> bool:
@@ -156,10 +156,10 @@ def applied(data: bytes, find: Callable[[str], Weights]) -> Weights:
             cases = _moved_cases(_cases(net), _unfolded(next(streams)).reshape(_cases(net).shape), grains[3])
             layers[0] = replace(layers[0], cases=cases)
         nets.append(Net(net.expects, net.size, tuple(layers)))
-    given = weights_with(nets)
-    if given.name != to:
-        raise SectionError(f"an update gives weights {given.name} and says {to}")
-    return given
+    for few_tiles in (True, False):  # encoders of before left out none, and named what they kept
+        if (given := weights_with(nets, few_tiles=few_tiles)).name == to:
+            return given
+    raise SectionError(f"an update gives weights {given.name} and says {to}")
 
 
 def _net_of(weights: Weights, expects: bool, size: int) -> Net:

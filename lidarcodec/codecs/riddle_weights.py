@@ -317,8 +317,8 @@ def _sums(layer: Layer, values: npt.NDArray[np.signedinteger[Any]], more: int, a
     return sums >> shift
 
 
-def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
-    """The bytes of a weight file. provenance: what JSON can hold.
+def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any], *, few_tiles: bool = True) -> bytes:
+    """The bytes of a weight file. provenance: what JSON can hold; few_tiles: whether empty tiles are left out
 
     Raises SettingsError for no or too many networks, two of one kind and size, or a provenance of over 64 KiB.
     """
@@ -327,15 +327,16 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
         raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
     if len(text) > MAX_PROVENANCE:
         raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
-    version = _version_of(nets, few_tiles=True)
+    version = _version_of(nets, few_tiles=few_tiles)
     parts = [MAGIC, bytes([version]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
         parts.append(bytes([net.expects, net.size, len(net.layers)]))
         parts.append(np.array(net.dims, "<u2").tobytes())
-        parts.append(bytes(map(_shift_byte, net.layers)))
-        for layer in net.layers:
+        few = [few_tiles and layer.few_tiles for layer in net.layers]
+        parts.append(bytes(_shift_byte(layer) + _FEW_TILES * of for layer, of in zip(net.layers, few, strict=True)))
+        for layer, of in zip(net.layers, few, strict=True):
             kept = "i1" if layer.in_bytes else "<i2"
-            parts.append(packed(layer.weights, kept) if layer.few_tiles else layer.weights.astype(kept).tobytes())
+            parts.append(packed(layer.weights, kept) if of else layer.weights.astype(kept).tobytes())
             parts += [layer.bias.astype("<i4").tobytes(), layer.cases.tobytes()]
     body = b"".join(parts)
     return body + int(crc32c(body)).to_bytes(4, "little")
@@ -350,9 +351,7 @@ def _version_of(nets: Sequence[Net], *, few_tiles: bool) -> int:
 
 
 def _shift_byte(layer: Layer) -> int:
-    return (
-        layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases)) + _FEW_TILES * layer.few_tiles
-    )
+    return layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases))
 
 
 class Reader:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,22 @@ def test_updates_that_were_written_before_there_were_biases_of_cases_are_still_t
     renamed = with_sum(OF_VERSION_2[:5] + bytes.fromhex(of_cases.name) + OF_VERSION_2[13:-4])
     with pytest.raises(SectionError, match="gives weights"):
         ru.applied(renamed, {of_cases.name: of_cases}.__getitem__)
+
+
+def test_updates_are_still_taken_that_were_named_before_tiles_were_left_out() -> None:
+    """Then an update that emptied a tile gave a file with all of its weights, and with another name."""
+    weights = base()
+    net = weights.nets[0]
+    first = net.layers[0].weights.copy()
+    first[:16, 8:12] = 0
+    emptied = replace(net, layers=(replace(net.layers[0], weights=first), *net.layers[1:]))
+    update = ru.update_of(weights, [emptied], (13, 13, 13, 6))
+    before = ru.weights_with(update.weights.nets, few_tiles=False)
+    assert before.name != update.weights.name
+    body = update.data[:-4].replace(bytes.fromhex(update.weights.name), bytes.fromhex(before.name))
+    given = ru.applied(with_sum(body), {weights.name: weights}.__getitem__)
+    assert given.name == before.name
+    assert not given.nets[0].layers[0].weights[:16, 8:12].any()
 
 
 def test_networks_on_another_shift_are_met_as_well() -> None:

@@ -26,7 +26,10 @@ def weights_target() -> Callable[[random.Random], tuple[bytes, Callable[[bytes],
     cases = numbers.integers(-60, 60, (CASES, len(layers[0].bias))).astype(np.int8)
     first = replace(layers[0], cases=cases)
     update = update_of(base, [Net(True, 0, (first, layers[1], layers[2]))], (5, 6, 6, 5))
-    clean = (update.data, weights_with([net]).data, update.weights.data)
+    few = first.weights.copy()
+    few[16:, :80] = 0
+    sparse = Net(True, 0, (replace(first, weights=few), layers[1], layers[2]))
+    clean = (update.data, weights_with([net]).data, update.weights.data, weights_with([sparse]).data)
 
     def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
         data = mutated(rng.choice(clean), rng)

@@ -39,6 +39,7 @@ class RiddleRun:
     begin:   a weight file whose networks of the same layers are where training begins; `package`: the package's own
     beside:  whether sources are coded as streams, too, with the networks it begins with, for samples with what contexts
              say beside them
+    all_tiles: whether no weights are left out
     sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
     about:   what is written into the file: licence, date, anything that JSON holds
     """
@@ -55,6 +56,7 @@ class RiddleRun:
     precision: str = "float32"
     begin: str | None = None
     beside: bool = False
+    all_tiles: bool = False
     gathering: Gathering = field(default_factory=Gathering)
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -66,6 +68,8 @@ class RiddleRun:
             raise SettingsError(f"{self.simulated} simulated drives: 0 to 100000 are possible", "simulated")
         if self.beside and self.begin is None:
             raise SettingsError("contexts stand beside networks: name those to begin with", "begin")
+        if self.beside and not self.sources and not self.simulated:
+            raise SettingsError("contexts learn from drives, and single scans are none: give a source", "beside")
         if not self.sources and not self.scans and not self.simulated:
             raise SettingsError("nothing to train on: give sources, or --simulated N")
         if not self.held and self.simulated < _SIMULATED_HELD:
@@ -86,6 +90,8 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
     chosen, folder = runs.choose_device(device), out.with_name(f"{out.name}.run")
     training, held = run.drives()
     begun = None if run.begin is None else _begun_with(run.begin)
+    if begun is not None and run.beside and len({net.expects for net in begun.nets}) < len(KINDS):
+        raise SettingsError(f"{run.begin} has networks of one kind only, and drives are coded with both", "begin")
     learned = SampleStore(folder, "training", run.gathering, training, run.scans, begun if run.beside else None)
     measured = SampleStore(folder, "held-out", run.gathering, held, ())
     for store in (learned, measured):
@@ -97,7 +103,7 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
         samples, looked_at = learned.rows(expects), measured.some(expects, HELD_ROWS)
         for size in run.sizes:
             settings = FitSettings(
-                expects, HIDDEN[size], KEEP[size][expects],
+                expects, HIDDEN[size], (1.0, 1.0) if run.all_tiles else KEEP[size][expects],
                 run.steps, run.batch, run.rate, run.gathering.seed, run.precision,
             )  # fmt: skip
             name = f"{kind}-{size}"

@@ -19,7 +19,9 @@ from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.training.riddle.nets import RiddleNet
 
 EVERY: Final = 50
-"""Steps from one look at what tiles are worth to the next."""
+"""Steps from one look at what tiles are worth to the next, at most."""
+_LOOKS: Final = 40
+"""As often in a run that is shorter."""
 _BEGIN, _END = 0.05, 0.55
 _ORDERS: Final = 8
 """From so many random orders the best one is looked for."""
@@ -47,8 +49,13 @@ class Tiles:
 
     def __init__(self, net: RiddleNet, keep: tuple[float, float], steps: int) -> None:
         self._net, self._keep = net, keep
-        self._first, self._last = int(_BEGIN * steps) // EVERY * EVERY, int(_END * steps)
-        self._left = [(in_tiles(layer.weight.detach().abs()) > 0).float() for layer in self._layers]
+        self._every = max(1, min(EVERY, steps // _LOOKS))
+        first, last = (round(share * steps / self._every) for share in (_BEGIN, _END))
+        self._looks = range(max(first, 1), last + 1)
+        self._left = self._with_weights()
+
+    def _with_weights(self) -> list[torch.Tensor]:
+        return [(in_tiles(layer.weight.detach().abs()) > 0).float() for layer in self._layers]
 
     @property
     def _layers(self) -> list[torch.nn.Linear]:
@@ -56,21 +63,18 @@ class Tiles:
 
     def before_step(self, step: int, optimiser: torch.optim.Optimizer) -> None:
         """What has to be left out, or put in order, before a step."""
-        if (
-            all(keep == 1 for keep in self._keep)
-            or step < max(self._first, 1)
-            or step % EVERY
-            or step > self._last + EVERY
-        ):
+        look, between = divmod(step, self._every)
+        if between or look not in self._looks or all(keep == 1 for keep in self._keep):
             return
-        if step == max(self._first, EVERY) and all(bool(left.all()) for left in self._left):
+        if look == self._looks[0] and float(self._left[0].mean()) > self._keep[0]:
             self._put_in_order(optimiser)
-        way = min(1.0, (step - self._first) / max(1, self._last - self._first))
+        way = (look - self._looks[0] + 1) / len(self._looks)
         for number, (layer, keep) in enumerate(zip(self._layers, self._keep, strict=True)):
             worth = in_tiles(layer.weight.detach() ** 2 * optimiser.state[layer.weight]["exp_avg_sq"])
-            count = round((keep + (1 - keep) * (1 - way) ** 3) * worth.numel())
-            least = worth.flatten().topk(count).values[-1]
-            self._left[number] *= (worth >= least).float()
+            count = max(1, round((keep + (1 - keep) * (1 - way) ** 3) * worth.numel()))
+            best = torch.zeros_like(worth).flatten()
+            best[worth.flatten().argsort(descending=True, stable=True)[:count]] = 1
+            self._left[number] *= best.reshape(worth.shape)
         self.after_step()
 
     def after_step(self) -> None:
@@ -90,6 +94,7 @@ class Tiles:
                 state = optimiser.state[values]
                 for part in (values, state["exp_avg"], state["exp_avg_sq"]):
                     part.copy_(part.index_select(along, order))
+        self._left = self._with_weights()
 
 
 def order_of(worth: Worth, keep: float) -> npt.NDArray[np.int64]:
@@ -112,7 +117,7 @@ def order_of(worth: Worth, keep: float) -> npt.NDArray[np.int64]:
 def _kept(worth: Worth, order: npt.NDArray[np.int64], keep: float) -> tuple[float, Worth]:
     """What the best tiles of an order are worth, and which they are, (blocks, inputs / 4) of 0 and 1."""
     tiles = worth[order].reshape(-1, SUMS, worth.shape[1]).sum(1)
-    left = (tiles >= np.sort(tiles, axis=None)[-round(keep * tiles.size)]).astype(np.float64)
+    left = (tiles >= np.sort(tiles, axis=None)[-max(1, round(keep * tiles.size))]).astype(np.float64)
     return float((tiles * left).sum()), left
 
 

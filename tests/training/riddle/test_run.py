@@ -3,6 +3,7 @@ it is."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -70,8 +71,22 @@ def test_the_command_says_what_it_lacks(
     assert not (tmp_path / "w.lcrw").exists()
 
 
+def test_all_weights_stay_where_that_is_asked_for(tmp_path: Path) -> None:
+    wanted = replace(RUN, sizes=("large",), kinds=("alone",), steps=20)
+    for all_tiles, left in ((True, [1.0, 1.0]), (False, [0.6, 0.6])):
+        out = tmp_path / f"{all_tiles}.lcrw"
+        found = train(replace(wanted, all_tiles=all_tiles), out, say=lambda _: None).provenance["networks"][0]
+        assert found["tiles left"] == pytest.approx(left, abs=0.05)
+
+
 def test_what_cannot_be_asked_for_is_refused() -> None:
-    for wrong in ({"kinds": ("both",)}, {"sizes": ()}, {"sizes": ("small", "small")}, {"simulated": -1}):
+    for wrong in (
+        {"kinds": ("both",)},
+        {"sizes": ()},
+        {"sizes": ("small", "small")},
+        {"simulated": -1},
+        {"beside": True},
+    ):
         with pytest.raises(SettingsError):
             RiddleRun(("a",), held=("b",), **wrong)
     for field in ({"frame_rows": 0}, {"passes": 0}, {"units": "some"}):

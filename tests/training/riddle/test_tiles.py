@@ -29,6 +29,23 @@ def test_what_is_left_is_as_much_as_was_asked_for_and_knows_as_much(tmp_path: Pa
     assert nets.mean_bits(few, held) < nets.mean_bits(every, held) + 0.05
 
 
+@pytest.mark.parametrize("steps", [8, 63, 64, 125, 126])
+def test_runs_of_every_length_leave_out_what_they_shall(tmp_path: Path, steps: int) -> None:
+    rows = [toy_rows(400, 1)]
+    net, _ = fit(replace(TOY, steps=steps, batch=32), rows, rows, tmp_path / "a.pt", device=CPU, watch=nothing)
+    assert tiles.share_left(net.quantised(2)) == [0.25, 0.5]
+
+
+def test_inputs_that_say_nothing_go_first(tmp_path: Path) -> None:
+    """Tiles that are worth nothing are as good as each other, and there may be more of them than are to be left."""
+    rows = [toy_rows(4000, 1)]
+    rows[0][:, 16:72] = 0
+    net, _ = fit(TOY, rows, rows, tmp_path / "a.pt", device=CPU, watch=nothing)
+    first = tiles_left(net.quantised(2).layers[0].weights)
+    assert first.mean() == 0.25
+    assert first[:, :4].mean() > 0.9
+
+
 @pytest.mark.parametrize("stop_at", [49, 50, 130, 350])
 def test_a_run_that_was_stopped_leaves_out_what_one_that_was_not_does(tmp_path: Path, stop_at: int) -> None:
     rows, held = [toy_rows(2000, 1)], [toy_rows(200, 2)]

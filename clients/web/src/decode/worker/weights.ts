@@ -48,14 +48,20 @@ function tiled(take: (bytes: number) => Uint8Array, into: number, out: number, w
   const [blocks, across] = [Math.ceil(out / TILE_SUMS), into / TILE_INPUTS];
   const left = take(Math.ceil((blocks * across) / 8));
   const run = TILE_INPUTS * width;
+  const said = left.reduce((sum, byte) => sum + byte.toString(2).replaceAll("0", "").length, 0);
   const weights = new Uint8Array(blocks * TILE_SUMS * into * width);
+  let found = 0;
   for (let tile = 0; tile < blocks * across; tile++) {
     if (!((left[tile >> 3] >> (tile & 7)) & 1)) continue;
+    found++;
     const [block, place] = [Math.floor(tile / across), tile % across];
     const taken = take(TILE_SUMS * run);
+    if (!taken.some((byte) => byte)) throw damaged("an empty tile that is said to have weights");
     for (let sum = 0; sum < TILE_SUMS; sum++)
       weights.set(taken.subarray(sum * run, (sum + 1) * run), (block * TILE_SUMS + sum) * into * width + place * run);
   }
+  if (found !== said || found === blocks * across || weights.subarray(out * into * width).some((byte) => byte))
+    throw damaged("a layer whose tiles are not those that have weights");
   return weights.subarray(0, out * into * width);
 }
 
