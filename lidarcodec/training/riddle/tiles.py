@@ -66,7 +66,8 @@ class Tiles:
         look, between = divmod(step, self._every)
         if between or look not in self._looks or all(keep == 1 for keep in self._keep):
             return
-        if look == self._looks[0] and float(self._left[0].mean()) > self._keep[0]:
+        first = self._left[0]
+        if look == self._looks[0] and int(first.sum()) > round(self._keep[0] * first.numel()):
             self._put_in_order(optimiser)
         way = (look - self._looks[0] + 1) / len(self._looks)
         for number, (layer, keep) in enumerate(zip(self._layers, self._keep, strict=True)):
