@@ -147,6 +147,7 @@ class Control:
             if applied is None:
                 self.look_after(keys, AGAIN_S)
                 return State(None, overlaid(wanted, current), wanted)
+            self._fleet.answered(keys, applied.settings)
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
     def forget(self, keys: StreamKeys, who: str) -> State:
@@ -234,6 +235,7 @@ class Control:
             new = applied.settings.model_dump()
             outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}
             self._store.note(keys, SERVER, "settings", wanted, old, **outcome)
+            self._fleet.answered(keys, applied.settings)  # now: what can be seen stands in the audit log
             return True
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
@@ -263,7 +265,6 @@ class Control:
         if settings is None:
             logger.warning("%s: an answer to a change without settings", keys.prefix)
             return None
-        self._fleet.answered(keys, settings)
         whole = isinstance(first, int) and not isinstance(first, bool) and 0 <= first < 2**63
         return Applied(settings, first if whole else None)
 
