@@ -13,7 +13,8 @@ from typing import Final
 
 from lidarcodec import entropy
 from lidarcodec.codecs.riddle_update import applied, is_update, names_of
-from lidarcodec.codecs.riddle_weights import Net, Weights, read_weights, unpack_weights
+from lidarcodec.codecs.riddle_weight_file import read_weights, unpack_weights
+from lidarcodec.codecs.riddle_weights import Net, Weights
 from lidarcodec.errors import MissingReferenceError
 
 DEFAULT: Final = "riddle-sim"

@@ -25,17 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec._native import crc32c
-from lidarcodec.codecs.riddle_weights import (
-    CASE_BITS,
-    CASES,
-    SIZES,
-    Layer,
-    Net,
-    Reader,
-    Weights,
-    pack_weights,
-    unpack_weights,
-)
+from lidarcodec.codecs.riddle_weight_file import Reader, pack_weights, unpack_weights
+from lidarcodec.codecs.riddle_weights import CASE_BITS, CASES, SIZES, Layer, Net, Weights
 from lidarcodec.entropy.fast import decode_numbers, encode_numbers
 from lidarcodec.errors import ChecksumError, SectionError, UnsupportedVersionError
 

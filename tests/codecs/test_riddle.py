@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lidarcodec import entropy, wire
+from lidarcodec.codecs import riddle_weight_file as rf
 from lidarcodec.codecs import riddle_weights, table
 from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, shipped, weights_of
 from lidarcodec.entropy import fast
@@ -27,7 +28,7 @@ STREAM = 7
 def own_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A weight file that no package holds."""
     path = tmp_path_factory.mktemp("weights") / "own.lcrw"
-    path.write_bytes(riddle_weights.pack_weights(four_nets(), {"licence": "CC0"}))
+    path.write_bytes(rf.pack_weights(four_nets(), {"licence": "CC0"}))
     return path
 
 
@@ -200,14 +201,14 @@ def fast_crc(data: bytes) -> int:
 
 
 def test_weights_for_one_kind_of_frames_do_for_no_stream(tmp_path: Path) -> None:
-    alone = riddle_weights.pack_weights([net for net in four_nets() if not net.expects], {})
+    alone = rf.pack_weights([net for net in four_nets() if not net.expects], {})
     (tmp_path / "alone.lcrw").write_bytes(alone)
     with pytest.raises(SettingsError, match="expecting"):
         table.make_encoder(settings(weights=str(tmp_path / "alone.lcrw")), STREAM)
     reader = decoder()
     (key,) = messages_of(drive(1), settings())
     ranges = bytearray(key.section(SectionType.RANGE))
-    ranges[3:11] = bytes.fromhex(riddle_weights.unpack_weights(alone).name)
+    ranges[3:11] = bytes.fromhex(rf.unpack_weights(alone).name)
     others = [section for section in key.sections if section.type != SectionType.RANGE]
     brought = (Section(SectionType.RANGE, bytes(ranges)), Section(SectionType.WEIGHTS, alone))
     with pytest.raises(SectionError, match="expecting"):

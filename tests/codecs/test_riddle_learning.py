@@ -12,6 +12,7 @@ import pytest
 
 from lidarcodec import wire
 from lidarcodec.codecs import riddle_update, riddle_weights, table
+from lidarcodec.codecs import riddle_weight_file as rf
 from lidarcodec.codecs.riddle_learner import WAITING, Learner, Offer
 from lidarcodec.codecs.riddle_shelf import Shelf, native_nets, weights_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SettingsError
@@ -145,11 +146,11 @@ def test_a_lost_update_is_asked_for(drive: list[Frame], own: dict[str, object]) 
 
 def test_a_file_of_ones_own_goes_on_learning(drive: list[Frame], tmp_path: Path) -> None:
     nets = [weights_of("").net(expects=expects, size=size) for expects in (False, True) for size in (0, 1)]
-    (tmp_path / "own.lcrw").write_bytes(riddle_weights.pack_weights(nets, {"trained on": "a secret place " * 99}))
+    (tmp_path / "own.lcrw").write_bytes(rf.pack_weights(nets, {"trained on": "a secret place " * 99}))
     messages = coded(drive, settings(weights=str(tmp_path / "own.lcrw")))
     parts = [[s.data for s in m.sections if s.type == SectionType.WEIGHTS] for m in messages]
     begins = first_update(messages)
-    base = riddle_weights.unpack_weights(parts[0][0])
+    base = rf.unpack_weights(parts[0][0])
     assert len(base.data) < 22_000  # the networks of one effort, and no word of where they come from
     assert [riddle_update.is_update(data) for data in parts[begins]] == [True]
     later = next(m.frame_index for m in messages if m.key and m.frame_index > begins)
@@ -170,7 +171,7 @@ def test_tiles_without_weights_stay_without(drive: list[Frame], tmp_path: Path) 
         return replace(net, layers=(replace(first, weights=weights), *others))
 
     nets = [cut(weights_of("").net(expects=expects, size=0)) for expects in (False, True)]
-    (tmp_path / "own.lcrw").write_bytes(riddle_weights.pack_weights(nets, {}))
+    (tmp_path / "own.lcrw").write_bytes(rf.pack_weights(nets, {}))
     messages, shelf = coded(drive, settings(weights=str(tmp_path / "own.lcrw"))), Shelf()
     given = [shelf.take(s.data, m.frame_index) for m in messages for s in m.sections if s.type == SectionType.WEIGHTS]
     before, after = (weights.net(expects=True, size=0).layers[0].weights for weights in (given[0], given[-1]))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from lidarcodec._native import crc32c
+from lidarcodec.codecs import riddle_weight_file as rf
 from lidarcodec.codecs import riddle_weights as rw
 from lidarcodec.codecs.riddle_shelf import native_nets
 from lidarcodec.errors import (
@@ -71,9 +72,9 @@ def with_sum(body: bytes) -> bytes:
 
 def test_a_file_comes_back_whole(tmp_path: Path) -> None:
     nets = four_nets()
-    data = rw.pack_weights(nets, {"licence": "CC0", "steps": 12, "straße": ["ß"]})
+    data = rf.pack_weights(nets, {"licence": "CC0", "steps": 12, "straße": ["ß"]})
     (tmp_path / "some.weights").write_bytes(data)
-    found = rw.read_weights(tmp_path / "some.weights")
+    found = rf.read_weights(tmp_path / "some.weights")
     assert dict(found.provenance) == {"licence": "CC0", "steps": 12, "straße": ["ß"]}
     assert [(net.expects, net.size, net.dims) for net in found.nets] == [
         (net.expects, net.size, net.dims) for net in nets
@@ -84,7 +85,7 @@ def test_a_file_comes_back_whole(tmp_path: Path) -> None:
             assert np.array_equal(layer.bias, before.bias)
             assert layer.shift == before.shift
     assert found.data == data
-    assert rw.pack_weights(found.nets, found.provenance) == data
+    assert rf.pack_weights(found.nets, found.provenance) == data
     with pytest.raises(ValueError, match="read-only"):
         found.nets[0].layers[0].weights[0, 0] = 1
 
@@ -92,16 +93,16 @@ def test_a_file_comes_back_whole(tmp_path: Path) -> None:
 def test_biases_of_cases_come_back_and_other_files_stay_as_they_were() -> None:
     """Older weights must keep their names: messages say by name what they were coded with."""
     plain, mixed = four_nets(), [with_cases(net) if net.expects else net for net in four_nets()]
-    data = rw.pack_weights(mixed, {})
-    found = rw.unpack_weights(data)
-    assert (rw.pack_weights(plain, {})[4], data[4]) == (3, 4)
+    data = rf.pack_weights(mixed, {})
+    found = rf.unpack_weights(data)
+    assert (rf.pack_weights(plain, {})[4], data[4]) == (3, 4)
     for net, was in zip(found.nets, mixed, strict=True):
         assert np.array_equal(net.layers[0].cases, was.layers[0].cases)
-    assert rw.pack_weights(found.nets, {}) == data
-    assert len(data) - len(rw.pack_weights(plain, {})) == rw.CASES * (32 + 96)
-    for wrong in (data[:4] + b"\3" + data[5:-4], (old := rw.pack_weights(plain, {}))[:4] + b"\4" + old[5:-4]):
+    assert rf.pack_weights(found.nets, {}) == data
+    assert len(data) - len(rf.pack_weights(plain, {})) == rw.CASES * (32 + 96)
+    for wrong in (data[:4] + b"\3" + data[5:-4], (old := rf.pack_weights(plain, {}))[:4] + b"\4" + old[5:-4]):
         with pytest.raises(SectionError):
-            rw.unpack_weights(with_sum(wrong))
+            rf.unpack_weights(with_sum(wrong))
 
 
 def test_a_row_and_a_scale_have_biases_of_their_own() -> None:
@@ -139,18 +140,18 @@ def test_only_a_first_layer_has_biases_of_cases_and_all_of_them() -> None:
 
 def test_the_name_is_that_of_the_bytes() -> None:
     nets = four_nets()[:1]
-    first, second = (rw.unpack_weights(rw.pack_weights(nets, {"steps": steps})) for steps in (1, 2))
+    first, second = (rf.unpack_weights(rf.pack_weights(nets, {"steps": steps})) for steps in (1, 2))
     assert len(first.name) == 16
     assert first.name != second.name
-    assert rw.unpack_weights(first.data).name == first.name
+    assert rf.unpack_weights(first.data).name == first.name
 
 
 def test_the_size_that_is_missing_is_stood_in_for_by_the_nearest() -> None:
-    weights = rw.unpack_weights(rw.pack_weights(four_nets()[2:3], {}))
+    weights = rf.unpack_weights(rf.pack_weights(four_nets()[2:3], {}))
     assert weights.net(expects=True, size=1).size_name == "small"
     with pytest.raises(UnknownNameError, match="alone"):
         weights.net(expects=False, size=0)
-    both = rw.unpack_weights(rw.pack_weights(four_nets(), {}))
+    both = rf.unpack_weights(rf.pack_weights(four_nets(), {}))
     assert both.net(expects=False, size=2).size_name == "large"
 
 
@@ -187,9 +188,9 @@ def test_a_first_layer_that_fits_bytes_is_kept_in_them() -> None:
     first = np.rint(floats[0][0].clip(-1, 1) * 64) / 64, floats[0][1]
     net = rw.quantised(False, 0, [first, *floats[1:]])
     assert [layer.in_bytes for layer in net.layers] == [True, False, False]
-    data = rw.pack_weights([net], {})
-    assert rw.unpack_weights(data).nets[0].layers[0].weights.tolist() == net.layers[0].weights.tolist()
-    assert len(rw.pack_weights([rw.quantised(False, 0, floats)], {})) - len(data) == 72 * 32
+    data = rf.pack_weights([net], {})
+    assert rf.unpack_weights(data).nets[0].layers[0].weights.tolist() == net.layers[0].weights.tolist()
+    assert len(rf.pack_weights([rw.quantised(False, 0, floats)], {})) - len(data) == 72 * 32
     again = rw.quantised(False, 0, rw.in_floats(net))
     assert [layer.weights.tolist() for layer in again.layers] == [layer.weights.tolist() for layer in net.layers]
 
@@ -222,17 +223,17 @@ def test_only_sizes_that_the_core_knows_are_read(hidden: tuple[int, int]) -> Non
 
 
 def test_files_cut_anywhere_raise_what_is_documented() -> None:
-    data = rw.pack_weights([with_cases(four_nets()[0])], {"steps": 3})
+    data = rf.pack_weights([with_cases(four_nets()[0])], {"steps": 3})
     for end in [*range(80), *range(80, len(data), 97)]:
         with pytest.raises((HeaderError, TruncatedError, ChecksumError, SectionError)):
-            rw.unpack_weights(data[:end])
+            rf.unpack_weights(data[:end])
         with pytest.raises(DecodeError):
-            rw.unpack_weights(with_sum(data[:end]))
+            rf.unpack_weights(with_sum(data[:end]))
 
 
 def test_mutated_files_raise_only_our_errors_and_take_no_memory() -> None:
     nets = four_nets()[:2]
-    data = rw.pack_weights([nets[0], with_cases(nets[1])], {"steps": 3, "of": ["a", {"b": None}]})
+    data = rf.pack_weights([nets[0], with_cases(nets[1])], {"steps": 3, "of": ["a", {"b": None}]})
     rng = np.random.default_rng(7)
     read = 0
     tracemalloc.start()
@@ -241,7 +242,7 @@ def test_mutated_files_raise_only_our_errors_and_take_no_memory() -> None:
         for _ in range(int(rng.integers(1, 6))):
             body[int(rng.integers(0, 90 if rng.random() < 0.8 else len(body)))] = int(rng.integers(0, 256))
         try:
-            weights = rw.unpack_weights(with_sum(bytes(body)))
+            weights = rf.unpack_weights(with_sum(bytes(body)))
         except LidarCodecError:
             continue
         read += 1
@@ -254,7 +255,7 @@ def test_mutated_files_raise_only_our_errors_and_take_no_memory() -> None:
 
 def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
     net = four_nets()[0]
-    data = rw.pack_weights([net], {})
+    data = rf.pack_weights([net], {})
     body = data[:-4]
     head = 4 + 1 + 4 + 2  # magic, version, length of the provenance, {}
     for changed, error in (
@@ -274,11 +275,11 @@ def test_what_a_file_claims_is_checked_before_it_is_used() -> None:
         (body + b"\x00", SectionError),
     ):
         with pytest.raises(error):
-            rw.unpack_weights(with_sum(changed))
+            rf.unpack_weights(with_sum(changed))
     with pytest.raises(ChecksumError):
-        rw.unpack_weights(data[:-1] + bytes([data[-1] ^ 1]))
+        rf.unpack_weights(data[:-1] + bytes([data[-1] ^ 1]))
     with pytest.raises(SectionError, match="possible"):
-        rw.unpack_weights(bytes(rw.MAX_FILE + 1))
+        rf.unpack_weights(bytes(rf.MAX_FILE + 1))
 
 
 @pytest.mark.parametrize("in_bytes", [False, True])
@@ -288,20 +289,20 @@ def test_tiles_without_weights_take_a_bit_of_a_file(in_bytes: bool) -> None:
     if in_bytes:
         every[0] = rng.integers(-128, 128, every[0][0].shape) / 64, every[0][1]
     few = without_tiles(every, 0.25, rng)
-    files = [rw.pack_weights([with_cases(rw.quantised(True, 2, layers))], {}) for layers in (every, few)]
+    files = [rf.pack_weights([with_cases(rw.quantised(True, 2, layers))], {}) for layers in (every, few)]
     assert [data[4] for data in files] == [4, 5]
     assert len(files[1]) < 0.5 * len(files[0])
-    (net,) = rw.unpack_weights(files[1]).nets
+    (net,) = rf.unpack_weights(files[1]).nets
     for layer, wanted in zip(net.layers, rw.quantised(True, 2, few).layers, strict=True):
         assert layer.shift == wanted.shift
         np.testing.assert_array_equal(layer.weights, wanted.weights)
         np.testing.assert_array_equal(layer.bias, wanted.bias)
-    assert rw.pack_weights([net], {}) == files[1]
+    assert rf.pack_weights([net], {}) == files[1]
 
 
 def test_tiles_of_a_file_are_those_that_have_weights() -> None:
     few = without_tiles(float_layers(72, (24, 40)), 0.5, np.random.default_rng(3))
-    body = rw.pack_weights([rw.quantised(False, 2, few)], {})[:-4]
+    body = rf.pack_weights([rw.quantised(False, 2, few)], {})[:-4]
     first = 4 + 1 + 4 + 2 + 1 + 3 + 2 * 4 + 3  # the first layer's 36 bits: of two blocks of 18 the first is empty
     bits, tile = int.from_bytes(body[first : first + 5], "little"), 2 * 16 * 4
     behind = body[first + 5 + tile * bits.bit_count() :]
@@ -313,20 +314,20 @@ def test_tiles_of_a_file_are_those_that_have_weights() -> None:
         body[: first - 3] + bytes([body[first - 3] & ~32]) + body[first - 2 :],  # no word of tiles
     ):
         with pytest.raises(DecodeError):
-            rw.unpack_weights(with_sum(changed))
+            rf.unpack_weights(with_sum(changed))
     for end in range(first, len(body), 97):
         with pytest.raises(DecodeError):
-            rw.unpack_weights(with_sum(body[:end]))
+            rf.unpack_weights(with_sum(body[:end]))
 
 
 def test_what_cannot_be_packed_or_read_says_so(tmp_path: Path) -> None:
     net = four_nets()[0]
     for nets in ([], [net, net], [net] * 5):
         with pytest.raises(SettingsError, match="networks"):
-            rw.pack_weights(nets, {})
+            rf.pack_weights(nets, {})
     with pytest.raises(SettingsError, match="provenance"):
-        rw.pack_weights([net], {"x": "y" * 70_000})
+        rf.pack_weights([net], {"x": "y" * 70_000})
     with pytest.raises(SourceError, match="cannot read"):
-        rw.read_weights(tmp_path / "none.weights")
+        rf.read_weights(tmp_path / "none.weights")
     with pytest.raises(SectionError, match="inputs"):
         rw.run(net, np.zeros((2, 112), np.int8))

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from lidarcodec.codecs.riddle_shelf import weights_of
-from lidarcodec.codecs.riddle_weights import SIZES, Net, Weights, pack_weights, unpack_weights
+from lidarcodec.codecs.riddle_weight_file import pack_weights, unpack_weights
+from lidarcodec.codecs.riddle_weights import SIZES, Net, Weights
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.drives import simulated_drives
