@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -83,11 +84,13 @@ class Frame:
         """Number of columns, W."""
         return int(self.range.shape[1])
 
-    @property
+    @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """(64, W) bool, the returns that are sent: a range, and not dropped by a reducer."""
+        """(64, W) bool, the returns that are sent: a range, and not dropped by a reducer. Read-only."""
         returned: npt.NDArray[np.bool_] = self.range > 0
-        return returned if self.keep is None else returned & self.keep
+        valid = returned if self.keep is None else returned & self.keep
+        valid.flags.writeable = False
+        return valid
 
     @property
     def points(self) -> int:

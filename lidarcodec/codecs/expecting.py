@@ -39,7 +39,7 @@ Mask = npt.NDArray[np.bool_]
 def as_decoded(ranges: Ranges, valid: Mask, step: int, sensor: SensorModel) -> Ranges:
     """(64, W) uint16, the ranges that a decoder gets, 0 outside of `valid`."""
     if step == 1:
-        return np.where(valid, ranges, 0).astype(np.uint16)
+        return np.where(valid, ranges, np.uint16(0))
     levels = level_offsets(sensor)[:, None]
     cells = (ranges.astype(np.int32) + (levels + step // 2)) // np.int32(step)
     return np.where(valid, (cells * np.int32(step) - levels).clip(1, 65535), 0).astype(np.uint16)
@@ -128,7 +128,8 @@ class ExpectingEncoder(IntraEncoder):
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         edge = self._sent.edge_before(frame.azimuth) if self._slab else None
-        return self._coded(frame, valid, self._expected, edge, self._firings.columns_before(frame))
+        firing = self._firings.columns_before(frame) if self._remembers() else 0  # alone, a frame may begin anywhere
+        return self._coded(frame, valid, self._expected, edge, firing)
 
     def _remember(self, frame: Frame) -> None:
         if not self._slab:

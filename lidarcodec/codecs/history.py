@@ -80,7 +80,7 @@ class _Sent(NamedTuple):
     azimuth: Ranges
     fired: Mask
     sensor: SensorModel
-    swept: int
+    swept: int | None  # azimuth steps of a slab; None: a whole frame
 
 
 class StreamHistory:
@@ -91,7 +91,7 @@ class StreamHistory:
 
     def __init__(self, memory: Memory) -> None:
         self._memory = memory
-        self.seen = RangeHistory()
+        self._seen = RangeHistory()
         self._edge = KnownColumns.none()  # the last columns, up to EDGE_COLUMNS, if slabs were sent last
         self._edge_azimuth: int | None = None
         self._waiting: deque[_Sent] = deque()
@@ -99,9 +99,15 @@ class StreamHistory:
     def forget(self) -> None:
         """Forgets everything, before a message that needs no other."""
         self._memory.reset()
-        self.seen.forget()
+        self._seen.forget()
         self._waiting.clear()
         self.forget_edge()
+
+    @property
+    def seen(self) -> RangeHistory:
+        """The ranges of the last turn."""
+        self._take_waiting()
+        return self._seen
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
         """(64, W) uint16, what a frame should look like if the sensor moved so: `RangeHistory.expected`."""
@@ -111,16 +117,22 @@ class StreamHistory:
         """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns.
 
         A slab waits until enough was sent after it: what is to be expected on the left of a slab was then seen a turn
-        ago as all the rest was, and not a moment ago, from where the sensor is now.
+        ago as all the rest was, and not a moment ago, from where the sensor is now. All else waits for the next frame
+        or question, so that a stream of key frames pays nothing for it.
         """
-        self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth)))
-        sweep, columns = sum(sent.swept for sent in self._waiting), sum(sent.ranges.shape[1] for sent in self._waiting)
+        self._take_waiting()
+        self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth) if slab else None))
+
+    def _take_waiting(self) -> None:
+        slab = bool(self._waiting) and self._waiting[-1].swept is not None
+        sweep = sum(sent.swept or 0 for sent in self._waiting)
+        columns = sum(sent.ranges.shape[1] for sent in self._waiting)
         while self._waiting:
-            sweep -= self._waiting[0].swept
+            sweep -= self._waiting[0].swept or 0
             columns -= self._waiting[0].ranges.shape[1]
             if slab and sweep < WAITING_SWEEP and columns < WAITING_COLUMNS:
                 break
-            self.seen.remember(*self._waiting.popleft()[:4])
+            self._seen.remember(*self._waiting.popleft()[:4])
 
     def remember_edge(self, ranges: Ranges, azimuth: Ranges, fired: Mask, expected: Ranges | None) -> None:
         """Takes the columns of a slab, as they are decoded, and what was expected of them."""

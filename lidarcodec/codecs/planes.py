@@ -84,7 +84,8 @@ def encode_planes(
     Raises LidarCodecError for a frame that contradicts itself.
     """
     cells = fired_cells(frame.fired, frame.sensor)
-    check_unfired(frame, cells)
+    if not frame.fired.all():
+        check_unfired(frame, cells)
     turn = entropy.columns_in_turn(frame.azimuth) if frame.fired[0].all() else None
     sections = [
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),

@@ -81,8 +81,12 @@ class RangeHistory:
 
 
 def swept(azimuth: Ranges) -> int:
-    """Azimuth steps over which a frame turned: from its first column to its last. azimuth: (2, W) uint16."""
-    return int((np.diff(azimuth[0].astype(np.int64)) % AZIMUTH_TURN).sum())
+    """Azimuth steps from the first column of a frame to its last. azimuth: (2, W) uint16, below 36000."""
+    upper = azimuth[0]
+    if not len(upper):
+        return 0
+    turns = int(np.count_nonzero(upper[1:] < upper[:-1]))
+    return int(upper[-1]) - int(upper[0]) + AZIMUTH_TURN * turns
 
 
 def _columns(azimuth: Ranges, fired: Mask) -> tuple[Ranges, npt.NDArray[np.uint8]]:

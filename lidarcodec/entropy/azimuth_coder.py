@@ -99,11 +99,7 @@ def columns_in_turn(azimuth: npt.NDArray[np.uint16]) -> int | None:
 
     None if the sensor does not turn. It tells `encode_mask` how the rows lie to each other.
     """
-    steps = _steps(azimuth[0])
-    steps = steps[steps < AZIMUTH_TURN // 2]
-    steps = steps[steps <= 4 * np.mean(steps)] if len(steps) else steps
-    swept = int(steps.sum(dtype=np.int64))
-    return (AZIMUTH_TURN * len(steps) + swept // 2) // swept if 0 < AZIMUTH_TURN * len(steps) <= 65535 * swept else None
+    return fast.columns_in_turn(np.ascontiguousarray(azimuth[0])) or None
 
 
 def _steps(azimuth: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:

@@ -1,26 +1,37 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
 Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_keep`,
-`reference_azimuth`, `reference_intensity`, `reference_predictive`.
+`reference_azimuth`, `reference_intensity`, `reference_predictive`, `reference_series`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Iterable, Sequence
+from itertools import accumulate
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
 from lidarcodec.entropy.net_trainer import ReturnSamples
+from lidarcodec.entropy.number_series import Form, Line, Series, unzigzag, zigzag
+
+_Number = TypeVar("_Number", np.uint64, np.int64)
 
 
 def encode_numbers(streams: Sequence[npt.NDArray[np.uint64]]) -> bytes:
     """Bytes of several streams of whole numbers, (N,) uint64 each, small ones cheap; each stream learns by itself."""
-    counts = np.array([len(stream) for stream in streams], np.uint64)
-    values = np.concatenate([np.zeros(0, np.uint64), *streams])
-    return cast(bytes, _native.encode_numbers(values, counts))
+    return _encoded(np.concatenate([np.zeros(0, np.uint64), *streams]), map(len, streams))
+
+
+def encode_signed(streams: Sequence[Series]) -> bytes:
+    """The same of numbers with a sign, (N,) int64 each, folded by `zigzag`."""
+    return _encoded(zigzag(np.concatenate([np.zeros(0, np.int64), *streams])), map(len, streams))
+
+
+def _encoded(values: npt.NDArray[np.uint64], counts: Iterable[int]) -> bytes:
+    return cast(bytes, _native.encode_numbers(values, np.array(list(counts), np.uint64)))
 
 
 def decode_numbers(data: bytes, counts: Sequence[int]) -> list[npt.NDArray[np.uint64]]:
@@ -28,9 +39,37 @@ def decode_numbers(data: bytes, counts: Sequence[int]) -> list[npt.NDArray[np.ui
 
     Raises SectionError or TruncatedError. Takes 8 bytes a number: check the counts before.
     """
-    values = _native.decode_numbers(data, np.array(counts, np.uint64))
-    ends = np.cumsum(counts, dtype=np.int64).tolist()
+    return _split(_native.decode_numbers(data, np.array(counts, np.uint64)), counts)
+
+
+def decode_signed(data: bytes, counts: Sequence[int]) -> list[Series]:
+    """The same of numbers with a sign, (N,) int64 each."""
+    return _split(unzigzag(_native.decode_numbers(data, np.array(counts, np.uint64))), counts)
+
+
+def _split(values: npt.NDArray[_Number], counts: Sequence[int]) -> list[npt.NDArray[_Number]]:
+    ends = accumulate(counts)
     return [values[end - count : end] for end, count in zip(ends, counts, strict=True)]
+
+
+class Fit(NamedTuple):
+    """A form of a series, its line, the (N,) residuals, and about what they cost in 256ths of a bit."""
+
+    form: Form
+    line: Line
+    left: Series
+    cost: int
+
+
+def best_form(values: Series, modulus: int = 0) -> Fit:
+    """Form and line that leave the cheapest residuals of (N,) int64; these are centred if a modulus is given."""
+    form, level, rate, left, cost = _native.best_form(values, modulus)
+    return Fit(Form(form), Line(level, rate), left, cost)
+
+
+def best_period(types: npt.NDArray[np.uint8], longest: int) -> int:
+    """Period, 1 to `longest`, that predicts most of (N,) types by those one period before."""
+    return cast(int, _native.best_period(types, longest))
 
 
 def encode_mask(
@@ -271,3 +310,8 @@ def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt
     """azimuth (2, W) uint16 and fired (2, W) bool. Raises SectionError or TruncatedError."""
     azimuth, fired = _native.decode_azimuth(data, width)
     return azimuth, fired.view(np.bool_)
+
+
+def columns_in_turn(rotations: npt.NDArray[np.uint16]) -> int:
+    """Columns in a full turn at the mean step of (W,) rotations, 0 if they do not turn; see `azimuth_coder`."""
+    return cast(int, _native.columns_in_turn(rotations))

@@ -49,20 +49,19 @@ class ReturnSamples:
 class TrainSettings:
     """How a network is trained.
 
-    rate: of Adam; settle: steps after which it is 0.7 of that, and less with their square root
-    least: how much of the rate is left however many steps were taken
+    rate: of Adam
     mean: how much of the running mean stays at each step, at most; beside: how much of what contexts said counts
     batch: samples in a step
-    room: samples to learn from, of which newer ones take the places; held_room: newest ones that are measured on
+    room: samples to learn from, at most, of which newer ones take the places; turns: and how many additions as large as
+    the last one they are, at most; held_room: newest ones that are measured on
     """
 
     rate: float = 1e-3
-    settle: float = 1000.0
-    least: float = 0.0
     mean: float = 0.99
     beside: float = 1.0
     batch: int = 256
     room: int = 1 << 16
+    turns: int = 1024
     held_room: int = 1 << 14
 
 

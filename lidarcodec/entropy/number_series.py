@@ -48,14 +48,6 @@ class Line(NamedTuple):
         return np.int64(self.level) + (np.arange(count, dtype=np.int64) * np.int64(self.rate) >> np.int64(10))
 
 
-class Fit(NamedTuple):
-    """A form, its line, and the (N,) residuals."""
-
-    form: Form
-    line: Line
-    left: Series
-
-
 def differences(values: Series, lag: int) -> Series:
     """(N,) int64 difference of each number to the one `lag` before it, modulo 2^64; the first `lag` as they are."""
     residuals = values.copy()
@@ -113,43 +105,3 @@ def series(left: Series, form: Form, line: Line) -> Series:
             steps[1:] = sums(left[1:], 1)
         off = sums(steps, 1)
     return off + line.at(len(left))
-
-
-def best_form(values: Series, modulus: int = 0) -> Fit:
-    """Form and line that leave the cheapest residuals; these are centred if a modulus is given."""
-    steps = differences(values, 1)[1:]
-    steps = centred(steps, modulus) if modulus else steps
-    fits = []
-    for form in Form:
-        line = _line(values, steps, form)
-        left = residuals(values, form, line)
-        fits.append(Fit(form, line, centred(left, modulus) if modulus else left))
-    return min(fits, key=lambda fit: cost_bits(fit.left))
-
-
-def _line(values: Series, steps: Series, form: Form) -> Line:
-    count = len(steps)
-    if count == 0 or form is Form.ALTERNATING:
-        return Line(int(values[0]) if len(values) else 0, 0)
-    if form is not Form.LEVEL:
-        return Line(int(values[0]), _bounded(1024 * int(_median(steps)), MOST_RATE))
-    path = np.cumsum(np.concatenate([np.zeros(1, np.int64), steps]))
-    half = len(path) // 2  # from the mean of the first half to that of the second
-    rise = int(path[-half:].sum()) - int(path[:half].sum())
-    rate = _bounded(rise * 1024 // (half * (len(path) - half)), MOST_RATE)
-    level = int(values[0]) + int(_median(path - Line(0, rate).at(len(path))))
-    return Line(_bounded(level, MOST_LEVEL), rate)
-
-
-def _median(values: Series) -> np.int64:
-    middle: np.int64 = np.partition(values, len(values) // 2)[len(values) // 2]
-    return middle
-
-
-def _bounded(value: int, limit: int) -> int:
-    return max(-limit, min(limit, value))
-
-
-def cost_bits(left: Series) -> float:
-    """About how many bits the number coder spends on residuals."""
-    return float(np.log2(1.0 + np.abs(left.astype(np.float64))).sum())

@@ -116,7 +116,7 @@ class PredictiveCoder:
         firing: how many columns the sensor fired before this frame, as far as it can be told (`codecs.firings`)
         expected: (64, W) uint16, what to expect, 0 where nothing; decoding needs it; 3 ms more
         samples: takes some of the returns to train a network on, where there is one
-        quick: with fewer contexts, where there is no network: a quarter less time, up to 0.05 bits a return more
+        quick: with fewer contexts, where there is no network: three tenths less time, up to 0.03 bits a return more
 
         Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
         """

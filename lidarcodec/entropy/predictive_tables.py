@@ -6,6 +6,9 @@ A scale class c stands for a mean difference of w = 2 ** ((c - 6.5) / 2) cells f
 - limits between positions: .2 .5 .9 1.4 2.2 3.6 7 times w, in quarters of a cell;
 - log odds of the decisions of a tree of 16 leaves under 0.8 logistic(0.6 w + 0.1) + 0.2 Laplace(3 w).
 
+Quick kinds have leaves of their own, 2 ** ((c - k) // 2) wide and at least 1, with k from 17 in the middle to 6: so
+narrow that ranges are about as likely anywhere in a leaf, and nothing is to be learned there (docs/decisions/0019).
+
 The C++ compiler and libm of a machine have no part in it, so that all machines agree.
     python -m lidarcodec.entropy.predictive_tables > native/src/predictive_tables.hpp
 """
@@ -19,6 +22,8 @@ CLASSES = 32
 LEAVES = 16
 HALF = LEAVES // 2
 WIDTHS = (0.28, 0.32, 0.35, 0.45, 0.6, 1.0, 2.0)
+QUICK_LEAVES = (17, 14, 11, 10, 9, 8, 6)
+"""k of leaves 0 to 6: they are a cell wide up to class k + 1, then twice as wide every second class."""
 LIMITS = (0.2, 0.5, 0.9, 1.4, 2.2, 3.6, 7.0)
 NATURAL_UNIT = 32768 / 6
 """Steps of a cell in one natural unit of log odds (cells.hpp)."""
@@ -29,8 +34,10 @@ def scale(c: int) -> float:
     return float(2 ** ((c - 6.5) / 2))
 
 
-def width_bits(c: int) -> list[int]:
+def width_bits(c: int, *, quick: bool = False) -> list[int]:
     """log2 of the widths of leaves 0 to 6."""
+    if quick:
+        return [max(0, (c - k) // 2) for k in QUICK_LEAVES]
     return [max(0, math.floor(math.log2(width * scale(c)))) for width in WIDTHS]
 
 
@@ -51,10 +58,10 @@ def below(x: float, w: float) -> float:
     return 0.8 * logistic + 0.2 * laplace
 
 
-def log_odds(c: int) -> list[int]:
+def log_odds(c: int, *, quick: bool = False) -> list[int]:
     """16 cells: 0, then those of nodes 1 to 15."""
     starts = [0]
-    for bits in width_bits(c):
+    for bits in width_bits(c, quick=quick):
         starts.append(starts[-1] + (1 << bits))
     ends = [*(start - 0.5 for start in starts[1:]), 1e9]
     mass = []
@@ -90,9 +97,11 @@ def header() -> str:
         "#pragma once\n#include <cstdint>\n\nnamespace lidarcodec {\n",
         f"inline constexpr std::uint32_t kScaleClasses = {CLASSES};",
         _array("kLeafBits", "std::uint8_t", [width_bits(c) for c in classes]),
+        _array("kQuickLeafBits", "std::uint8_t", [width_bits(c, quick=True) for c in classes]),
         f"inline constexpr std::uint8_t kBeyondBits[] = {{{beyond}}};",
         _array("kPositionLimits", "std::int16_t", [limits(c) for c in classes]),
         _array("kFirstLogOdds", "std::int16_t", [log_odds(c) for c in classes]),
+        _array("kQuickFirstLogOdds", "std::int16_t", [log_odds(c, quick=True) for c in classes]),
         "\n}  // namespace lidarcodec\n",
     ]
     return "\n".join(parts)

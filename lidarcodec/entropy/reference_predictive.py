@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.entropy import predictive_tables as tables
 from lidarcodec.entropy.reference_intensity import ONE, WideReader, WideWriter, clamp16, closed_up, probability_of
 from lidarcodec.entropy.reference_mask import ROWS, Layout
 from lidarcodec.entropy.reference_predictive_place import (
@@ -28,14 +27,15 @@ from lidarcodec.entropy.reference_predictive_place import (
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, QUICK = 1, 2, 2, 8, 32, 64
+ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, BY_LEAF, QUICK = 1, 2, 2, 8, 32, 64, 128
 FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
 RATES: Final = (720, 460, 320, 230)
 OFFSET_RATE: Final = 655
-DEPTH: Final = 3
-QUICK_ENDS: Final = (67, 32700)
+DEPTHS: Final = (4, 1, 1, 1, 2, 2, 2, 3)
+DEPTHS_BEFORE: Final = (3,) * 8
+"""How many bits of an offset learn, by leaf; and in frames that were written before."""
 
 Image = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.uint8]
@@ -46,7 +46,8 @@ class Given(NamedTuple):
     """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame.
 
     firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
-    not at first; quick: with fewer contexts. `decode` does as the bytes say of both
+    not at first; quick: with fewer contexts and other leaves; by_leaf: how many bits of an offset learn depends on
+    the leaf, as it does where firings are counted but for frames of before. `decode` does as the bytes say of all three
     """
 
     layout: Layout
@@ -56,13 +57,20 @@ class Given(NamedTuple):
     known: int | None = None
     firing: int | None = 0
     quick: bool = False
+    by_leaf: bool = True
 
     @property
     def kind(self) -> int:
         """The first byte."""
         where = QUARTERS if self.known is None else SLAB
         counted = 0 if self.firing is None else OF_FIRINGS
-        return (ALONE if self.expected is None else EXPECTING) + where + counted + (QUICK if self.quick else 0)
+        learns = QUICK if self.quick else BY_LEAF if self.depths == DEPTHS else 0
+        return (ALONE if self.expected is None else EXPECTING) + where + counted + learns
+
+    @property
+    def depths(self) -> tuple[int, ...]:
+        """How many bits of an offset learn, by leaf."""
+        return DEPTHS if self.by_leaf and self.firing is not None else DEPTHS_BEFORE
 
     @property
     def parts(self) -> int:
@@ -83,8 +91,9 @@ class Given(NamedTuple):
 class Parts:
     """Codes rows of ranges, the quarters of a row or two rows in turns, each with a coder of its own."""
 
-    def __init__(self, model: Model, step: int, coders: list[Coder], *, quick: bool) -> None:
-        self._model, self._coders, self._quick = model, coders, quick
+    def __init__(self, model: Model, step: int, coders: list[Coder], frame: Given) -> None:
+        self._model, self._coders, self._quick, self._depths = model, coders, frame.quick, frame.depths
+        model.begin(quick=frame.quick)
         self.start, self.first = 480 // step + 5, 2500 // step
         self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
 
@@ -117,7 +126,7 @@ class Parts:
     def _walk(self, coder: Coder, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
         d = value - place.base
         away = -1 - d if d < 0 else d
-        leaf = sum(away >= leaf_start(place.scale, n) for n in range(1, 8))
+        leaf = sum(away >= leaf_start(place.scale, n, quick=self._quick) for n in range(1, 8))
         wanted = 7 - leaf if d < 0 else 8 + leaf
         node, learned = 1, []
         slots = [self._model.slot(context) for context in place.contexts]
@@ -151,10 +160,10 @@ class Parts:
     def _offset(self, coder: Coder, place: Place, came: int, value: int) -> int:
         down, d = came < 8, value - place.base
         leaf, away = (7 - came if down else came - 8), (-1 - d if d < 0 else d)
-        begin, scale = leaf_start(place.scale, leaf), place.scale
-        left = LEAF_BITS[scale][leaf] if leaf < 7 else tables.beyond_bits(scale)
+        begin, scale = leaf_start(place.scale, leaf, quick=self._quick), place.scale
+        left = LEAF_BITS[self._quick][scale][leaf]
         if self._quick and leaf < 7:
-            return begin + self._quick_offset(coder, (scale, leaf), left, away - begin)
+            return begin + coder.plain(away - begin, left)
         near = [-1 - (x - place.base) if down else x - place.base for x in place.near]
         octave = 0
         while leaf == 7:
@@ -166,7 +175,7 @@ class Parts:
             if not self._decide(coder, ("more", octave, who), ("more", octave, scale), 2730, away >= end):
                 break
             begin, left, octave = end, left + 1, octave + 1
-        for depth in range(min(left, DEPTH)):
+        for depth in range(min(left, self._depths[leaf])):
             left -= 1
             middle = begin + (1 << left)
             says: tuple[bool, bool] | None = None
@@ -177,16 +186,6 @@ class Parts:
             side = (leaf, down if leaf < 7 else None)
             if self._decide(coder, ("near", says, depth, side), ("leaf", scale, leaf, depth), 0, away >= middle):
                 begin = middle
-        return begin + coder.plain(away - begin, left)
-
-    def _quick_offset(self, coder: Coder, where: tuple[int, int], left: int, away: int) -> int:
-        node = 1
-        while left > 0 and node < 4:
-            p = self._model.quick.get((*where, node), 16384)
-            bit = coder.bit(away >> left - 1 & 1, p)
-            self._model.quick[*where, node] = p + ((QUICK_ENDS[bit] - p) >> 6)
-            node, left = 2 * node + bit, left - 1
-        begin = node - (1 << node.bit_length() - 1) << left
         return begin + coder.plain(away - begin, left)
 
     def _settle(self, part: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
@@ -226,7 +225,7 @@ def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Ro
 
 
 def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
-    coder = Parts(model, frame.step, coders, quick=frame.quick)
+    coder = Parts(model, frame.step, coders, frame)
     if frame.known is None:
         code_frame(rows, coder)
     else:
@@ -264,7 +263,8 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
     if not data:
         raise TruncatedError("ranges end within their header", 0)
     counted = bool(data[0] & OF_FIRINGS)
-    frame = frame._replace(firing=0 if counted else None, quick=counted and bool(data[0] & QUICK))
+    quick, by_leaf = (counted and bool(data[0] & bit) for bit in (QUICK, BY_LEAF))
+    frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf)
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))

@@ -42,9 +42,13 @@ QUICK_ALONE: Final = (0, 1, 4, 5, 6, 8, 9, 10, 11, 12, 13)
 QUICK_EXPECTING: Final = (0, 1, 4, 5, 6, 9, 10, 13, 14, 15, 16, 17, 18)
 """Numbers of the contexts of quick kinds."""
 
-LEAF_BITS: Final = [tables.width_bits(c) for c in range(tables.CLASSES)]
+LEAF_BITS: Final = [
+    [[*tables.width_bits(c, quick=quick), tables.beyond_bits(c)] for c in range(tables.CLASSES)]
+    for quick in (False, True)
+]
+"""By whether a kind is quick, scale and leaf; of the last leaf those of what comes first beyond it."""
 LIMITS: Final = [tables.limits(c) for c in range(tables.CLASSES)]
-FIRST_LOG_ODDS: Final = [tables.log_odds(c) for c in range(tables.CLASSES)]
+FIRST_LOG_ODDS: Final = [[tables.log_odds(c, quick=quick) for c in range(tables.CLASSES)] for quick in (False, True)]
 
 
 def half_octaves(x: int) -> int:
@@ -58,9 +62,9 @@ def scale_class(mean: int) -> int:
     return min(max(half_octaves(mean + 2) - 1, 0), tables.CLASSES - 1)
 
 
-def leaf_start(scale: int, leaf: int) -> int:
+def leaf_start(scale: int, leaf: int, *, quick: bool) -> int:
     """Distance from the last return at which a leaf begins."""
-    return sum(1 << bits for bits in LEAF_BITS[scale][:leaf])
+    return sum(1 << bits for bits in LEAF_BITS[quick][scale][:leaf])
 
 
 def position(difference: int, scale: int) -> int:
@@ -97,15 +101,20 @@ class Model:
     def __init__(self) -> None:
         self.cells: dict[tuple[int, ...], list[int]] = {}
         self.offsets: dict[tuple[object, ...], int] = {}
-        self.quick: dict[tuple[int, ...], int] = {}  # how likely offset bits of quick kinds are ones, of 32768
+        self.quick = False  # of which kind the last image was, and so the leaves of all trees
         self.states: list[State] = []  # of the rows where the last slab ended, in cells of `step`
         self.step = 0
 
     def slot(self, context: tuple[int, ...]) -> list[int]:
         """16 cells: how often the context was seen, and the nodes of its tree."""
         if context not in self.cells:
-            self.cells[context] = list(FIRST_LOG_ODDS[context[1]]) if context[0] == 0 else [0] * 16
+            self.cells[context] = list(FIRST_LOG_ODDS[self.quick][context[1]]) if context[0] == 0 else [0] * 16
         return self.cells[context]
+
+    def begin(self, *, quick: bool) -> None:
+        """Before an image: one of other leaves than the last begins from nothing."""
+        if quick != self.quick:
+            self.quick, self.cells, self.offsets = quick, {}, {}
 
 
 class Place:

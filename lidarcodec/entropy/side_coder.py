@@ -24,14 +24,10 @@ from lidarcodec.entropy.number_series import (
     Form,
     Line,
     Series,
-    best_form,
     centred,
-    cost_bits,
     differences,
     series,
     sums,
-    unzigzag,
-    zigzag,
 )
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.errors import SectionError
@@ -47,7 +43,7 @@ _SECOND_BYTES = LASERS_PER_BLOCK * 3
 
 
 def encode_side(side: SideInfo, *, host_step_ns: int = 1000) -> bytes:
-    """Bytes of side information; 0.5 ms for 348 packets.
+    """Bytes of side information; 0.2 ms for 348 packets.
 
     host_step_ns: host times are rounded to multiples of it, all else is exact.
 
@@ -64,13 +60,13 @@ def encode_side(side: SideInfo, *, host_step_ns: int = 1000) -> bytes:
 
     gps = side.gps_us.astype(np.int64)
     modulus = HOUR_US if packets == 0 or int(gps.max()) < HOUR_US else 1 << 32
-    gps_fit = best_form(gps, modulus)
+    gps_fit = fast.best_form(gps, modulus)
     host = (side.packet_ns + host_step_ns // 2) // host_step_ns
-    alone, by_gps = best_form(host), best_form(host - _host_by_gps(gps, modulus, host_step_ns))
-    follows = cost_bits(by_gps.left) < cost_bits(alone.left)
+    alone, by_gps = fast.best_form(host), fast.best_form(host - _host_by_gps(gps, modulus, host_step_ns))
+    follows = by_gps.cost < alone.cost
     host_fit = by_gps if follows else alone
     types = side.status[:, 0].astype(np.int64)
-    period = _period(types)
+    period = fast.best_period(np.ascontiguousarray(side.status[:, 0]), _LONGEST_PERIOD)
     regular = len(side.layouts) == 1 and bool((side.layouts[0] == REGULAR_LAYOUT).all())
     layouts = np.zeros(0, np.int64) if regular else side.layouts.astype(np.int64).ravel()
     type_left = centred(differences(types, period), 256)
@@ -83,7 +79,7 @@ def encode_side(side: SideInfo, *, host_step_ns: int = 1000) -> bytes:
         type_left[period:],
         centred(differences(side.status[_by_type(types), 1].astype(np.int64), 1), 256),
     )
-    numbers = fast.encode_numbers([zigzag(stream) for stream in streams])
+    numbers = fast.encode_signed(streams)
 
     flags = regular * _REGULAR | (modulus == HOUR_US) * _HOURLY | follows * _BY_GPS
     out = bytearray([flags | gps_fit.form << _GPS_FORM_SHIFT | host_fit.form << _HOST_FORM_SHIFT])
@@ -104,7 +100,7 @@ def encode_side(side: SideInfo, *, host_step_ns: int = 1000) -> bytes:
 
 
 def decode_side(data: bytes, packets: int) -> SideInfo:
-    """Side information of `packets` packets; 0.3 ms for 348.
+    """Side information of `packets` packets; 0.2 ms for 348.
 
     Raises SectionError or TruncatedError; takes no more memory than `packets` allows (1200 bytes a packet).
     """
@@ -125,8 +121,8 @@ def decode_side(data: bytes, packets: int) -> SideInfo:
     head = min(period, packets)
     layout_numbers = 0 if regular else BLOCKS_PER_PACKET * layout_count
     counts = [layout_numbers, 0 if layout_count == 1 else packets, packets, packets, head, packets - head, packets]
-    numbers = fast.decode_numbers(reader.take(reader.varint(len(data))), counts)
-    layouts_left, layout_left, gps_left, host_left, head_left, tail_left, value_left = map(unzigzag, numbers)
+    numbers = fast.decode_signed(reader.take(reader.varint(len(data))), counts)
+    layouts_left, layout_left, gps_left, host_left, head_left, tail_left, value_left = numbers
 
     layouts = sums(layouts_left, BLOCKS_PER_PACKET).astype(np.uint8).reshape(-1, BLOCKS_PER_PACKET)
     layout = sums(layout_left, 1) if layout_count != 1 else np.zeros(packets, np.int64)
@@ -162,14 +158,6 @@ def _host_by_gps(gps: Series, modulus: int, host_step_ns: int) -> Series:
     return since_first
 
 
-def _period(types: Series) -> int:
-    """Period, up to 32, that predicts most status types by those one period before."""
-    costs = [
-        period + int(np.count_nonzero(types[period:] != types[:-period])) for period in range(1, _LONGEST_PERIOD + 1)
-    ]
-    return int(np.argmin(costs)) + 1
-
-
 def _by_type(types: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
     """(P,) order of packets by status type, then as they came."""
     return np.argsort(types, kind="stable")
@@ -177,21 +165,22 @@ def _by_type(types: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
 
 def _blocks_of(layouts: npt.NDArray[np.uint8], layout: npt.NDArray[np.integer]) -> tuple[int, int]:
     """How many irregular and second-return blocks the layouts announce."""
-    irregular = (layouts == Role.IRREGULAR).sum(axis=1)
-    second = (layouts >= Role.UPPER_SECOND).sum(axis=1)
-    return int(irregular[layout].sum()), int(second[layout].sum())
+    times = np.bincount(layout, minlength=len(layouts))[:, None]
+    return int(((layouts == Role.IRREGULAR) * times).sum()), int(((layouts >= Role.UPPER_SECOND) * times).sum())
 
 
 def _pack_blocks(irregular: npt.NDArray[np.uint8], second: npt.NDArray[np.uint8]) -> bytes:
     """Irregular blocks as they are; of second returns distances less those of two blocks before (upper and lower blocks
     alternate), as three planes by laser. Through zstd where that is smaller."""
+    if not len(irregular) and not len(second):
+        return b""
     returns = second.reshape(-1, LASERS_PER_BLOCK, 3)
     distance = np.ascontiguousarray(returns[..., :2]).view("<u2")[..., 0]
     steps = distance.copy()
     steps[2:] -= distance[:-2]
     planes = (steps & 0xFF).astype(np.uint8), (steps >> 8).astype(np.uint8), returns[..., 2]
     raw = irregular.tobytes() + b"".join(plane.T.tobytes() for plane in planes)
-    packed = zstandard.ZstdCompressor(level=3).compress(raw) if raw else raw
+    packed = zstandard.ZstdCompressor(level=3).compress(raw)
     return packed if len(packed) < len(raw) else raw  # of the same size it would be read as blocks as they are
 
 
@@ -204,6 +193,8 @@ def _unpack_blocks(
     irregular, second = (count + reader.signed(most) for count in announced)
     if min(irregular, second) < 0 or irregular + second > most:
         raise SectionError(f"side information of {packets} packets with too many blocks", reader.offset)
+    if irregular + second == 0:
+        return np.zeros((0, BLOCK_BYTES), np.uint8), np.zeros((0, _SECOND_BYTES), np.uint8)
     size, start = irregular * BLOCK_BYTES + second * _SECOND_BYTES, reader.offset
     packed = reader.rest(size)
     raw = np.frombuffer(packed if len(packed) == size else _decompress(packed, size, start), np.uint8)

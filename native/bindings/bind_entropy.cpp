@@ -1,6 +1,7 @@
 #include "azimuth_coder.hpp"
 #include "bindings.hpp"
 #include "error.hpp"
+#include "number_series.hpp"
 #include "numbers.hpp"
 
 namespace {
@@ -53,6 +54,25 @@ void bind_entropy(nb::module_& m) {
       },
       nb::arg("data"), nb::arg("counts").noconvert(), "uint64 numbers of all streams; at most 2^20.");
   m.def(
+      "best_form",
+      [](In<std::int64_t, 1> values, std::int64_t modulus) {
+        if (modulus < 0) throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a modulus below 0");
+        lidarcodec::SeriesFit fit;
+        {
+          nb::gil_scoped_release release;
+          fit = lidarcodec::best_form({values.data(), values.data() + values.shape(0)}, modulus);
+        }
+        return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate, give(std::move(fit.left), {values.shape(0)}), fit.cost);
+      },
+      nb::arg("values").noconvert(), nb::arg("modulus"), "Number of the form, level and rate of the line, (N,) int64 residuals, their cost.");
+  m.def(
+      "best_period",
+      [](In<std::uint8_t, 1> types, std::size_t longest) {
+        nb::gil_scoped_release release;
+        return lidarcodec::best_period(types.data(), types.shape(0), longest);
+      },
+      nb::arg("types").noconvert(), nb::arg("longest"), "Period, 1 to `longest`, that predicts most types.");
+  m.def(
       "encode_azimuth",
       [](In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired) {
         const std::size_t width = azimuth.shape(1);
@@ -82,4 +102,11 @@ void bind_entropy(nb::module_& m) {
         return nb::make_tuple(give(std::move(decoded.azimuth), {2, width}), give(std::move(decoded.fired), {2, width}));
       },
       nb::arg("data"), nb::arg("width"), "azimuth (2, W) uint16 and fired (2, W) uint8.");
+  m.def(
+      "columns_in_turn",
+      [](In<std::uint16_t, 1> rotations) {
+        nb::gil_scoped_release release;
+        return lidarcodec::columns_in_turn(rotations.data(), rotations.shape(0));
+      },
+      nb::arg("rotations").noconvert(), "Columns in a full turn at the mean step of rotations (W,); 0: it does not turn.");
 }

@@ -54,8 +54,10 @@ void bind_riddle(nb::module_& m) {
             const auto run = [&]<std::size_t N>(std::size_t first, const std::array<NetValues*, N>& at) {
               for (std::size_t k = 0; k < N; ++k) std::copy_n(inputs.data() + (first + k) * width, width, at[k]->in.begin());
               net->run(at);
-              for (std::size_t k = 0; k < N; ++k)
-                std::copy_n(at[k]->out.begin(), lidarcodec::kNetOutputs, odds.data() + (first + k) * lidarcodec::kNetOutputs);
+              for (std::size_t k = 0; k < N; ++k) {
+                std::int16_t* const of = std::copy(at[k]->out.begin(), at[k]->out.end(), odds.data() + (first + k) * lidarcodec::kNetOutputs);
+                for (std::size_t leaf = 0; leaf < lidarcodec::kLeafOdds; ++leaf) of[leaf] = net->leaf_odds(*at[k], leaf);
+              }
             };
             std::size_t i = 0;  // as frames are coded: by fours, slabs by twos, and ends one by one
             for (; i + 4 <= count; i += 4) run(i, std::array{values, values + 1, values + 2, values + 3});

@@ -41,17 +41,17 @@ void bind_riddle_train(nb::module_& m) {
       .def("__init__",
            [](RiddleTrainer* trainer, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1, In<std::int8_t, 2> c1,
               In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int8_t, 2> c2,
-              In<std::int16_t, 2> w3, In<std::int32_t, 1> b3, std::uint32_t s3, In<std::int8_t, 2> c3, float rate, float settle, float least, float mean, float beside,
-              std::size_t batch, std::size_t room, std::size_t held_room, std::uint32_t seed) {
+              In<std::int16_t, 2> w3, In<std::int32_t, 1> b3, std::uint32_t s3, In<std::int8_t, 2> c3, float rate, float mean, float beside,
+              std::size_t batch, std::size_t room, std::size_t turns, std::size_t held_room, std::uint32_t seed) {
              const std::array<lidarcodec::GivenLayer, 3> layers = {layer_of(w1, b1, s1, c1), layer_of(w2, b2, s2, c2), layer_of(w3, b3, s3, c3)};
              const RiddleNet checked(layers);
-             const TrainSettings settings{rate, settle, least, mean, beside, batch, room, held_room};
+             const TrainSettings settings{rate, mean, beside, batch, room, turns, held_room};
              new (trainer) RiddleTrainer(layers, settings, seed);
            },
            nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("c1").noconvert(),
            nb::arg("w2").noconvert(), nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("c2").noconvert(),
            nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(),
-           nb::arg("rate"), nb::arg("settle"), nb::arg("least"), nb::arg("mean"), nb::arg("beside"), nb::arg("batch"), nb::arg("room"),
+           nb::arg("rate"), nb::arg("mean"), nb::arg("beside"), nb::arg("batch"), nb::arg("room"), nb::arg("turns"),
            nb::arg("held_room"), nb::arg("seed"))
       .def(
           "add",

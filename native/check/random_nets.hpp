@@ -100,7 +100,10 @@ inline std::vector<std::int16_t> odds_of_networks(lidarcodec::NetForm form, bool
       net.run(std::array{&values[0], &values[1], &values[2], &values[3]});
       net.run(std::array{&values[4], &values[5]});
       net.run(std::array{&values[6]});
-      for (const lidarcodec::NetValues& value : values) odds.insert(odds.end(), value.out.begin(), value.out.end());
+      for (const lidarcodec::NetValues& value : values) {
+        odds.insert(odds.end(), value.out.begin(), value.out.end());
+        for (std::size_t leaf = 0; leaf < lidarcodec::kLeafOdds; ++leaf) odds.push_back(net.leaf_odds(value, leaf));
+      }
     }
   }
   return odds;

@@ -1,8 +1,11 @@
-// Any bytes as streams of numbers. What decodes must be, byte for byte, what the encoder writes for it.
+// Any bytes as streams of numbers. What decodes must be, byte for byte, what the encoder writes for it. The same numbers as a
+// series, of which what suits it best must leave as many.
+#include <array>
 #include <cstdlib>
 
 #include "error.hpp"
 #include "fuzz_input.hpp"
+#include "number_series.hpp"
 #include "numbers.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -21,5 +24,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   const std::vector<std::uint8_t> encoded = lidarcodec::encode_numbers(values.data(), counts);
   if (lidarcodec::decode_numbers(encoded.data(), encoded.size(), counts) != values) std::abort();
+  std::vector<std::int64_t> series;
+  for (const std::uint64_t value : values) series.push_back(static_cast<std::int64_t>(value));
+  constexpr std::array<std::int64_t, 5> kModuli = {0, 1, 256, 3'600'000'000, std::int64_t{1} << 62};
+  const lidarcodec::SeriesFit fit = lidarcodec::best_form(series, kModuli[counts[0] % kModuli.size()]);
+  if (fit.left.size() != series.size() || fit.form > lidarcodec::SeriesForm::Alternating) std::abort();
+  const std::size_t longest = 1 + counts[2], period = lidarcodec::best_period(rest.data(), rest.size(), longest);
+  if (period < 1 || period > longest) std::abort();
   return 0;
 }

@@ -19,6 +19,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   settings.beside = static_cast<float>(input.byte()) / 255.0f;
   settings.batch = 8 + input.byte() % 32u;
   settings.room = 1 + input.byte();
+  settings.turns = 1 + input.byte();
   settings.held_room = 1 + input.byte();
   const std::size_t inputs = kind & 1u ? kInputsAlone : kInputsExpecting;
   const std::array<std::size_t, 4> dims = {inputs, 8u + 8u * (kind >> 1 & 3u), 8u + 8u * (kind >> 3 & 3u), kNetOutputs};

@@ -159,13 +159,17 @@ void for_each_step(const std::uint16_t* azimuth, const std::uint8_t* fired, std:
 
 StepTable frequent_steps(const std::uint16_t* azimuth, const std::uint8_t* fired, std::size_t width, bool lower_first) {
   std::vector<std::uint32_t> counts(kTurn);
-  for_each_step(azimuth, fired, width, lower_first, [&](std::uint32_t step) { ++counts[step]; });
+  std::vector<std::uint16_t> steps;  // that there are
+  for_each_step(azimuth, fired, width, lower_first, [&](std::uint32_t step) {
+    if (counts[step]++ == 0) steps.push_back(static_cast<std::uint16_t>(step));
+  });
   StepTable table;
-  while (table.count < kSteps) {
-    const auto most = std::max_element(counts.begin(), counts.end());
-    if (*most < 3) break;  // a number costs two bytes in the table
-    table.steps[table.count++] = static_cast<std::uint16_t>(most - counts.begin());
-    *most = 0;
+  while (table.count < kSteps && !steps.empty()) {
+    const auto rarer = [&](std::uint16_t a, std::uint16_t b) { return counts[a] != counts[b] ? counts[a] < counts[b] : a > b; };
+    const std::uint16_t most = *std::max_element(steps.begin(), steps.end(), rarer);
+    if (counts[most] < 3) break;  // a number costs two bytes in the table
+    table.steps[table.count++] = most;
+    counts[most] = 0;
   }
   return table;
 }
@@ -215,6 +219,28 @@ Azimuths decode_azimuth(const std::uint8_t* data, std::size_t size, std::size_t 
   BitReader bits(data + header, size - header);
   code_columns(bits, table, flags, width, decoded.azimuth.data(), decoded.fired.data());
   return decoded;
+}
+
+std::uint32_t columns_in_turn(const std::uint16_t* rotations, std::size_t count) {
+  constexpr std::int64_t kWhole = kTurn;
+  struct Steps {
+    std::int64_t count = 0, sum = 0;
+  };
+  const auto below = [&](const auto& is_step) {
+    Steps steps;
+    for (std::size_t i = 1; i < count; ++i) {
+      const std::int64_t apart = std::int64_t{rotations[i]} - rotations[i - 1], step = apart < 0 ? apart + kWhole : apart;
+      if (step >= kWhole / 2 || !is_step(step)) continue;
+      ++steps.count;
+      steps.sum += step;
+    }
+    return steps;
+  };
+  const Steps all = below([](std::int64_t) { return true; });
+  const Steps usual = below([&](std::int64_t step) { return step * all.count <= 4 * all.sum; });
+  const std::int64_t whole = kWhole * usual.count;
+  if (whole <= 0 || whole > 65535 * usual.sum) return 0;
+  return static_cast<std::uint32_t>((whole + usual.sum / 2) / usual.sum);
 }
 
 }  // namespace lidarcodec

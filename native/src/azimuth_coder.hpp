@@ -22,4 +22,7 @@ std::vector<std::uint8_t> encode_azimuth(const std::uint16_t* azimuth, const std
 // Raises Section or Truncated.
 Azimuths decode_azimuth(const std::uint8_t* data, std::size_t size, std::size_t width);
 
+// Columns in a full turn at the mean step of so many rotations; gaps are left out. 0 if the sensor does not turn.
+std::uint32_t columns_in_turn(const std::uint16_t* rotations, std::size_t count);
+
 }  // namespace lidarcodec

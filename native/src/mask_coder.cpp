@@ -35,41 +35,62 @@ class Models {
   std::array<BitModel, N> models_;
 };
 
-// The part of each cell's two contexts that is known before the row is begun.
-struct KnownContext {
-  std::vector<std::uint8_t> first;
-  std::vector<std::uint8_t> second;
+// The part of each cell's two contexts that is known before the row is begun. A loop each for whole rows, so that compilers
+// make vectors of them.
+class KnownContext {
+ public:
+  std::vector<std::uint8_t> first, second;
+
+  explicit KnownContext(std::size_t width) : first(width), second(width), twos_(width + kRoom), fours_(width + kRoom), counts_(width) {}
+
+  // u, v: the rows above, of n cells.
+  void look(const std::uint8_t* u, const std::uint8_t* v, std::size_t n) {
+    count(v - 6, n);
+    const std::uint8_t* const four = fours_.data();
+    fill(counts_, n, [=](std::ptrdiff_t k) { return four[k] + four[k + 4] + four[k + 8] + v[k + 6]; });
+    const std::uint8_t* const among = counts_.data();
+    fill(first, n, [=](std::ptrdiff_t k) { return 2 * class_of<13>(among[k]) + u[k]; });
+    fill(second, n, [=](std::ptrdiff_t k) {
+      return 64 * v[k + 1] + 32 * v[k] + 16 * u[k + 2] + 8 * u[k + 1] + 4 * u[k - 1] + 2 * u[k - 2] + u[k];
+    });
+  }
+
+  // p: the same row earlier.
+  void look(const std::uint8_t* u, const std::uint8_t* v, const std::uint8_t* p, std::size_t n) {
+    count(p - 3, n);
+    const std::uint8_t *const two = twos_.data(), *const four = fours_.data();
+    fill(counts_, n, [=](std::ptrdiff_t k) { return four[k] + two[k + 4] + p[k + 3]; });
+    const std::uint8_t* const among = counts_.data();
+    fill(first, n, [=](std::ptrdiff_t k) { return 8 * class_of<7>(among[k]) + 4 * p[k] + 2 * v[k + 1] + u[k]; });
+    fill(second, n, [=](std::ptrdiff_t k) {
+      return 64 * p[k + 1] + 32 * p[k - 1] + 16 * p[k - 3] + 8 * p[k] + 4 * u[k + 1] + 2 * u[k - 1] + u[k];
+    });
+  }
+
+ private:
+  static constexpr std::size_t kRoom = 12;  // so many more sums than cells are asked for
+
+  template <class Number>
+  static void fill(std::vector<std::uint8_t>& to, std::size_t n, const Number& number) {
+    std::uint8_t* const at = to.data();
+    for (std::ptrdiff_t k = 0; k < static_cast<std::ptrdiff_t>(n); ++k) at[k] = static_cast<std::uint8_t>(number(k));
+  }
+
+  // Sums of two and of four cells, from the first on.
+  void count(const std::uint8_t* cells, std::size_t n) {
+    fill(twos_, n + kRoom - 2, [=](std::ptrdiff_t k) { return cells[k] + cells[k + 1]; });
+    const std::uint8_t* const two = twos_.data();
+    fill(fours_, n + kRoom - 4, [=](std::ptrdiff_t k) { return two[k] + two[k + 2]; });
+  }
+
+  // Classes of a count of returns in a window of so many cells: none, some, nearly all, all.
+  template <int size>
+  static int class_of(std::uint8_t count) {
+    return (count > 0) + (count >= size - size / 4) + (count == size);
+  }
+
+  std::vector<std::uint8_t> twos_, fours_, counts_;
 };
-
-// Classes of a count of returns in a window of `size` cells: none, some, nearly all, all.
-constexpr std::uint8_t count_class(int count, int size) {
-  return count == size ? 3 : count >= size - size / 4 ? 2 : count > 0 ? 1 : 0;
-}
-
-void known_alone(const std::uint8_t* u, const std::uint8_t* v, std::size_t n, KnownContext& known) {
-  int wide = 0;  // row two above, 13 cells about this one
-  for (int j = -6; j < 6; ++j) wide += v[j];
-  for (std::size_t k = 0; k < n; ++k, ++u, ++v) {
-    wide += v[6];
-    known.first[k] = static_cast<std::uint8_t>(u[0] | count_class(wide, 13) << 1);
-    known.second[k] =
-        static_cast<std::uint8_t>(u[0] | u[-2] << 1 | u[-1] << 2 | u[1] << 3 | u[2] << 4 | v[0] << 5 | v[1] << 6);
-    wide -= v[-6];
-  }
-}
-
-void known_with_earlier(const std::uint8_t* u, const std::uint8_t* v, const std::uint8_t* p, std::size_t n,
-                        KnownContext& known) {
-  int about = 0;  // the same row earlier, 7 cells about this one
-  for (int j = -3; j < 3; ++j) about += p[j];
-  for (std::size_t k = 0; k < n; ++k, ++u, ++v, ++p) {
-    about += p[3];
-    known.first[k] = static_cast<std::uint8_t>(u[0] | v[1] << 1 | p[0] << 2 | count_class(about, 7) << 3);
-    known.second[k] =
-        static_cast<std::uint8_t>(u[0] | u[-1] << 1 | u[1] << 2 | p[0] << 3 | p[-3] << 4 | p[-1] << 5 | p[1] << 6);
-    about -= p[-3];
-  }
-}
 
 struct MaskModels {
   Models<256> first{7, 0};  // left at bit 7 in both forms, above at bit 0
@@ -81,17 +102,23 @@ struct MaskModels {
 template <bool kEarlier, class Bits>
 void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::uint8_t* cells, std::size_t n) {
   std::uint32_t left = 1, left2 = 1, run = 0;
+  std::uint32_t held = 0;  // the first context of the last cell, whose model is at hand: mostly the next one's, too
+  BitModel a = models.first[held];
   for (std::size_t k = 0; k < n; ++k) {
     const std::uint32_t run_class = kRunClass[run];
     const std::uint32_t first =
         kEarlier ? known.first[k] | left2 << 5 | left << 7 : known.first[k] | run_class << 3 | left << 7;
-    const std::uint32_t second = known.second[k] | left << 7 | (kEarlier ? run_class : left2) << 8;
-    BitModel& a = models.first[first];
+    if (first != held) {
+      models.first[held] = a;
+      a = models.first[first];
+      held = first;
+    }
     const std::uint32_t sure = a.probability();
     bool bit;
     if (sure < kSure || sure > 65536u - kSure) {
       bit = bits.bit(cells[k], sure);
     } else {
+      const std::uint32_t second = known.second[k] | left << 7 | (kEarlier ? run_class : left2) << 8;
       BitModel& b = models.second[second];
       Mixer& mixer = models.mixers[left << 1 | (known.first[k] & 1u)];
       bit = bits.bit(cells[k], mixer.mix(a, b));
@@ -104,6 +131,7 @@ void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::ui
     left2 = left;
     left = bit;
   }
+  models.first[held] = a;
 }
 
 // Codes all rows. `rows[r]` holds the cells of row r, closed up; of rows not yet decoded only the room.
@@ -111,7 +139,7 @@ template <class Bits>
 void code_mask(Bits& bits, const MaskLayout& layout, std::size_t width, const MaskShifts& shifts,
                const EarlierMask& earlier, std::uint8_t* rows) {
   MaskModels models;
-  KnownContext known{std::vector<std::uint8_t>(width), std::vector<std::uint8_t>(width)};
+  KnownContext known(width);
   PaddedRow above(width), above2(width), before(width);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const std::size_t n = layout.cells(row);
@@ -126,10 +154,10 @@ void code_mask(Bits& bits, const MaskLayout& layout, std::size_t width, const Ma
     std::uint8_t* cells = rows + row * width;
     if (earlier.width > 0) {
       layout.align_earlier(earlier, row, shifts.earlier, before);
-      known_with_earlier(above.cells(), above2.cells(), before.cells(), n, known);
+      known.look(above.cells(), above2.cells(), before.cells(), n);
       code_row<true>(bits, models, known, cells, n);
     } else {
-      known_alone(above.cells(), above2.cells(), n, known);
+      known.look(above.cells(), above2.cells(), n);
       code_row<false>(bits, models, known, cells, n);
     }
   }

@@ -128,6 +128,15 @@ struct Avx2Forms {
     find_inputs<kExpects, AtOnce>(of, in);
   }
 
+  LIDARCODEC_AVX2 static std::int32_t products(const std::int16_t* a, const std::int16_t* b, std::size_t blocks) {
+    __m256i sums = _mm256_madd_epi16(load(a), load(b));
+    for (std::size_t at = kBlock; at < blocks * kBlock; at += kBlock)
+      sums = _mm256_add_epi32(sums, _mm256_madd_epi16(load(a + at), load(b + at)));
+    const __m128i four = _mm_add_epi32(_mm256_castsi256_si128(sums), _mm256_extracti128_si256(sums, 1));
+    const __m128i two = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0x4E));
+    return _mm_cvtsi128_si32(two) + _mm_extract_epi32(two, 1);
+  }
+
   template <const auto& kUsed>
   LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
     store(probabilities_of(sum_of<kUsed>(cells, slots)), chances.of.data());

@@ -15,7 +15,9 @@ constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this f
 constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
 constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network says what is likely to begin with
 constexpr std::uint8_t kOfFirings = 32;            // added to any: firings are counted; others are only read
-constexpr std::uint8_t kQuick = 64;                // added to those that count them and have no network: with few contexts
+constexpr std::uint8_t kByLeaf = 64;               // added to those that count them: how many bits of an offset learn depends on the leaf;
+                                                   // others but quick ones are only read
+constexpr std::uint8_t kQuick = 128;               // added to those that count them and have no network: few contexts, own leaves
 
 // Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a
 // slab also known u8.
@@ -41,9 +43,11 @@ std::size_t take(const std::uint8_t* from, int bytes) {
   return value;
 }
 
-std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net, bool quick) {
+// Of frames as they are written now: they count firings.
+std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net, RangeKind kind) {
   return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : kQuarters) +
-                                   (net != nullptr ? kLearnedKind : 0) + kOfFirings + (quick ? kQuick : 0));
+                                   (net != nullptr ? kLearnedKind : 0) + kOfFirings +
+                                   (kind == RangeKind::Quick ? kQuick : kind == RangeKind::Full ? kByLeaf : 0));
 }
 
 // Firing of column 0 of an image, from that of the first column behind those that are known.
@@ -64,7 +68,7 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 
 KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return kWholeFrame;
-  const int kind = data[0] & ~(kLearnedKind | kOfFirings | kQuick);
+  const int kind = data[0] & ~(kLearnedKind | kOfFirings | kByLeaf | kQuick);
   if (kind != kAlone + kSlab && kind != kExpecting + kSlab) return kWholeFrame;
   const std::size_t head = head_bytes(kSlabParts, true, (data[0] & kOfFirings) != 0);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -95,7 +99,7 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
   PredictiveModel model(true);
   SlabStates states;
   PredictiveParts<WideEncoder> parts;
-  write_image({quickest_path(), model, {nullptr, &samples}, states, false, false},
+  write_image({quickest_path(), model, {nullptr, &samples}, states, false, RangeKind::Full},
               {layout, returned, cells, expected, geometry.width, 0, turn, 0}, parts, ranges);
 }
 
@@ -126,10 +130,10 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), width);
   const RiddleNet* const net = net_of(expected != nullptr);
   if (net == nullptr) samples = nullptr;
-  quick = quick && net == nullptr;
+  const RangeKind kind = quick && net == nullptr ? RangeKind::Quick : RangeKind::Full;
   if (samples != nullptr) samples->inputs = inputs;
   PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *states_, known >= 0, quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, ranges);
+  write_image({path_, model_, {net, samples}, *states_, known >= 0, kind}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, ranges);
   const std::size_t count = parts_of(known >= 0);
   std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
   std::size_t size = head_bytes(count, known >= 0, true);
@@ -139,7 +143,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   }
   std::vector<std::uint8_t> out;
   out.reserve(size);
-  put(out, kind_of(known >= 0, expected, net, quick), 1);
+  put(out, kind_of(known >= 0, expected, net, kind), 1);
   put(out, turn, 2);
   put(out, firing, 1);
   for (std::size_t p = 0; p + 1 < count; ++p) put(out, streams[p]->size(), 4);
@@ -166,8 +170,10 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   const std::size_t count = parts_of(slab);
   if (size < 1) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const RiddleNet* const net = net_of(expected != nullptr);
-  const bool counted = (data[0] & kOfFirings) != 0, quick = (data[0] & kQuick) != 0;
-  if ((data[0] | kOfFirings) != kind_of(slab, expected, net, quick) || (quick && (net != nullptr || !counted)))
+  const bool counted = (data[0] & kOfFirings) != 0;
+  const RangeKind kind = (data[0] & kQuick) != 0 ? RangeKind::Quick : (data[0] & kByLeaf) != 0 ? RangeKind::Full : RangeKind::Before;
+  if ((data[0] | kOfFirings) != kind_of(slab, expected, net, kind) || (kind != RangeKind::Before && !counted) ||
+      (kind == RangeKind::Quick && net != nullptr))
     throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const std::size_t head = head_bytes(count, slab, counted);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -183,7 +189,7 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     parts[p].interval = parts[p].coder.start();
     at += bytes;
   }
-  read_image({path_, model_, {net, nullptr}, *states_, slab, quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
+  read_image({path_, model_, {net, nullptr}, *states_, slab, kind}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
   for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
   return image;
 }

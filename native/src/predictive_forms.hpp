@@ -45,7 +45,7 @@ constexpr std::uint32_t slot_of(const Context& context, const Features& of) {
 
 // Eight cells at a time.
 template <class Cells, class Positions>
-struct NarrowForm {
+struct NarrowForm : PlainProducts {
   // Calls what is to be compiled for the form's processors.
   template <class Work>
   static void run(const Work& work) {

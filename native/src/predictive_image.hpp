@@ -47,7 +47,7 @@ struct ImageCoding {
   Teaching teaching;
   SlabStates& states;
   bool slab;
-  bool quick;  // only without networks
+  RangeKind kind;  // Quick only without networks
 };
 
 // Write, or read, the returns of an image of (64, W) ranges: a whole frame or a slab.

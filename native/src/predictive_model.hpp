@@ -162,15 +162,11 @@ static_assert(kAllContexts < std::tuple_size_v<decltype(Slots::of)>);
 
 // Decisions beyond the tree: where in its leaf a difference lies, and how far beyond the last leaf.
 struct OffsetCells {
-  static constexpr std::uint32_t kDepth = 3;
+  static constexpr std::uint32_t kDepth = 4;  // at most so many bits of an offset learn
   std::array<std::int16_t, 5 * 4 * 32> near{};                     // [what a neighbour says][depth][leaf, side, beyond]
   std::array<std::int16_t, kScaleClasses * 8 * 4> leaf{};          // [scale][leaf][depth]
   std::array<std::int16_t, 32 * 128> more{};                       // [octave][who is here, who beyond]
   std::array<std::int16_t, kScaleClasses * 32> more_of_scale{};    // [scale][octave]
-
-  // With the quick contexts: how likely the first two offset bits are ones, of 32768. [scale][leaf][node 1 to 3]
-  std::array<std::uint16_t, kScaleClasses * 8 * 4> quick;
-  constexpr OffsetCells() { quick.fill(16384); }
 };
 
 // Of returns beyond the last leaf, where a network says what is likely (riddle_beyond.hpp).
@@ -179,8 +175,9 @@ inline constexpr std::size_t kBeyondContexts = 6;
 inline constexpr std::array<std::uint32_t, kBeyondContexts + 1> kBeyondBegins = {0, 512, 768, 1024, 1280, 1536, 1792};
 
 struct BeyondCells {
+  static constexpr std::uint32_t kDepth = 3;
   std::array<Slot, kBeyondBegins.back()> slots{};
-  std::array<std::int16_t, OffsetCells::kDepth * kScaleClasses * 16> offset{};  // [depth][scale][leaf]: offset bits
+  std::array<std::int16_t, kDepth * kScaleClasses * 16> offset{};  // [depth][scale][leaf]: offset bits
   std::array<std::int16_t, kScaleClasses> of_scale{};        // beyond the last leaf of this tree, too
   std::array<std::int16_t, 2 * kScaleClasses> more{};        // [octave][side]
 };
@@ -206,6 +203,10 @@ struct Known {
   std::uint32_t mean_size = 0, last_size = 0, up_size = 0, seen_size = 0;  // differences
 };
 
+// Images with fewer contexts and leaves of their own; all others; and such others as were written before, of whose offsets
+// as many bits learn in every leaf.
+enum class RangeKind : std::uint8_t { Quick, Full, Before };
+
 class PredictiveModel {
  public:
   // learned: a network says what is likely to begin with.
@@ -213,10 +214,18 @@ class PredictiveModel {
 
   void reset() {
     slots_.assign(kContextBegins[kAllContexts] / kSlotCells, {});
-    for (std::uint32_t c = 0; c < kScaleClasses && !learned_; ++c) std::copy_n(kFirstLogOdds[c], kSlotCells, slots_[c].cells.data());
+    const auto& first = quick_ ? kQuickFirstLogOdds : kFirstLogOdds;
+    for (std::uint32_t c = 0; c < kScaleClasses && !learned_; ++c) std::copy_n(first[c], kSlotCells, slots_[c].cells.data());
     offsets = {};
     beyond = {};
     balance = {};
+  }
+
+  // Before an image, whether of a quick kind: trees have other leaves there, of which nothing is known then.
+  void begin(bool quick) {
+    if (quick == quick_) return;
+    quick_ = quick;
+    reset();
   }
 
   // Forgets what was learned where firings are not counted.
@@ -230,7 +239,7 @@ class PredictiveModel {
   std::array<Balance, kScaleClasses> balance{};  // where a network says what is likely
 
  private:
-  bool learned_;
+  bool learned_, quick_ = false;
   std::vector<Slot> slots_;
 };
 

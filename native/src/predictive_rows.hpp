@@ -32,18 +32,21 @@ struct Teaching {
 template <class Coder, class Forms, bool kExpects, bool kLearned>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
-  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::leaf_of, Decisions::limit_;
-  using Decisions::model_, Decisions::plain, Decisions::quick_offset;
+  using Decisions::beyond_leaf, Decisions::decide, Decisions::first_offsets, Decisions::limit_;
+  using Decisions::model_, Decisions::plain;
 
  public:
   using Decisions::kReads;
   using Parts = PredictiveParts<Coder>;
 
   // step: native range steps in a cell; limit: largest range, in cells; teaching: where kLearned.
-  // quick: with fewer contexts, and offsets that look at nothing else; never where kLearned.
-  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, bool quick, Parts& parts)
+  // kind: never Quick where kLearned.
+  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, RangeKind kind, Parts& parts)
       : Decisions(model, limit), teaching_(teaching), step_(step), start_(480 / step + 5),
-        first_(static_cast<std::int32_t>(2500 / step)), quick_(!kLearned && quick), parts_(parts) {}
+        first_(static_cast<std::int32_t>(2500 / step)), quick_(!kLearned && kind == RangeKind::Quick),
+        depths_(kind == RangeKind::Before ? kDepthsBefore : kDepths), parts_(parts) {
+    model.begin(quick_);
+  }
 
   // Writes or reads the ranges of the returns of a row, its quarters in turns. Raises Section or Truncated.
   void code(const RowWork& row) {
@@ -133,7 +136,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       if constexpr (!kReads) {
         const std::int32_t d = rows[p]->ranges[place[p].cell] - place[p].base;
         away[p] = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
-        const std::uint32_t l = leaf_of(place[p].scale, away[p]);
+        const std::uint32_t l = leaves().of(place[p].scale, away[p]);
         leaf[p] = d < 0 ? 7 - l : 8 + l;
       }
     }
@@ -163,6 +166,11 @@ class PredictiveRows : RangeDecisions<Coder> {
         node[p] = 2 * node[p] + bit;
       }
     }
+    std::array<std::int32_t, N> of_leaf{};
+    if constexpr (kLearned) {
+      if (teaching_.net != nullptr)
+        for (std::size_t p = 0; p < N; ++p) of_leaf[p] = teaching_.net->template leaf_odds<Forms>(place[p].net.values, node[p] - 16);
+    }
     for (std::size_t p = 0; p < N; ++p) {
       learn(place[p], kWalks[node[p]]);
       if (rows[p]->about.first_firing == kFiringSlots) [[unlikely]] model_.forget_not_counted();
@@ -171,7 +179,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       PredictivePart<Coder>& part = parts[p];
       const std::uint32_t came = node[p] - 16;
       const bool down = came < 8;
-      const std::uint32_t in = offset(part, interval[p], rows[p]->about, place[p], down ? 7 - came : came - 8, down, away[p]);
+      const std::uint32_t in = offset(part, interval[p], rows[p]->about, place[p], down ? 7 - came : came - 8, down, of_leaf[p], away[p]);
       part.interval = interval[p];
       if constexpr (kLearned && !kReads) {
         if (teaching_.samples != nullptr && teaching_.samples->next_is_taken())
@@ -220,6 +228,11 @@ class PredictiveRows : RangeDecisions<Coder> {
     } else {
       add_up(place);
     }
+  }
+
+  const Leaves& leaves() const {
+    if constexpr (kLearned) return kLeaves;
+    return quick_ ? kQuickLeaves : kLeaves;
   }
 
   // Of the contexts that this kind goes with.
@@ -286,11 +299,12 @@ class PredictiveRows : RangeDecisions<Coder> {
 
   static bool expects(const RowSurroundings& about, std::uint32_t cell) { return (about.returns[cell] >> 11 & 1u) != 0; }
 
-  // Writes or reads how far away within its leaf, or beyond the last one, a return lies; gives how far away.
+  // Writes or reads how far away within its leaf, or beyond the last one, a return lies; gives how far away. said: the network's
+  // log odds of the first offset bit; half as much goes for each further one, as where the logarithm of the density is a
+  // straight line.
   std::uint32_t offset(PredictivePart<Coder>& part, WideInterval& interval, const RowSurroundings& about,
-                       const Place& place, std::uint32_t leaf, bool down, std::uint32_t away) {
-    std::uint32_t begin = kLeafBegins[place.scale][leaf];
-    std::uint32_t left = leaf < 7 ? kLeafBits[place.scale][leaf] : kBeyondBits[place.scale];
+                       const Place& place, std::uint32_t leaf, bool down, std::int32_t said, std::uint32_t away) {
+    std::uint32_t begin = leaves().begins[place.scale][leaf], left = leaves().bits[place.scale][leaf];
     if (leaf < 7 && left == 0) return begin;
     if constexpr (kLearned) {
       if (leaf == 7) {
@@ -299,7 +313,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     if constexpr (!kLearned) {
-      if (quick_ && leaf < 7) return begin + quick_offset(part.coder, interval, place.scale, leaf, left, away - begin);
+      if (quick_ && leaf < 7) return begin + plain(part.coder, interval, left, away - begin);
     }
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(part, about, place, down);
@@ -321,7 +335,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     const std::uint32_t side = leaf == 7 ? 16 : 2 * leaf + down;
-    for (std::uint32_t depth = 0; left > 0 && depth < OffsetCells::kDepth; ++depth) {
+    for (std::uint32_t depth = 0; left > 0 && depth < depths_[leaf]; ++depth) {
       --left;
       const std::uint32_t middle = begin + (1u << left), from_middle = Forms::from(near, middle);
       // What the likeliest neighbour here says, if there is one: which part. The first is believed more than others.
@@ -329,8 +343,9 @@ class PredictiveRows : RangeDecisions<Coder> {
       const std::uint32_t says = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + 2 * (likeliest != 1);
       std::int16_t& a = cells.near[(says * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(place.scale * 8 + leaf) * 4 + depth];
-      if constexpr (kLearned && !kReads) of_cells_[depth] = a + b;
-      if (decide(part.coder, interval, a, b, said(place, leaf, down, depth), away >= middle, kLearned ? kLearnedOffsetRate : kOffsetRate) != 0) {
+      if constexpr (kLearned && !kReads)
+        if (depth < of_cells_.size()) of_cells_[depth] = a + b;
+      if (decide(part.coder, interval, a, b, said >> depth, away >= middle, kLearned ? kLearnedOffsetRate : kOffsetRate) != 0) {
         begin = middle;
         from_begin = from_middle;
       } else {
@@ -338,15 +353,6 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     return begin + plain(part.coder, interval, left, away - begin);
-  }
-
-  // Log odds of an offset bit: the network's of the first one, and half as much for each further one, as where the
-  // logarithm of the density is a straight line.
-  static std::int32_t said(const Place& place, std::uint32_t leaf, bool down, std::uint32_t depth) {
-    if constexpr (kLearned) {
-      if (leaf < 7) return place.net.values.out[16 + (down ? 7 - leaf : 8 + leaf)] >> depth;
-    }
-    return 0;
   }
 
   std::int32_t possible(std::int32_t range) const { return std::clamp(range, 0, limit_); }
@@ -395,6 +401,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::uint32_t start_;
   std::int32_t first_;
   bool quick_;
+  const Depths& depths_;
   Parts& parts_;
   std::array<std::int32_t, RiddleSamples::kOffsets> of_cells_{};  // what contexts said of a return's offset bits
 };

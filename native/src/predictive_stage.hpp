@@ -172,7 +172,8 @@ class RowStage {
  private:
   std::int32_t cell(std::int32_t range) const {
     const auto step = static_cast<std::int32_t>(source_.cells.step);
-    return (range + source_.cells.level[row_] + step / 2) / step;
+    const std::int32_t levelled = range + source_.cells.level[row_] + step / 2;
+    return step == 1 ? levelled : levelled / step;
   }
 
   // What is expected in a row; where nothing is, what is to the left, or the first of the row.
@@ -187,7 +188,7 @@ class RowStage {
       const std::int32_t range = expected[columns[k]];
       into.known[k] = range != 0;
       if (range != 0) {
-        last = (range + level + step / 2) / step;
+        last = step == 1 ? range + level : (range + level + step / 2) / step;
         first = std::min(first, k);
       }
       into.ranges[k] = last;

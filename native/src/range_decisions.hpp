@@ -18,16 +18,41 @@ namespace lidarcodec {
 
 inline constexpr std::int32_t kOffsetRate = 655;
 inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
-inline constexpr std::int32_t kLikeliest = 32700;  // where quick_offset's chances go, of 32768
 inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf: more than any range, and than any in other steps
 
-// Distance from the last return at which each leaf begins.
-inline constexpr auto kLeafBegins = [] {
-  std::array<std::array<std::uint32_t, 8>, kScaleClasses> begins{};
-  for (std::size_t c = 0; c < kScaleClasses; ++c)
-    for (std::size_t l = 1; l < 8; ++l) begins[c][l] = begins[c][l - 1] + (1u << kLeafBits[c][l - 1]);
-  return begins;
-}();
+// Leaves by scale: the distance from the last return at which each begins, and the bits of its width; of the last one the
+// bits of what comes first beyond it.
+struct Leaves {
+#if defined(__wasm__)  // a page only reads, and is to be small; where ranges are written, wide ones are compared quicker
+  using Begin = std::uint16_t;
+#else
+  using Begin = std::uint32_t;
+#endif
+  std::array<std::array<Begin, 8>, kScaleClasses> begins{};
+  std::array<std::array<std::uint8_t, 8>, kScaleClasses> bits{};
+
+  constexpr explicit Leaves(const std::uint8_t (&widths)[kScaleClasses][7]) {
+    for (std::size_t c = 0; c < kScaleClasses; ++c) {
+      for (std::size_t l = 0; l < 7; ++l) {
+        bits[c][l] = widths[c][l];
+        begins[c][l + 1] = static_cast<Begin>(begins[c][l] + (1u << widths[c][l]));
+      }
+      bits[c][7] = kBeyondBits[c];
+    }
+  }
+
+  std::uint32_t of(std::uint32_t scale, std::uint32_t away) const {
+    std::uint32_t leaf = 0;
+    for (std::size_t l = 1; l < 8; ++l) leaf += away >= begins[scale][l];
+    return leaf;
+  }
+};
+inline constexpr Leaves kLeaves(kLeafBits), kQuickLeaves(kQuickLeafBits);
+
+// How many bits of an offset learn, by leaf: most of what there is to learn lies in the middle (docs/decisions/0020). Of
+// frames that were written before, three in each.
+using Depths = std::array<std::uint8_t, 8>;
+inline constexpr Depths kDepths = {4, 1, 1, 1, 2, 2, 2, 3}, kDepthsBefore = {3, 3, 3, 3, 3, 3, 3, 3};
 
 // `Coder` is WideEncoder or WideDecoder.
 template <class Coder>
@@ -42,20 +67,14 @@ class RangeDecisions {
   // Whether no range lies so far away. (What is known of a slab before, in other steps, may lie beyond the largest range.)
   bool is_too_far(std::uint32_t away) const { return away > 2 * static_cast<std::uint32_t>(limit_); }
 
-  static std::uint32_t leaf_of(std::uint32_t scale, std::uint32_t away) {
-    std::uint32_t leaf = 0;
-    for (std::size_t l = 1; l < 8; ++l) leaf += away >= kLeafBegins[scale][l];
-    return leaf;
-  }
-
-  // The first offset bits of a difference in a leaf.
+  // The first offset bits of a difference in a leaf, of those that learn.
   static std::array<std::uint8_t, RiddleSamples::kOffsets> first_offsets(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
     std::array<std::uint8_t, RiddleSamples::kOffsets> bits;
     bits.fill(RiddleSamples::kNone);
     const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
     if (l == 7) return bits;
-    std::uint32_t left = kLeafBits[scale][l];
-    for (std::size_t i = 0; i < bits.size() && left > 0; ++i) bits[i] = (away - kLeafBegins[scale][l]) >> --left & 1u;
+    std::uint32_t left = kLeaves.bits[scale][l];
+    for (std::size_t i = 0; i < std::min<std::size_t>(bits.size(), kDepths[l]) && left > 0; ++i) bits[i] = (away - kLeaves.begins[scale][l]) >> --left & 1u;
     return bits;
   }
 
@@ -90,28 +109,6 @@ class RangeDecisions {
     }
   }
 
-  // Writes or reads how far into its leaf, of so many bits, a return lies. The first two bits learn, from nothing but each other.
-  std::uint32_t quick_offset(Coder& coder, WideInterval& interval, std::uint32_t scale, std::uint32_t leaf, std::uint32_t bits,
-                             std::uint32_t in) {
-    constexpr std::uint32_t kNodes = 4;
-    std::uint16_t* const chances = model_.offsets.quick.data() + (scale * 8 + leaf) * kNodes;
-    std::uint32_t node = 1, begin = 0;
-    for (; bits > 0 && node < kNodes; --bits) {
-      const std::uint32_t middle = begin + (1u << (bits - 1));
-      std::uint16_t& chance = chances[node];
-      std::uint32_t bit = in >= middle;
-      if constexpr (kReads) {
-        bit = coder.decode(interval, chance);
-      } else {
-        coder.encode(interval, bit, chance);
-      }
-      chance = static_cast<std::uint16_t>(chance + ((static_cast<std::int32_t>(bit != 0 ? kLikeliest : kOne - kLikeliest) - chance) >> 6));
-      if (bit != 0) begin = middle;
-      node = 2 * node + bit;
-    }
-    return begin + plain(coder, interval, bits, in - begin);
-  }
-
   // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
   [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
                                               std::uint32_t away) {
@@ -120,12 +117,12 @@ class RangeDecisions {
     if constexpr (!kReads) {
       const std::int32_t d = static_cast<std::int32_t>(away) - at.anchor;
       in = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
-      leaf = d < 0 ? 7 - leaf_of(at.scale, in) : 8 + leaf_of(at.scale, in);
+      leaf = d < 0 ? 7 - kLeaves.of(at.scale, in) : 8 + kLeaves.of(at.scale, in);
     }
     leaf = walk_beyond(coder, interval, at, leaf);
     const bool back = leaf < 8;
     const std::uint32_t l = back ? 7 - leaf : leaf - 8;
-    std::uint32_t from = kLeafBegins[at.scale][l], left = l < 7 ? kLeafBits[at.scale][l] : kBeyondBits[at.scale];
+    std::uint32_t from = kLeaves.begins[at.scale][l], left = kLeaves.bits[at.scale][l];
     for (std::uint32_t octave = 0; l == 7; ++octave, ++left) {
       if (octave > kMaxOctaves || is_too_far(from))
         throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
@@ -133,7 +130,7 @@ class RangeDecisions {
       if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
       from = end;
     }
-    for (std::uint32_t depth = 0; left > 0 && depth < OffsetCells::kDepth; ++depth) {
+    for (std::uint32_t depth = 0; left > 0 && depth < BeyondCells::kDepth; ++depth) {
       --left;
       const std::uint32_t middle = from + (1u << left);
       std::int16_t none = 0;

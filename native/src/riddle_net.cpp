@@ -37,14 +37,15 @@ constexpr std::int64_t kMostHalf = 1 << 14;  // that rounds a sum
 // Layers whose values are words, one after the other.
 template <std::size_t N, class Run>
 void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values, const Run& run) {
-  std::array<std::array<Words, kNetLayers>, N> words;  // what goes into each layer
+  std::array<std::array<Words, kNetLayers - 1>, N> words;  // what goes into each layer but the last
   std::array<const std::int16_t*, N> in;
   std::array<std::int16_t*, N> out;
   for (std::size_t r = 0; r < N; ++r) std::copy_n(values[r]->in.data(), layers[0].in, words[r][0].of.data());
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     for (std::size_t r = 0; r < N; ++r) {
-      in[r] = words[r][l].of.data();
-      out[r] = l + 1 == kNetLayers ? values[r]->out.data() : words[r][l + 1].of.data();
+      NetValues& of = *values[r];
+      in[r] = l + 1 == kNetLayers ? of.hidden.data() : words[r][l].of.data();
+      out[r] = l + 1 == kNetLayers ? of.out.data() : l + 2 == kNetLayers ? of.hidden.data() : words[r][l + 1].of.data();
     }
     run(layers[l], begins_of(layers[l], values), in, out);
   }
@@ -105,6 +106,12 @@ constexpr std::array<std::int32_t, kNetLayers> kMoved = {128, 0, 0};
 constexpr bool kTwoPlanes = false;
 #endif
 
+// A layer's sums that all returns need.
+GivenLayer tiled(GivenLayer layer, std::size_t number) {
+  if (number + 1 == kNetLayers) layer.out = kTreeOdds;
+  return layer;
+}
+
 // Weights of a layer's tiles: in which tile, of which sum and which of its four inputs one is.
 template <class Put>
 void for_each_weight(const GivenLayer& from, const Layer& layer, const Put& put) {
@@ -146,10 +153,13 @@ void put_bytes(const GivenLayer& from, Layer& layer) {
   });
 }
 
+// What rounds a sum that is to be shifted.
+constexpr std::int32_t half_of(std::uint32_t shift) { return shift == 0 ? 0 : 1 << (shift - 1); }
+
 // What sums begin with, for inputs that are larger by `moved`.
 void put_begins(const GivenLayer& from, std::int32_t moved, Layer& layer) {
   const std::size_t width = layer.blocks() * kBlock;
-  const std::uint32_t half = layer.shift == 0 ? 0 : 1u << (layer.shift - 1);
+  const auto half = static_cast<std::uint32_t>(half_of(layer.shift));
   layer.has_cases = from.cases != nullptr;
   layer.rows.assign((layer.has_cases ? kRowCases : 1) * width);
   layer.scales.assign((layer.has_cases ? kScaleCases : 1) * width);
@@ -237,8 +247,8 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
       given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out || given[2].out != kNetOutputs)
     throw Error(ErrorCode::Section, "layers of a network that do not fit each other");
   for (std::size_t l = 0; l < kNetLayers; ++l) {
-    const GivenLayer& from = given[l];
-    check(from, l, l == 0 ? 128 : kMiddleTop);
+    check(given[l], l, l == 0 ? 128 : kMiddleTop);
+    const GivenLayer from = tiled(given[l], l);
     Layer& layer = layers_[l];
     layer.in = from.in;
     layer.out = from.out;
@@ -250,7 +260,16 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }
   const bool in_bytes = form_ == NetForm::Vnni || form_ == NetForm::Dot;
-  for (std::size_t l = 0; l < kNetLayers; ++l) put_begins(given[l], in_bytes ? kMoved[l] : 0, layers_[l]);
+  for (std::size_t l = 0; l < kNetLayers; ++l) put_begins(tiled(given[l], l), in_bytes ? kMoved[l] : 0, layers_[l]);
+
+  const GivenLayer& last = given.back();
+  leaves_.blocks = layers_[1].blocks();
+  leaves_.shift = layers_.back().shift;
+  leaves_.weights.assign(kLeafOdds * leaves_.blocks * kBlock);
+  for (std::size_t leaf = 0; leaf < kLeafOdds; ++leaf) {
+    std::copy_n(last.weights + (kTreeOdds + leaf) * last.in, last.in, leaves_.weights.data() + leaf * leaves_.blocks * kBlock);
+    leaves_.begins[leaf] = last.bias[kTreeOdds + leaf] + half_of(leaves_.shift);
+  }
 }
 
 void RiddleNet::run(const std::array<NetValues*, 1>& values) const { run_layers(form_, layers_, values); }

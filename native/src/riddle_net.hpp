@@ -1,8 +1,9 @@
 // The networks of codec riddle: what a return's surroundings say of its difference, in whole numbers.
 //
-// Three layers: inputs of 8 bits, two hidden layers of 0..255, and 32 log odds (cells.hpp). Sums of the first layer may begin
-// with biases of the return's row and of its scale, which two of its inputs tell. All sums fit 32 bits, which is checked when
-// a network is made, so that any order of adding gives the same.
+// Three layers: inputs of 8 bits, two hidden layers of 0..255, and 32 log odds (cells.hpp): those of the tree's nodes, then of
+// each leaf that of the first offset bit. A return needs one of the latter; it is computed once the leaf is known. Sums of the
+// first layer may begin with biases of the return's row and of its scale, which two of its inputs tell. All sums fit 32 bits,
+// which is checked when a network is made, so that any order of adding gives the same.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -15,6 +16,7 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kInputsAlone = 72, kInputsExpecting = 112;
 inline constexpr std::size_t kMostHidden = 256, kNetOutputs = 32, kNetLayers = 3;
+inline constexpr std::size_t kTreeOdds = 16, kLeafOdds = kNetOutputs - kTreeOdds;
 inline constexpr std::int32_t kMiddleTop = 255;
 inline constexpr std::size_t kRowCases = 64, kScaleCases = 32, kCases = kRowCases + kScaleCases;
 inline constexpr std::size_t kRowInput = 52, kScaleInput = 47;  // which tell them
@@ -35,10 +37,12 @@ const char* name_of(NetForm form);
 // The form of a name; of an empty one the quickest. Raises Settings if this processor cannot run it.
 NetForm net_form_named(const std::string& name);
 
-// Inputs, as many as the network has, and what comes of them. Not set to 0 before: that took 3 % of the time of a return.
+// Inputs, as many as the network has, and what comes of them: log odds of the tree's nodes, and what the last layer takes. Not
+// set to 0 before: that took 3 % of the time of a return.
 struct alignas(64) NetValues {
   std::array<std::int8_t, kInputsExpecting> in;
-  std::array<std::int16_t, kNetOutputs> out;
+  alignas(64) std::array<std::int16_t, kMostHidden> hidden;
+  alignas(32) std::array<std::int16_t, kTreeOdds> out;
 };
 
 // A layer as given: weights (out, in), a bias for each sum, and the shift of the weights. Only a first one may have biases of
@@ -76,6 +80,15 @@ class Lines {
   std::vector<Line> lines_;
 };
 
+// Of so many blocks of numbers the products, added up.
+struct PlainProducts {
+  [[gnu::noinline]] static std::int32_t products(const std::int16_t* a, const std::int16_t* b, std::size_t blocks) {
+    std::int32_t sum = 0;
+    for (std::size_t i = 0; i < blocks * kBlock; ++i) sum += a[i] * b[i];
+    return sum;
+  }
+};
+
 class RiddleNet {
  public:
   // Raises Section unless the layers are 72 or 112 to 32 with 8 to 256 by 8 between, shifts 3 to 13 (of the last one 9 to
@@ -84,10 +97,18 @@ class RiddleNet {
 
   std::size_t inputs() const { return layers_[0].in; }
 
-  // Log odds of one return, or of several at once: weights are fetched once for all of them.
+  // Hidden values and log odds of the tree of one return, or of several at once: weights are fetched once for all of them.
   void run(const std::array<NetValues*, 1>& values) const;
   void run(const std::array<NetValues*, 2>& values) const;
   void run(const std::array<NetValues*, 4>& values) const;
+
+  // Log odds of the first offset bit within a leaf, 0 to 15, of a return that was run.
+  template <class Products = PlainProducts>
+  std::int16_t leaf_odds(const NetValues& values, std::size_t leaf) const {
+    const std::int16_t* const weights = leaves_.weights.data() + leaf * leaves_.blocks * kBlock;
+    const std::int32_t sum = leaves_.begins[leaf] + Products::products(weights, values.hidden.data(), leaves_.blocks);
+    return static_cast<std::int16_t>(std::clamp(sum >> leaves_.shift, -32768, 32767));
+  }
 
   struct Layer {
     std::size_t in = 0, out = 0;
@@ -113,8 +134,17 @@ class RiddleNet {
   };
 
  private:
+  // The sums of the last layer that are computed one by one: weights of each beside each other, 0 behind the last one.
+  struct Leaves {
+    std::size_t blocks = 0;
+    std::uint32_t shift = 0;
+    Lines<std::int16_t> weights;
+    std::array<std::int32_t, kLeafOdds> begins{};
+  };
+
   NetForm form_;
-  std::array<Layer, kNetLayers> layers_;
+  std::array<Layer, kNetLayers> layers_;  // the last one has the tree's sums only
+  Leaves leaves_;
 };
 
 }  // namespace lidarcodec

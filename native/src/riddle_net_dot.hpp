@@ -95,6 +95,8 @@ void run_dot(const std::array<Layer, kNetLayers>& layers, const std::array<NetVa
   layer_dot(layers[0], begins_of(layers[0], values), in, to_first);
   layer_dot(layers[1], begins_of(layers[1], values), from_first, to_second);
   layer_dot(layers[2], begins_of(layers[2], values), from_second, odds);
+  for (std::size_t r = 0; r < N; ++r)
+    for (std::size_t i = 0; i < layers[1].blocks() * kBlock; ++i) values[r]->hidden[i] = static_cast<std::int16_t>(second[r].of[i] + 128);
 }
 
 }  // namespace lidarcodec::net_forms

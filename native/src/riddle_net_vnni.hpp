@@ -132,21 +132,20 @@ LIDARCODEC_VNNI inline void shift_vnni(const std::int8_t* in, std::size_t count,
 
 inline bool in_bytes(const Layer& layer) { return layer.planes == 1; }
 
-LIDARCODEC_VNNI inline void widen_vnni(const std::uint8_t* in, std::size_t count, Words& to) {
+LIDARCODEC_VNNI inline void widen_vnni(const std::uint8_t* in, std::size_t count, std::int16_t* to) {
   for (std::size_t i = 0; i < count; i += 32)
-    _mm512_store_si512(to.of.data() + i, _mm512_cvtepu8_epi16(_mm256_load_si256(reinterpret_cast<const __m256i*>(in + i))));
+    _mm512_store_si512(to + i, _mm512_cvtepu8_epi16(_mm256_load_si256(reinterpret_cast<const __m256i*>(in + i))));
 }
 
+// in: bytes; words: the same, where the layer's weights do not fit bytes.
 template <std::size_t N, class Out>
 void layer_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<Bytes, N>& in,
-                const std::array<Out*, N>& out) {
-  std::array<Words, N> words;
+                const std::array<std::int16_t*, N>& words, const std::array<Out*, N>& out) {
   std::array<const std::uint8_t*, N> bytes_at;
   std::array<const std::int16_t*, N> words_at;
   for (std::size_t r = 0; r < N; ++r) {
     bytes_at[r] = in[r].of.data();
-    words_at[r] = words[r].of.data();
-    if (!in_bytes(layer)) widen_vnni(bytes_at[r], layer.in, words[r]);
+    words_at[r] = words[r];
   }
   in_bytes(layer) ? all_blocks_vnni(layer, begins, bytes_at, out) : all_blocks_vnni(layer, begins, words_at, out);
 }
@@ -154,17 +153,26 @@ void layer_vnni(const Layer& layer, const std::array<Begin, N>& begins, const st
 template <std::size_t N>
 void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values) {
   std::array<Bytes, N> in, first, second;
+  std::array<Words, N> words;
   std::array<std::uint8_t*, N> to_first, to_second;
-  std::array<std::int16_t*, N> to_odds;
+  std::array<std::int16_t*, N> to_words, to_hidden, to_odds;
   for (std::size_t r = 0; r < N; ++r) {
     shift_vnni(values[r]->in.data(), layers[0].in, in[r]);
     to_first[r] = first[r].of.data();
     to_second[r] = second[r].of.data();
+    to_words[r] = words[r].of.data();
+    to_hidden[r] = values[r]->hidden.data();
     to_odds[r] = values[r]->out.data();
   }
-  layer_vnni(layers[0], begins_of(layers[0], values), in, to_first);
-  layer_vnni(layers[1], begins_of(layers[1], values), first, to_second);
-  layer_vnni(layers[2], begins_of(layers[2], values), second, to_odds);
+  const auto widen = [](const Layer& layer, const auto& from, const auto& to) {
+    for (std::size_t r = 0; r < N; ++r) widen_vnni(from[r].of.data(), layer.in, to[r]);
+  };
+  if (!in_bytes(layers[0])) widen(layers[0], in, to_words);
+  layer_vnni(layers[0], begins_of(layers[0], values), in, to_words, to_first);
+  if (!in_bytes(layers[1])) widen(layers[1], first, to_words);
+  layer_vnni(layers[1], begins_of(layers[1], values), first, to_words, to_second);
+  widen(layers[2], second, to_hidden);
+  layer_vnni(layers[2], begins_of(layers[2], values), second, to_hidden, to_odds);
 }
 
 }  // namespace lidarcodec::net_forms

@@ -5,15 +5,15 @@
 #include <utility>
 
 #include "error.hpp"
-#include "riddle_products.hpp"
 
 namespace lidarcodec {
 namespace {
 
 constexpr float kCaseUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
-constexpr float kFirstDecay = 0.9f, kSecondDecay = 0.99f, kLeast = 1e-6f;
 constexpr float kRecent = 8.0f;  // the running mean is over about one in so many of all steps
+// Steps of weights that are turned are longer than those of biases, and in the last layer shorter.
+constexpr std::array<float, kNetLayers> kTurnedRates = {2.0f, 2.0f, 0.6f};
 constexpr std::int16_t kMostByte = 127;
 constexpr float kLargestByte = kMostByte;
 constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
@@ -55,8 +55,34 @@ struct Decisions {
 // Of a number that is not negative. (std::floor would take a call each where processors are not asked what they can do.)
 float rounded(float value) { return static_cast<float>(static_cast<std::int32_t>(value + 0.5f)); }
 
+// In single precision, as compilers find vectors for it. (Of std::clamp they take addresses.)
+float within(float value, float least, float most) {
+  value = value > least ? value : least;
+  return value < most ? value : most;
+}
+
 // As eight bits will hold it.
-float in_bytes(float weight) { return rounded(std::clamp(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
+float in_bytes(float weight) { return rounded(within(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
+
+// Hidden values of their sums, and which of them move with these.
+void settle(std::size_t count, float* __restrict values, std::uint8_t* __restrict moves) {
+  for (std::size_t i = 0; i < count; ++i) moves[i] = static_cast<std::uint8_t>((values[i] > 0.0f) & (values[i] < kTop));
+  for (std::size_t i = 0; i < count; ++i) values[i] = rounded(within(values[i], 0.0f, kTop) * kMiddleUnit) * (1.0f / kMiddleUnit);
+}
+
+// Which inputs each block of sums looks at.
+Runs runs_of(const GivenLayer& layer) {
+  Runs found;
+  for (std::size_t block = 0; block * kBlock < layer.out; ++block) {
+    std::vector<Run>& runs = found.emplace_back();
+    for (std::size_t in = 0; in < layer.in; in += kTileInputs) {
+      if (is_tile_empty(layer, block, in)) continue;
+      if (runs.empty() || runs.back().to != in) runs.push_back({in, in});
+      runs.back().to = in + kTileInputs;
+    }
+  }
+  return found;
+}
 
 RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
   return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()), std::vector<float>(like.cases.size())};
@@ -85,10 +111,10 @@ void SampleRoom::put(const RiddleSamples& from, std::size_t i, std::size_t at) {
 
 RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, const TrainSettings& settings, std::uint32_t seed)
     : settings_(settings), seed_(seed), learned_(given[0].in, settings.room), held_(given[0].in, settings.held_room) {
-  const auto within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
-  if (!within(settings.rate, 0.0f, 1.0f) || !within(settings.settle, 1.0f, 1e9f) || !within(settings.least, 0.0f, 1.0f) || !within(settings.mean, 0.0f, 1.0f) || !within(settings.beside, 0.0f, 1.0f) ||
-      !within(settings.batch, 8u, 4096u) || !within(settings.room, 1u, 1u << 20) ||
-      !within(settings.held_room, 1u, 1u << 20))
+  const auto is_within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
+  if (!is_within(settings.rate, 0.0f, 1.0f) || !is_within(settings.mean, 0.0f, 1.0f) || !is_within(settings.beside, 0.0f, 1.0f) ||
+      !is_within(settings.batch, 8u, 4096u) || !is_within(settings.room, 1u, 1u << 22) || !is_within(settings.turns, 1u, 1u << 20) ||
+      !is_within(settings.held_room, 1u, 1u << 20))
     throw Error(ErrorCode::Settings, "training with settings out of range");
   values_[0].resize(settings.batch * given[0].in);
   for (std::size_t l = 0; l < kNetLayers; ++l) {
@@ -105,12 +131,11 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     if (l == 0) layer.cases.resize(kCases * layer.out);
     if (given[l].cases != nullptr)
       std::transform(given[l].cases, given[l].cases + layer.cases.size(), layer.cases.begin(), [](std::int8_t c) { return static_cast<float>(c) * kCaseUnit; });
-    for (std::size_t block = 0; block * kBlock < layer.out; ++block)
-      for (std::size_t in = 0; in < layer.in; in += kTileInputs)
-        if (is_tile_empty(given[l], block, in)) empty_[l].push_back({block, in});
+    runs_[l] = runs_of(given[l]);
     gradient_[l] = of_zeros(layer);
     const Layer none = of_zeros(layer);
-    moments_[l] = {{{none.weights, none.weights}, {none.bias, none.bias}, {none.cases, none.cases}}};
+    moments_[l] = {{{none.bias, none.bias}, {none.cases, none.cases}}};
+    turned_weights_[l] = turned_weights(runs_[l], layer.out);
     values_[l + 1].resize(settings.batch * layer.out);
     slopes_[l + 1].resize(settings.batch * layer.out);
     if (l + 1 < kNetLayers) moves_[l].resize(settings.batch * layer.out);
@@ -125,12 +150,13 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
 void RiddleTrainer::add(const RiddleSamples& samples, bool held) {
   if (samples.size() == 0) return;
   if (samples.inputs != inputs()) throw Error(ErrorCode::Section, "samples of other inputs than the network's");
+  const std::size_t room = std::min(learned_.room(), samples.size() * settings_.turns);
   for (std::size_t i = 0; i < samples.size(); ++i) {
     if (held) {
       held_.put(samples, i, next_held_);
       next_held_ = (next_held_ + 1) % held_.room();
     } else {
-      learned_.put(samples, i, learned_.size() < learned_.room() ? learned_.size() : random() % learned_.room());
+      learned_.put(samples, i, learned_.size() < room ? learned_.size() : random() % learned_.size());
     }
   }
 }
@@ -155,14 +181,8 @@ void RiddleTrainer::step() {
   }
   forward();
   backward();
+  update();
   ++steps_;
-  left_first_ *= kFirstDecay;
-  left_second_ *= kSecondDecay;
-  for (std::size_t l = 0; l < kNetLayers; ++l) {
-    update(layers_[l].weights, gradient_[l].weights, moments_[l][0], mean_[l].weights);
-    update(layers_[l].bias, gradient_[l].bias, moments_[l][1], mean_[l].bias);
-    update(layers_[l].cases, gradient_[l].cases, moments_[l][2], mean_[l].cases);
-  }
 }
 
 void RiddleTrainer::forward() {
@@ -177,13 +197,9 @@ void RiddleTrainer::forward() {
       for (const std::size_t from : cases_of(learned_.in(drawn_[b]), layer.out))
         for (std::size_t o = 0; o < layer.out; ++o) out[b * layer.out + o] += layer.cases[from + o];
     const std::vector<float>& weights = l == 0 ? rounded_ : layer.weights;
-    add_product(settings_.batch, layer.out, layer.in, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
+    add_product_with(runs_[l], settings_.batch, layer.out, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
     if (l + 1 == kNetLayers) break;
-    std::vector<std::uint8_t>& moves = moves_[l];
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      moves[i] = out[i] > 0.0f && out[i] < kTop;
-      out[i] = rounded(std::clamp(out[i], 0.0f, kTop) * kMiddleUnit) * (1.0f / kMiddleUnit);
-    }
+    settle(out.size(), out.data(), moves_[l].data());
   }
 }
 
@@ -209,8 +225,7 @@ void RiddleTrainer::backward() {
     std::fill(gradient.weights.begin(), gradient.weights.end(), 0.0f);
     std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
     std::fill(gradient.cases.begin(), gradient.cases.end(), 0.0f);
-    add_product(layer.in, layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
-    clear_empty_tiles(l);
+    add_product_to(runs_[l], layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
     for (std::size_t b = 0; b < settings_.batch; ++b)
       for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += slopes[b * layer.out + o];
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
@@ -227,26 +242,18 @@ void RiddleTrainer::backward() {
   }
 }
 
-void RiddleTrainer::clear_empty_tiles(std::size_t number) {
-  Layer& gradient = gradient_[number];
-  for (const Tile& tile : empty_[number])
-    for (std::size_t i = tile.in; i < tile.in + kTileInputs; ++i)
-      std::fill_n(gradient.weights.begin() + static_cast<std::ptrdiff_t>(i * gradient.out + tile.block * kBlock),
-                  std::min(kBlock, gradient.out - tile.block * kBlock), 0.0f);
-}
-
-void RiddleTrainer::update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments,
-                           std::vector<float>& mean) {
-  const float rate = settings_.rate * std::max(1.0f / std::sqrt(1.0f + static_cast<float>(steps_) / settings_.settle), settings_.least);
-  const float first = 1.0f / (1.0f - left_first_), second = 1.0f / (1.0f - left_second_);
-  const float stays = std::clamp(1.0f - kRecent / static_cast<float>(steps_), 0.0f, settings_.mean);
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const float by = gradient[i];
-    moments.first[i] += (1.0f - kFirstDecay) * (by - moments.first[i]);
-    moments.second[i] += (1.0f - kSecondDecay) * (by * by - moments.second[i]);
-    const float move = moments.first[i] * first / (std::sqrt(moments.second[i] * second) + kLeast);
-    values[i] -= rate * move;
-    mean[i] += (1.0f - stays) * (values[i] - mean[i]);
+void RiddleTrainer::update() {
+  left_first_ *= kFirstDecay;
+  left_second_ *= kSecondDecay;
+  const AdamStep step{settings_.rate, 1.0f / (1.0f - left_first_), 1.0f / (1.0f - left_second_),
+                      std::clamp(1.0f - kRecent / static_cast<float>(steps_ + 1), 0.0f, settings_.mean)};
+  for (std::size_t l = 0; l < kNetLayers; ++l) {
+    Layer &layer = layers_[l], &mean = mean_[l];
+    AdamStep turned = step;
+    turned.rate *= kTurnedRates[l];
+    for (TurnedWeights& weights : turned_weights_[l]) weights.take_step(turned, steps_, layer.out, gradient_[l].weights, layer.weights, mean.weights);
+    take_step(step, gradient_[l].bias, moments_[l][0], layer.bias, mean.bias);
+    take_step(step, gradient_[l].cases, moments_[l][1], layer.cases, mean.cases);
   }
 }
 
@@ -260,7 +267,8 @@ double RiddleTrainer::cost(const RiddleNet& net, float beside) const {
     const Decisions decisions(held_.leaf(i), held_.offsets(i));
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];
-      const float odds = static_cast<float>(values.out[of.output]) * of.share + beside * static_cast<float>(held_.said(i)[d]);
+      const std::int16_t said = of.output < kTreeOdds ? values.out[of.output] : net.leaf_odds(values, of.output - kTreeOdds);
+      const float odds = static_cast<float>(said) * of.share + beside * static_cast<float>(held_.said(i)[d]);
       bits += static_cast<double>(paid(odds * (1.0f / kOutputUnit), of.one).bits);
     }
   }

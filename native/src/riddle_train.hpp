@@ -1,8 +1,9 @@
 // Training of a network of codec riddle while it is in use, on returns that were just coded.
 //
-// A copy of the network in single precision takes steps by Adam, a few hundred samples each. The loss is what the coder
-// would pay: the network's log odds and those that the contexts said of the same return, added up. Hidden values are rounded
-// as they will be, and so are the weights of a first layer that began in bytes; slopes go through as if they were not.
+// A copy of the network in single precision takes steps by Adam, a few hundred samples each; weights do along the directions
+// that riddle_steps.hpp finds. The loss is what the coder would pay: the network's log odds and those that the contexts said
+// of the same return, added up. Hidden values are rounded as they will be, and so are the weights of a first layer that began
+// in bytes; slopes go through as if they were not.
 // Biases of rows and scales, where the network has none yet, begin with 0. Tiles of weights that are empty stay so.
 // (Rounded only when it was handed out, a network lost more than it had learned.) What is handed out is a running mean of
 // about the last eighth of all steps (polynomial-decay averaging, Shamir and Zhang 2013, arXiv:1212.1824), so that many
@@ -16,18 +17,19 @@
 #include <vector>
 
 #include "riddle_net.hpp"
+#include "riddle_products.hpp"
 #include "riddle_samples.hpp"
+#include "riddle_steps.hpp"
 
 namespace lidarcodec {
 
 struct TrainSettings {
-  float rate = 1e-3f;         // of Adam, at the beginning
-  float settle = 1000.0f;     // steps after which it is 0.7 of that, and so on with their square root
-  float least = 0.0f;         // how much of it is left however many steps were taken
+  float rate = 1e-3f;         // of Adam
   float mean = 0.99f;         // of the running mean: how much of it stays at each step, at most
   float beside = 1.0f;        // how much of what contexts said counts
   std::size_t batch = 256;    // samples in a step
-  std::size_t room = 65536;   // samples to learn from; newer ones take the places of any
+  std::size_t room = 65536;   // samples to learn from, at most; newer ones take the places of any
+  std::size_t turns = 1024;   // how many additions as large as the last one they are, at most
   std::size_t held_room = 16384;  // newest samples that are measured on and never learned from
 };
 
@@ -81,15 +83,10 @@ class RiddleTrainer {
   std::size_t inputs() const { return layers_[0].in; }
 
  private:
-  struct Moments {
-    std::vector<float> first, second;
-  };
-
   void step();
   void forward();
   void backward();
-  void clear_empty_tiles(std::size_t number);  // of a layer's slopes
-  void update(std::vector<float>& values, const std::vector<float>& gradient, Moments& moments, std::vector<float>& mean);
+  void update();
   std::uint32_t random();
 
   TrainSettings settings_;
@@ -97,11 +94,9 @@ class RiddleTrainer {
   std::size_t steps_ = 0, next_held_ = 0;
   float left_first_ = 1.0f, left_second_ = 1.0f;  // of Adam's moments: how much of their beginning is left
   std::array<Layer, kNetLayers> layers_, mean_, gradient_;
-  std::array<std::array<Moments, 3>, kNetLayers> moments_;
-  struct Tile {
-    std::size_t block, in;
-  };
-  std::array<std::vector<Tile>, kNetLayers> empty_;
+  std::array<std::array<Moments, 2>, kNetLayers> moments_;  // of biases and of those of cases
+  std::array<std::vector<TurnedWeights>, kNetLayers> turned_weights_;
+  std::array<Runs, kNetLayers> runs_;  // which weights are not in empty tiles
   SampleRoom learned_, held_;
   // Of a batch: inputs and what comes out of each layer (batch, out), and the loss's slopes there; weights (out, in).
   std::array<std::vector<float>, kNetLayers + 1> values_, slopes_;

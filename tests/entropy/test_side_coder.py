@@ -13,7 +13,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import decode_side, encode_side, side_coder
+from lidarcodec.entropy import decode_side, encode_side, fast, number_series, reference_series, side_coder
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.side import SideInfo
 from tests.entropy.frames import frames, s2_side, same_side
@@ -75,6 +75,27 @@ def test_any_side_information_comes_back(side):
 def test_host_times_are_rounded_to_their_step_and_nothing_else_is(side, step):
     decoded = decode_side(encode_side(side, host_step_ns=step), side.packets)
     assert same_side(decoded, replace(side, packet_ns=(side.packet_ns + step // 2) // step * step))
+
+
+_EDGES = st.sampled_from([0, 1, -1, 2**62, -(2**62), 2**63 - 1, -(2**63), 3_600_000_000])
+_NUMBERS = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(-1000, 1000), _EDGES)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(_NUMBERS, max_size=40), st.sampled_from([0, 256, 3_600_000_000, 1 << 32]))
+def test_the_form_of_a_series_is_the_reference_s_and_tells_all_of_it(values, modulus):
+    values = [value % modulus for value in values] if modulus else values
+    series = np.array(values, np.int64)
+    fit, (form, line, left, cost) = fast.best_form(series, modulus), reference_series.best_form(series, modulus)
+    assert (fit.form, fit.line, fit.left.tolist(), fit.cost) == (form, line, left.tolist(), cost)
+    back = number_series.series(fit.left, fit.form, fit.line)
+    assert (back % modulus if modulus else back).tolist() == values
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.integers(0, 3), max_size=80), st.integers(1, 32))
+def test_the_period_of_types_is_the_reference_s(types, longest):
+    assert fast.best_period(np.array(types, np.uint8), longest) == reference_series.best_period(types, longest)
 
 
 def test_an_s2_costs_at_most_400_bytes_a_frame():

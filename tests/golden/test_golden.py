@@ -82,6 +82,13 @@ def settings_of() -> dict[str, StreamSettings]:
     found["riddle_tiles_turns_lossless"] = StreamSettings(
         codec="riddle", codec_settings={"effort": 4}, max_error_m=0, key_interval=20
     )
+    # Those before, but quick ones, were written when as many bits of an offset learned in every leaf.
+    for kind in ("lossless", "slabs_motion", "turns_lossless"):
+        full = found[f"predictive_{kind}"]
+        own = {"codec_settings": full.codec_settings | {"effort": 2}}
+        found[f"predictive_depths_{kind}"] = full.model_copy(update=own)
+    found["riddle_depths_turns_lossless"] = found["riddle_turns_lossless"]
+    found["riddle_depths_slabs_coarse"] = found["riddle_firings_slabs_coarse"]
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
