@@ -273,9 +273,15 @@ def test_rules_hold_on_a_vehicle_that_is_connected_to_directly(tmp_path):
         assert anna.ask(CAR.control_set, b"{}", 1.0) is None
         own, forged = (anna.sender(CAR.arrived(name), Priority.REAL_TIME) for name in ("anna", "olga"))
         assert eventually(lambda: own.matching)
-        forged.put(b"x")
-        own.put(b"x")
-        assert eventually(lambda: heard == [CAR.arrived("anna")])
+
+        def own_is_heard():  # said again: behind what is forged the first may find the link taken, and be dropped
+            forged.put(b"x")
+            own.put(b"x")
+            return heard
+
+        assert eventually(own_is_heard)
+        time.sleep(QUIET_S)
+        assert set(heard) == {CAR.arrived("anna")}
         assert asked == ["set"]
     finally:
         for one in (anna, olga, car):
