@@ -27,7 +27,9 @@ from lidarcodec.entropy.reference_predictive_place import (
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, BY_LEAF, QUICK = 1, 2, 2, 8, 32, 64, 128
+ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, QUICK, BY_LEAF = 1, 2, 2, 8, 32, 128, 192
+OFFSETS = 192
+"""Bits of a kind of which offsets it has: one of the last two, or neither."""
 FRAME_PARTS, SLAB_PARTS = 4, 2
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
@@ -263,7 +265,7 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
     if not data:
         raise TruncatedError("ranges end within their header", 0)
     counted = bool(data[0] & OF_FIRINGS)
-    quick, by_leaf = (counted and bool(data[0] & bit) for bit in (QUICK, BY_LEAF))
+    quick, by_leaf = (counted and data[0] & OFFSETS == kind for kind in (QUICK, BY_LEAF))
     frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf)
     head = frame.head_bytes
     if len(data) < head:

@@ -86,7 +86,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
       const bool counted = turn & 512u, quick = counted && !learned && (turn & 1024u);
-      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (quick ? 128 : counted && (turn & 2048u) ? 64 : 0)),
+      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (quick ? 128 : counted && (turn & 2048u) ? 192 : 0)),
                static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8)};
       if (counted) coded.push_back(holes % 25u);
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));

@@ -15,9 +15,9 @@ constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this f
 constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
 constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network says what is likely to begin with
 constexpr std::uint8_t kOfFirings = 32;            // added to any: firings are counted; others are only read
-constexpr std::uint8_t kByLeaf = 64;               // added to those that count them: how many bits of an offset learn depends on the leaf;
-                                                   // others but quick ones are only read
 constexpr std::uint8_t kQuick = 128;               // added to those that count them and have no network: few contexts, own leaves
+constexpr std::uint8_t kByLeaf = 192;              // added to those that count them: how many bits of an offset learn depends on the leaf
+constexpr std::uint8_t kOffsets = 192;             // what may be either; with neither they are only read, and one bit of it is neither
 
 // Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a
 // slab also known u8.
@@ -68,7 +68,7 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 
 KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return kWholeFrame;
-  const int kind = data[0] & ~(kLearnedKind | kOfFirings | kByLeaf | kQuick);
+  const int kind = data[0] & ~(kLearnedKind | kOfFirings | kOffsets);
   if (kind != kAlone + kSlab && kind != kExpecting + kSlab) return kWholeFrame;
   const std::size_t head = head_bytes(kSlabParts, true, (data[0] & kOfFirings) != 0);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -171,7 +171,8 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   if (size < 1) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   const RiddleNet* const net = net_of(expected != nullptr);
   const bool counted = (data[0] & kOfFirings) != 0;
-  const RangeKind kind = (data[0] & kQuick) != 0 ? RangeKind::Quick : (data[0] & kByLeaf) != 0 ? RangeKind::Full : RangeKind::Before;
+  const int offsets = data[0] & kOffsets;
+  const RangeKind kind = offsets == kQuick ? RangeKind::Quick : offsets == kByLeaf ? RangeKind::Full : RangeKind::Before;
   if ((data[0] | kOfFirings) != kind_of(slab, expected, net, kind) || (kind != RangeKind::Before && !counted) ||
       (kind == RangeKind::Quick && net != nullptr))
     throw Error(ErrorCode::Section, "ranges of an unknown kind");
