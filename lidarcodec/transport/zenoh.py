@@ -45,8 +45,8 @@ LOG_FILTER = (
 )
 """Why a connection was refused is said only at level warn, on the side that refused. The warnings left out repeat what
 is raised here, once per attempt, and tell of queries that nobody answered in time, which is expected when a path stands
-still. The errors left out are of messages that were on their way when one of two sessions closed: the library knows the
-other one, or what that one takes back, no longer. RUST_LOG overrules it. The library writes to standard output."""
+still. The errors left out came where one of two sessions closed, as it seems of messages that were still on their way.
+RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5
 UNREACHABLE = "Unable to connect"

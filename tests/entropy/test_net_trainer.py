@@ -16,7 +16,7 @@ SETTINGS = TrainSettings(mean=0.9, beside=0.0, batch=128)
 BESIDE = 0.0
 EFFORT = 4
 """Its networks have empty tiles."""
-STEPS = 200
+STEPS = 250
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_what_is_learned_holds_elsewhere(nets: list[Net], trainer: NetTrainer) -
     assert trainer.train(STEPS) == STEPS
     learned = quantised(True, net_of(nets).size, trainer.layers(), trainer.cases())
     after = trainer.cost(native_nets([learned if net.expects else net for net in nets]), BESIDE)
-    assert after < before - 0.25
+    assert after < before - 0.3
 
 
 def test_steps_come_to_the_same_however_they_are_asked_for(
