@@ -29,15 +29,18 @@ MEMORY_BUDGET_MIB = 250
 
 
 def machine() -> str:
-    """A name for this kind of machine: processor and number of cores."""
-    model = platform.processor() or platform.machine()
+    """A name for this kind of machine: processor and number of cores.
+
+    Where a name tells no generation, as those of virtual machines often do not, family and model do.
+    """
     try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                model = line.partition(":")[2]
-                break
+        lines = [line.partition(":") for line in Path("/proc/cpuinfo").read_text().splitlines()]
     except OSError:
-        pass
+        lines = []
+    told = {key.strip(): value.strip() for key, _, value in reversed(lines)}
+    model = told.get("model name") or platform.processor() or platform.machine()
+    if not re.search(r"\d", model):
+        model = " ".join([model, *(told[key] for key in ("cpu family", "model") if key in told)])
     words = re.sub(r"\((R|TM)\)|CPU|Processor|@.*", " ", model, flags=re.IGNORECASE)
     return re.sub(r"[^a-z0-9]+", "-", f"{words} {os.cpu_count()} cores".lower()).strip("-")
 
