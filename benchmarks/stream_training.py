@@ -1,7 +1,7 @@
 """Training in the stream: what a network learns from the first frames of a drive brings on those that come later.
 
     python -m benchmarks.stream_training [--drive 0005] [--learn 0:76] [--measure 80:153] [--every 8] [--steps 200]
-                                         [--weights sim,kitti] [--effort 3] [--bounds 0,0.01,0.05]
+                                         [--weights sim,kitti,FILE] [--effort 3] [--bounds 0,0.01,0.05]
 
 An encoder codes all frames as a stream; so many steps are taken after each of the first. Every eighth of the later ones
 is measured, in two ways: where it stands in the stream, and coded after its true previous frame by an encoder of its
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.range_table import COUNTED, DRIVES, OF_KITTI
+from benchmarks.range_table import COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI
 from benchmarks.scenes import DATA
 from lidarcodec.codecs.riddle_shelf import Shelf
 from lidarcodec.codecs.riddle_weights import Weights
@@ -32,7 +32,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.wire import pack, unpack
 
-WEIGHTS = {"sim": "", "kitti": OF_KITTI}
+WEIGHTS = {"sim": "", "kitti": OF_KITTI, "kitti-vnni": OF_KITTI_VNNI}
 
 
 def frames(drive: str, most: int) -> list[Frame]:
@@ -121,7 +121,7 @@ def main() -> int:
     parser.add_argument("--measure", type=span, default=range(80, 153), help="frames to measure on")
     parser.add_argument("--every", type=int, default=8, help="which of them")
     parser.add_argument("--steps", type=int, default=200, help="after each frame")
-    parser.add_argument("--weights", default="sim,kitti", help="to begin with: " + ", ".join(WEIGHTS))
+    parser.add_argument("--weights", default="sim,kitti", help="to begin with: files, or " + ", ".join(WEIGHTS))
     parser.add_argument("--effort", type=int, default=3)
     parser.add_argument("--bounds", default="0,0.01,0.05")
     chosen = parser.parse_args()
@@ -131,12 +131,12 @@ def main() -> int:
     print(f"| {head} |\n|---|---{'|---:' * 6}|")
     for name in chosen.weights.split(","):
         for bound in map(float, chosen.bounds.split(",")):
-            given = settings(bound, chosen.effort, WEIGHTS[name])
+            given = settings(bound, chosen.effort, WEIGHTS.get(name, name))
             plain = streamed(given, drive, chosen.learn, measure, 0)
             found = streamed(given, drive, chosen.learn, measure, chosen.steps)
             bits = (alone(given, drive, measure), after(found.weights, given, drive, measure), plain.bits, found.bits)
             report = (found.report.get(key, 0) for key in ("update_bytes", "updates"))
-            cells = (name, f"{bound:g}", *(f"{value:.3f}" for value in bits), *map(str, report))
+            cells = (Path(name).name, f"{bound:g}", *(f"{value:.3f}" for value in bits), *map(str, report))
             print(f"| {' | '.join(cells)} |", flush=True)
     return 0
 
