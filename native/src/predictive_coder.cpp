@@ -17,7 +17,7 @@ constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network sa
 constexpr std::uint8_t kOfFirings = 32;            // added to any: firings are counted; others are only read
 constexpr std::uint8_t kQuick = 128;               // added to those that count them and have no network: few contexts, own leaves
 constexpr std::uint8_t kByLeaf = 192;              // added to those that count them: how many bits of an offset learn depends on the leaf
-constexpr std::uint8_t kOffsets = 192;             // what may be either; with neither they are only read, and one bit of it is neither
+constexpr std::uint8_t kOffsets = 192;             // bits that are kQuick, kByLeaf or 0; ranges with 0 are only read, others are unknown
 
 // Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a
 // slab also known u8.
