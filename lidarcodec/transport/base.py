@@ -30,7 +30,8 @@ class Priority(Enum):
     """What goes first when the path is narrow. Each has a queue of its own on every link."""
 
     REAL_TIME = "real_time"
-    """Arrival reports: a few bytes, sent at once, never behind a frame."""
+    """Arrival reports: a few bytes, sent at once, never behind a frame. Of two within a millisecond on one link a busy
+    machine may drop the second, unsaid: whoever waits for a report has to go on without it."""
     FRAMES = "frames"
     """Messages: never block the sender; one that the link cannot take while another waits is dropped there."""
     EVERY_FRAME = "every_frame"
