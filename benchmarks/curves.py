@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.curve_tables import draw, text
+from benchmarks.marks import Marks
 from benchmarks.scenes import DATA, HERE
 from benchmarks.tables import KITTI
 from lidarcodec.commands import simulate
@@ -41,7 +42,7 @@ FIVE_CM = {
     "h264-log": "crf=1",
 }
 """Settings with an RMSE of about 5 cm, whose errors are shown by range."""
-BEGIN, END = "<!-- curves: python -m benchmarks.curves --write docs/evaluation.md -->", "<!-- end of curves -->"
+MARKS = Marks("<!-- curves: python -m benchmarks.curves --write docs/evaluation.md -->", "<!-- end of curves -->")
 
 
 @dataclass(frozen=True)
@@ -148,12 +149,8 @@ def main() -> int:
     if chosen.write is None:
         print(page)
         return 0
-    before, begin, rest = chosen.write.read_text().partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        parser.error(f"{chosen.write} has no marks {BEGIN} and {END}")
+    MARKS.write(chosen.write, page)
     draw(known, chosen.write.parent)
-    chosen.write.write_text(f"{before}{BEGIN}\n\n{page}\n\n{END}{after}")
     return 0
 
 

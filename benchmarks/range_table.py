@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.marks import Marks
 from benchmarks.scenes import DATA
 from lidarcodec.codecs import table
 from lidarcodec.evaluation.geometry import xyz_of
@@ -47,8 +48,7 @@ DRIVES: dict[str, tuple[str, str, str | None]] = {
     "city": ("simulated town", "sim:city?seed=1&frames=42", None),
     "road": ("simulated road", "sim:road?seed=1&frames=42", None),
 }
-BEGIN = "<!-- ranges: python -m benchmarks.range_table --write docs/evaluation.md -->"
-END = "<!-- end of ranges -->"
+MARKS = Marks("<!-- ranges: python -m benchmarks.range_table --write docs/evaluation.md -->", "<!-- end of ranges -->")
 
 
 OF_KITTI = str(Path(__file__).parent / "weights" / "riddle-kitti.lcrw")
@@ -88,6 +88,7 @@ OURS = (
 )
 PEERS: dict[str, tuple[float, float, float]] = {
     "peer:xz-rows": BOUNDS,
+    "peer:pcodec": BOUNDS,
     "peer:ffv1": BOUNDS,
     "peer:jpegls": BOUNDS,
     "peer:lerc": BOUNDS,
@@ -157,8 +158,8 @@ def of_peer(name: str, value: float, before: Frame | None, frame: Frame) -> tupl
     return len(data), encode_ms, decode_ms
 
 
-def pairs(drive: str, every: int) -> Iterator[tuple[Frame | None, Frame]]:
-    """Every so many frames of a drive with the one before; all of one that is short."""
+def frames_of_drive(drive: str) -> Iterator[Frame]:
+    """The frames of a drive, up to one that is cut short."""
     _, file, calibration = DRIVES[drive]
     with tempfile.TemporaryDirectory() as folder:
         spec = file if file.startswith("sim:") else str(DATA / file)
@@ -169,14 +170,20 @@ def pairs(drive: str, every: int) -> Iterator[tuple[Frame | None, Frame]]:
                     lzma.decompress((DATA / name).read_bytes())
                 )
         with open_source(spec, calibration=None if calibration is None else DATA / calibration) as source:
-            before: Frame | None = None
-            step = 1 if drive in ("odometry", "s3") else 2 if drive == "0006" else every
-            for number, frame in enumerate(islice(frames_of(source.packets(), source.sensor), 400)):
+            for frame in islice(frames_of(source.packets(), source.sensor), 400):
                 if frame.side is not None and frame.side.packets < 300:
                     break
-                if number % step == 0 and (number or drive == "s3"):
-                    yield before, frame
-                before = frame
+                yield frame
+
+
+def pairs(drive: str, every: int) -> Iterator[tuple[Frame | None, Frame]]:
+    """Every so many frames of a drive with the one before; all of one that is short."""
+    before: Frame | None = None
+    step = 1 if drive in ("odometry", "s3") else 2 if drive == "0006" else every
+    for number, frame in enumerate(frames_of_drive(drive)):
+        if number % step == 0 and (number or drive == "s3"):
+            yield before, frame
+        before = frame
 
 
 def measure(drive: str, every: int) -> str:
@@ -223,12 +230,7 @@ def main() -> int:
         parts.append(measure(drive, chosen.every))
         print(parts[-1], flush=True)
     if chosen.write is not None:
-        before, begin, rest = chosen.write.read_text().partition(BEGIN)
-        _, end, after = rest.partition(END)
-        if not (begin and end):
-            parser.error(f"{chosen.write} has no marks {BEGIN} and {END}")
-        text = "\n\n".join(parts)
-        chosen.write.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+        MARKS.write(chosen.write, "\n\n".join(parts))
     return 0
 
 

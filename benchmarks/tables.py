@@ -19,6 +19,7 @@ from typing import Any
 
 import zstandard
 
+from benchmarks.marks import Marks
 from benchmarks.scenes import DATA
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.report import label
@@ -62,7 +63,7 @@ PEERS: dict[str, Callable[[bytes], bytes]] = {
 PLANES = ("range", "mask", "geometry", "intensity", "azimuth", "side", "header", "total")
 REST = ("ratio", "kbit/s", "RMSE mm", "max mm", "packets", "encode ms", "decode ms")
 HEAD = f"| codec | {' | '.join(PLANES + REST)} |\n|---|{'---:|' * len(PLANES + REST)}"
-BEGIN, END = "<!-- tables: python -m benchmarks.tables --write docs/evaluation.md -->", "<!-- end of tables -->"
+MARKS = Marks("<!-- tables: python -m benchmarks.tables --write docs/evaluation.md -->", "<!-- end of tables -->")
 
 
 def _row(result: dict[str, Any]) -> str:
@@ -137,11 +138,7 @@ def main() -> int:
     if chosen.write is None:
         print(text)
         return 0
-    before, begin, rest = chosen.write.read_text().partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        parser.error(f"{chosen.write} has no marks {BEGIN} and {END}")
-    chosen.write.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+    MARKS.write(chosen.write, text)
     return 0
 
 

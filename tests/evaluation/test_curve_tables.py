@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.curve_tables import at_rmse, draw, text
-from benchmarks.curves import BEGIN, END, RESULTS, RUNS
+from benchmarks.curves import MARKS, RESULTS, RUNS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "evaluation.md"
 
@@ -36,7 +36,7 @@ def test_nothing_is_said_where_nothing_was_measured(rmse_m):
 def test_the_page_shows_what_the_results_say():
     known = json.loads(RESULTS.read_text())
     assert list(known) == list(RUNS)
-    shown = PAGE.read_text().partition(BEGIN)[2].partition(END)[0].strip()
+    shown = PAGE.read_text().partition(MARKS.begin)[2].partition(MARKS.end)[0].strip()
     assert shown == text(known)
 
 

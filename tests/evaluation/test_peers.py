@@ -54,7 +54,7 @@ def test_every_peer_gives_the_frame_back_and_an_object_of_our_shape(name, ours):
     assert result["encode_ms"]["p50"] > 0
 
 
-@pytest.mark.parametrize("name", ["peer:xz-rows", "peer:jpegls", "peer:lerc", "peer:ffv1"])
+@pytest.mark.parametrize("name", ["peer:xz-rows", "peer:pcodec", "peer:jpegls", "peer:lerc", "peer:ffv1"])
 def test_peers_of_ranges_keep_the_bound_that_they_are_compared_at(name, ours):
     peer(name)
     result, ours = bench_peer(SOURCE, name, 0.05, frames=2, framing=SLAB), ours[1]

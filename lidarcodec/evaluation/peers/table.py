@@ -25,6 +25,7 @@ _TABLE: Final = {
         "draco": "draco",
         "laszip": "laszip",
         "xz-rows": "rows_xz",
+        "pcodec": "pcodec_returns",
         "jpegls": "jpegls",
         "lerc": "lerc",
         "ffv1": "ffv1",

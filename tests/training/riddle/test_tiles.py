@@ -46,10 +46,17 @@ def test_inputs_that_say_nothing_go_first(tmp_path: Path) -> None:
     assert first[:, :4].mean() > 0.9
 
 
-@pytest.mark.parametrize("stop_at", [49, 50, 130, 350])
-def test_a_run_that_was_stopped_leaves_out_what_one_that_was_not_does(tmp_path: Path, stop_at: int) -> None:
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> nets.RiddleNet:
     rows, held = [toy_rows(2000, 1)], [toy_rows(200, 2)]
-    whole, _ = fit(TOY, rows, held, tmp_path / "whole.pt", device=CPU, watch=nothing)
+    return fit(TOY, rows, held, tmp_path_factory.mktemp("whole") / "whole.pt", device=CPU, watch=nothing)[0]
+
+
+@pytest.mark.parametrize("stop_at", [49, 50, 130, 350])
+def test_a_run_that_was_stopped_leaves_out_what_one_that_was_not_does(
+    tmp_path: Path, stop_at: int, whole: nets.RiddleNet
+) -> None:
+    rows, held = [toy_rows(2000, 1)], [toy_rows(200, 2)]
     fit(TOY, rows, held, tmp_path / "cut.pt", device=CPU, watch=nothing, every=1, stop_at=stop_at)
     resumed, _ = fit(TOY, rows, held, tmp_path / "cut.pt", device=CPU, watch=nothing)
     for name, value in whole.state_dict().items():

@@ -1,0 +1,109 @@
+"""The first frames of a stream: bits a return of `riddle`, beside `pcodec`, ours and the library's, on the same frames.
+
+    python -m benchmarks.first_frames [--drives 0005,0013] [--frames 5] [--write docs/evaluation.md]
+
+Every stream begins with its key frame. Bits are those of range, mask and motion, lossless and with the two bounds;
+every frame is decoded, and its errors are what they may be. `pcodec` the library gets the returns of a frame row by
+row, at its highest level, and our mask, which is smaller than what it could make of one itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.marks import Marks
+from benchmarks.range_table import BOUNDS, COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI, frames_of_drive
+from lidarcodec.codecs import table
+from lidarcodec.entropy import encode_mask
+from lidarcodec.evaluation.peers.pcodec_returns import compress_returns
+from lidarcodec.frame import Frame
+from lidarcodec.settings import StreamSettings
+from lidarcodec.wire import pack, unpack
+
+MARKS = Marks(
+    "<!-- first frames: python -m benchmarks.first_frames --write docs/evaluation.md -->",
+    "<!-- end of first frames -->",
+)
+OWN = "`pcodec`"
+LIBRARY = "pcodec, the library, and our mask"
+ROWS: dict[str, tuple[str, dict[str, Any]]] = {
+    "`riddle` as installed": ("riddle", {}),
+    "`riddle effort=4`": ("riddle", {"effort": 4}),
+    "the same, networks trained on KITTI": ("riddle", {"effort": 4, "weights": OF_KITTI}),
+    "the same with more weights": ("riddle", {"effort": 4, "weights": OF_KITTI_VNNI}),
+    "`predictive motion=true`": ("predictive", {"motion": True}),
+    OWN: ("pcodec", {}),
+}
+
+
+def of_stream(frames: Sequence[Frame], codec: str, own: dict[str, Any], bound: float) -> int:
+    """Bytes of frames coded as the beginning of a stream."""
+    settings = StreamSettings(codec=codec, codec_settings=own, max_error_m=bound, intensity="off")
+    encoder, decoder = table.make_encoder(settings, 1), table.make_decoder(table.codec_id(codec))
+    size = 0
+    for frame in frames:
+        for message in encoder.encode(frame):
+            received = unpack(pack(message))
+            (decoded,) = decoder.decode(received)
+            off = np.abs(decoded.range.astype(int) - frame.range)
+            if off.max() * 0.002 > bound + 1e-9 or (decoded.valid != frame.valid).any():
+                raise AssertionError(f"{codec} {own} breaks its bound")
+            size += sum(len(section.data) for section in received.sections if section.type in COUNTED)
+    return size
+
+
+def of_library(frames: Sequence[Frame], bound: float) -> int:
+    """Bytes of the same frames by pcodec the library."""
+    return sum(
+        len(compress_returns(frame.range, bound)) + len(encode_mask(frame.valid, frame.fired, frame.sensor))
+        for frame in frames
+    )
+
+
+def measure(drive: str, number: int) -> str:
+    """The table of a drive."""
+    frames = list(islice(frames_of_drive(drive), number))
+    sizes = {name: [of_stream(frames, *row, bound) for bound in BOUNDS] for name, row in ROWS.items()}
+    sizes[LIBRARY] = [of_library(frames, bound) for bound in BOUNDS]
+    points = sum(frame.points for frame in frames)
+
+    def shares(row: list[int], of: str) -> str:
+        return " / ".join(f"{one / base:.3f}" for one, base in zip(row, sizes[of], strict=True))
+
+    lines = [f"#### {DRIVES[drive][0]}", "", f"{len(frames)} frames, {points / len(frames):,.0f} returns each.", ""]
+    lines += [
+        f"| coder | lossless | 1 cm | 5 cm | over pcodec, the library | over {OWN} |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    for name, row in sizes.items():
+        cells = [f"{8 * size / points:.3f}" for size in row]
+        lines.append(f"| {' | '.join([name, *cells, shares(row, LIBRARY), shares(row, OWN)])} |")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Measure, and print or write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.first_frames", description=__doc__)
+    drives = [drive for drive in DRIVES if drive not in ("s3", "odometry")]  # which have no five frames
+    parser.add_argument("--drives", default=",".join(drives), help="of " + ", ".join(DRIVES))
+    parser.add_argument("--frames", type=int, default=5, help="how many")
+    parser.add_argument("--write", type=Path, default=None, help="file with the marks")
+    chosen = parser.parse_args()
+    parts = []
+    for drive in chosen.drives.split(","):
+        parts.append(measure(drive, chosen.frames))
+        print(parts[-1], flush=True)
+    if chosen.write is not None:
+        MARKS.write(chosen.write, "\n\n".join(parts))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

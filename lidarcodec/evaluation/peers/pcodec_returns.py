@@ -1,0 +1,43 @@
+"""`peer:pcodec`: the quantised returns, row after row, through pcodec as it is, and where they are through zstd.
+
+What the numerical codec does by itself, with differences of consecutive values at its highest level; our own `pcodec`
+sorts the same differences by activity first.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import zstandard
+from pcodec import ChunkConfig, DeltaSpec, standalone
+
+from lidarcodec.evaluation.peers.base import BOUNDS_M, Coder, Peer, Ranges, from_levels, to_levels
+
+_HEAD = struct.Struct("<HHI")
+_AS_DIFFERENCES = ChunkConfig(12, delta_spec=DeltaSpec.try_consecutive(1))
+
+
+def compress_returns(ranges: Ranges, max_error_m: float) -> bytes:
+    """The returns alone of (64, W) uint16 ranges, 0 = no return."""
+    levels = to_levels(ranges, max_error_m)
+    return bytes(standalone.simple_compress(levels[levels > 0], _AS_DIFFERENCES))
+
+
+def _make(max_error_m: float) -> Coder:
+    def encode(ranges: Ranges) -> bytes:
+        mask = zstandard.ZstdCompressor(level=9).compress(np.packbits(ranges > 0).tobytes())
+        return _HEAD.pack(*ranges.shape, len(mask)) + mask + compress_returns(ranges, max_error_m)
+
+    def decode(data: bytes) -> Ranges:
+        rows, width, size = _HEAD.unpack_from(data)
+        bits = np.frombuffer(zstandard.decompress(data[_HEAD.size : _HEAD.size + size]), np.uint8)
+        valid = np.unpackbits(bits, count=rows * width).reshape(rows, width).astype(bool)
+        levels = np.zeros((rows, width), np.uint16)
+        levels[valid] = standalone.simple_decompress(data[_HEAD.size + size :])
+        return from_levels(levels, max_error_m)
+
+    return Coder(encode, decode)
+
+
+PEER = Peer("ranges", "max_error_m", BOUNDS_M, ("pcodec", "zstandard"), _make)
