@@ -35,10 +35,15 @@ def riddle(
     beside: Annotated[
         bool, option("--beside", help="Also learn beside what contexts say, of the drives coded with --begin.")
     ] = False,
-    all_tiles: Annotated[
-        bool,
-        option("--all-tiles", help="Leave no weights out: slower to code with, and a little better if trained long."),
-    ] = False,
+    tiles: Annotated[
+        float | None,
+        option(
+            "--tiles",
+            metavar="SHARE",
+            show_default="0.3 to 0.6, by network",
+            help="Share of their weights that large networks keep, up to 1: slower with more, a little better.",
+        ),
+    ] = None,
     size: Annotated[
         str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
@@ -89,7 +94,7 @@ def riddle(
     about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}
     wanted = run.RiddleRun(
         learned, single, held, simulated, tuple(size.split(",")), tuple(kind.split(",")), steps, batch,
-        precision=precision, begin=begin, beside=beside, all_tiles=all_tiles, gathering=how, about=about,
+        precision=precision, begin=begin, beside=beside, tiles=tiles, gathering=how, about=about,
     )  # fmt: skip
     weights = run.train(wanted, out, device=device, say=lambda line: print(line, flush=True))
     for net in weights.provenance["networks"]:

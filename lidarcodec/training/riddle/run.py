@@ -40,7 +40,7 @@ class RiddleRun:
     begin:   a weight file whose networks of the same layers are where training begins; `package`: the package's own
     beside:  whether sources are coded as streams, too, with the networks it begins with, for samples with what contexts
              say beside them
-    all_tiles: whether no weights are left out
+    tiles:   share of the tiles of weights that large and largest networks keep; None: as the package's do
     sizes, kinds: networks to train; fit: steps, batch, rate, precision of each; gathering: how samples are taken
     about:   what is written into the file: licence, date, anything that JSON holds
     """
@@ -57,7 +57,7 @@ class RiddleRun:
     precision: str = "float32"
     begin: str | None = None
     beside: bool = False
-    all_tiles: bool = False
+    tiles: float | None = None
     gathering: Gathering = field(default_factory=Gathering)
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -67,6 +67,8 @@ class RiddleRun:
                 raise SettingsError(f"{name} = {','.join(given)}: choose of {', '.join(known)}", name)
         if not 0 <= self.simulated <= 100_000:
             raise SettingsError(f"{self.simulated} simulated drives: 0 to 100000 are possible", "simulated")
+        if self.tiles is not None and not 0 < self.tiles <= 1:
+            raise SettingsError(f"tiles = {self.tiles}: shares above 0, 1 at most, are possible", "tiles")
         if self.beside and self.begin is None:
             raise SettingsError("contexts stand beside networks: name those to begin with", "begin")
         if self.beside and not self.sources and not self.simulated:
@@ -75,6 +77,10 @@ class RiddleRun:
             raise SettingsError("nothing to train on: give sources, or --simulated N")
         if not self.held and self.simulated < _SIMULATED_HELD:
             raise SettingsError("nothing to measure on: name a drive that is held out with --holdout", "holdout")
+
+    def kept(self, size: str, expects: bool) -> tuple[float, float]:
+        """Share of the tiles of the first two layers that a network keeps; small ones have none to spare."""
+        return KEEP[size][expects] if self.tiles is None or size == "small" else (self.tiles, self.tiles)
 
     def drives(self) -> tuple[list[str], list[str]]:
         """Drives to learn from, and to measure on."""
@@ -104,7 +110,7 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
         samples, looked_at = learned.rows(expects), measured.some(expects, HELD_ROWS)
         for size in run.sizes:
             settings = FitSettings(
-                expects, HIDDEN[size], (1.0, 1.0) if run.all_tiles else KEEP[size][expects],
+                expects, HIDDEN[size], run.kept(size, expects),
                 run.steps, run.batch, run.rate, run.gathering.seed, run.precision,
             )  # fmt: skip
             name = f"{kind}-{size}"

@@ -71,12 +71,13 @@ def test_the_command_says_what_it_lacks(
     assert not (tmp_path / "w.lcrw").exists()
 
 
-def test_all_weights_stay_where_that_is_asked_for(tmp_path: Path) -> None:
-    wanted = replace(RUN, sizes=("large",), kinds=("alone",), steps=20)
-    for all_tiles, left in ((True, [1.0, 1.0]), (False, [0.6, 0.6])):
-        out = tmp_path / f"{all_tiles}.lcrw"
-        found = train(replace(wanted, all_tiles=all_tiles), out, say=lambda _: None).provenance["networks"][0]
-        assert found["tiles left"] == pytest.approx(left, abs=0.05)
+def test_as_many_weights_stay_as_are_asked_for(tmp_path: Path) -> None:
+    wanted = replace(RUN, sizes=("small", "large"), kinds=("alone",), steps=20)
+    for tiles, left in ((1.0, [1.0, 1.0]), (0.78, [0.78, 0.78]), (None, [0.6, 0.6])):
+        run = replace(wanted, tiles=tiles)
+        small, large = train(run, tmp_path / f"{tiles}.lcrw", say=lambda _: None).provenance["networks"]
+        assert small["tiles left"] == [1.0, 1.0]
+        assert large["tiles left"] == pytest.approx(left, abs=0.05)
 
 
 def test_what_cannot_be_asked_for_is_refused() -> None:
@@ -86,6 +87,9 @@ def test_what_cannot_be_asked_for_is_refused() -> None:
         {"sizes": ("small", "small")},
         {"simulated": -1},
         {"beside": True},
+        {"tiles": 0.0},
+        {"tiles": 1.1},
+        {"tiles": float("nan")},
     ):
         with pytest.raises(SettingsError):
             RiddleRun(("a",), held=("b",), **wrong)
