@@ -222,9 +222,8 @@ class RiddleDecoder(ExpectingDecoder):
         self._begins, self._frame = False, 0
 
     def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
-        for section in message.sections:
-            if section.type == SectionType.WEIGHTS:
-                self._shelf.take(section.data, message.frame_index)
+        brought = [section.data for section in message.sections if section.type == SectionType.WEIGHTS]
+        self._shelf.take_all(brought, message.frame_index)
         self._begins, self._frame = message.needs is None, message.frame_index
         return super()._ranges(message, planes, sensor)
 

@@ -7,6 +7,7 @@ machine, and files that were once shipped stay in it; others travel with the key
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -15,7 +16,7 @@ from lidarcodec import entropy
 from lidarcodec.codecs.riddle_update import applied, is_update, names_of
 from lidarcodec.codecs.riddle_weight_file import read_weights, unpack_weights
 from lidarcodec.codecs.riddle_weights import Net, Weights
-from lidarcodec.errors import MissingReferenceError
+from lidarcodec.errors import MissingReferenceError, SectionError
 
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
@@ -59,6 +60,17 @@ class Shelf:
 
     def __init__(self) -> None:
         self._brought: OrderedDict[str, Weights] = OrderedDict()
+
+    def take_all(self, brought: Sequence[bytes], frame: int) -> None:
+        """Takes the WEIGHTS sections of a frame's message, one file and one update at most: each takes time to read.
+
+        Raises SectionError for more, else as `take`.
+        """
+        updates = sum(map(is_update, brought))
+        if max(updates, len(brought) - updates) > 1:
+            raise SectionError(f"a message with {len(brought)} sections of weights: one file and one update may be")
+        for data in brought:
+            self.take(data, frame)
 
     def take(self, data: bytes, frame: int) -> Weights:
         """Takes a WEIGHTS section of a frame's message: a file, or an update of weights that are here; what it gives.

@@ -33,6 +33,14 @@ def check_not_input(out: Path, spec: str | Path) -> None:
         raise SettingsError(f"{out} is what is read: give the output another name")
 
 
+def identity(spec: str) -> str:
+    """The same for what is the same source, however its path is written."""
+    parsed = parse(spec)
+    if not parsed.path.exists():
+        return spec
+    return f"{parsed.scheme} {parsed.path.resolve()} {sorted(parsed.options.items())}"
+
+
 def readable(name: str | Path) -> str:
     """A name as valid Unicode: bytes of a file name that are none become escapes, so that it can be stored."""
     return str(name).encode("utf-8", "backslashreplace").decode()

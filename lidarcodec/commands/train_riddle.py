@@ -52,7 +52,7 @@ def riddle(
     ] = "alone,expecting",
     steps: Annotated[int, option("--steps", min=1, metavar="N", help="Steps of each network.")] = 8000,
     batch: Annotated[int, option("--batch", min=1, metavar="N", help="Returns in a step.")] = 8192,
-    seed: Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")] = 1,
+    seed: Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same networks.")] = 1,
     frames: Annotated[
         int | None, option("--frames", min=1, metavar="N", help="At most N frames of each source.")
     ] = None,
@@ -76,7 +76,7 @@ def riddle(
     date: Annotated[str | None, option("--date", metavar="TEXT", help="Written into the file.")] = None,
 ) -> None:
     """Train the networks of codec riddle; the same command again goes on where it was stopped."""
-    from lidarcodec.commands.sources import check_finite, check_not_input
+    from lidarcodec.commands.sources import check_finite, check_not_input, identity
     from lidarcodec.training import training_module
 
     runs, run = training_module("runs"), training_module("riddle.run")
@@ -85,10 +85,13 @@ def riddle(
     for spec in (*learned, *held, *single):
         check_finite(spec, frames)
         check_not_input(out, spec)
-    if shared := (set(learned) | set(single)) & set(held):
-        raise SettingsError(f"{sorted(shared)[0]} is held out and learned from", "holdout")
+    both = {identity(spec) for spec in held} & {identity(spec) for spec in (*learned, *single)}
+    if shared := [spec for spec in held if identity(spec) in both]:
+        raise SettingsError(f"{shared[0]} is held out and learned from", "holdout")
     if not out.parent.is_dir():
         raise SettingsError(f"{out.parent} is no folder", "out")
+    if out.is_dir():
+        raise SettingsError(f"{out} is a folder: name a file", "out")
     runs.limit_threads(threads)
     how = samples.Gathering(seed, frame_rows, passes, frames, framing, units)
     about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}

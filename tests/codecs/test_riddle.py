@@ -194,6 +194,19 @@ def test_damaged_weights_raise_only_errors_of_decoding(own_file: Path) -> None:
             continue
 
 
+def test_a_message_full_of_weights_is_refused_before_they_are_read(own_file: Path) -> None:
+    """Each takes milliseconds: two hundred of them would hold up whoever receives it for seconds."""
+    (key,) = messages_of(drive(1), settings(weights=str(own_file)))
+    brought = Section(SectionType.WEIGHTS, key.section(SectionType.WEIGHTS))
+    with pytest.raises(SectionError, match="one file and one update"):
+        decoder().decode(Message(**{**vars(key), "sections": (*key.sections, brought)}))
+    updates = (Section(SectionType.WEIGHTS, b"LCRU"),) * 2
+    with pytest.raises(SectionError, match="one file and one update"):
+        decoder().decode(Message(**{**vars(key), "sections": (*key.sections, *updates)}))
+    (came,) = decoder().decode(key)
+    assert came.points > 0
+
+
 def fast_crc(data: bytes) -> int:
     from lidarcodec._native import crc32c
 

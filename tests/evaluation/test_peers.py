@@ -63,6 +63,12 @@ def test_peers_of_ranges_keep_the_bound_that_they_are_compared_at(name, ours):
     assert result["rmse_m"] == pytest.approx(ours["rmse_m"], rel=0.02)
 
 
+def test_pcodec_gives_an_image_without_returns_back():
+    coder = peer("peer:pcodec").make(0.01)
+    for empty in (np.zeros((64, 10), np.uint16), np.zeros((64, 0), np.uint16)):
+        assert np.array_equal(coder.decode(coder.encode(empty)), empty)
+
+
 def test_fewer_bits_of_draco_are_a_larger_error_and_a_smaller_cloud():
     peer("peer:draco")
     fine, coarse = (bench_peer(SOURCE, "peer:draco", bits, frames=1, metrics="all", framing=SLAB) for bits in (14, 11))

@@ -44,7 +44,10 @@ class Peer(NamedTuple):
 
 
 def to_levels(ranges: Ranges, max_error_m: float) -> Ranges:
-    """(64, W) uint16, ranges in steps that keep a bound, 0 = no return: what a lossless coder then gets."""
+    """(64, W) uint16, ranges in steps that keep a bound, 0 = no return: what a lossless coder then gets.
+
+    A return nearer than half a step, a few centimetres, takes the first level, further away than the bound has it.
+    """
     step = step_of(max_error_m)
     levels = np.maximum((ranges.astype(np.int32) + step // 2) // step, 1)
     out: Ranges = np.where(ranges > 0, levels, 0).astype(np.uint16)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 
 import numpy as np
+import numpy.typing as npt
 import zstandard
 from pcodec import ChunkConfig, DeltaSpec, standalone
 
@@ -24,6 +25,14 @@ def compress_returns(ranges: Ranges, max_error_m: float) -> bytes:
     return bytes(standalone.simple_compress(levels[levels > 0], _AS_DIFFERENCES))
 
 
+def decompress_returns(data: bytes, valid: npt.NDArray[np.bool_], max_error_m: float) -> Ranges:
+    """(64, W) ranges of what `compress_returns` gave, where there are returns."""
+    levels = np.zeros(valid.shape, np.uint16)
+    if valid.any():  # of nothing the library makes None
+        levels[valid] = standalone.simple_decompress(data)
+    return from_levels(levels, max_error_m)
+
+
 def _make(max_error_m: float) -> Coder:
     def encode(ranges: Ranges) -> bytes:
         mask = zstandard.ZstdCompressor(level=9).compress(np.packbits(ranges > 0).tobytes())
@@ -33,9 +42,7 @@ def _make(max_error_m: float) -> Coder:
         rows, width, size = _HEAD.unpack_from(data)
         bits = np.frombuffer(zstandard.decompress(data[_HEAD.size : _HEAD.size + size]), np.uint8)
         valid = np.unpackbits(bits, count=rows * width).reshape(rows, width).astype(bool)
-        levels = np.zeros((rows, width), np.uint16)
-        levels[valid] = standalone.simple_decompress(data[_HEAD.size + size :])
-        return from_levels(levels, max_error_m)
+        return decompress_returns(data[_HEAD.size + size :], valid, max_error_m)
 
     return Coder(encode, decode)
 

@@ -77,10 +77,16 @@ class RiddleRun:
             raise SettingsError("nothing to train on: give sources, or --simulated N")
         if not self.held and self.simulated < _SIMULATED_HELD:
             raise SettingsError("nothing to measure on: name a drive that is held out with --holdout", "holdout")
+        for size in self.sizes:  # before anything is gathered, which takes hours
+            self.fit_of(size, self.kinds[0])
 
-    def kept(self, size: str, expects: bool) -> tuple[float, float]:
-        """Share of the tiles of the first two layers that a network keeps; small ones have none to spare."""
-        return KEEP[size][expects] if self.tiles is None or size == "small" else (self.tiles, self.tiles)
+    def fit_of(self, size: str, kind: str) -> FitSettings:
+        """What a network is trained with; small ones have no tiles to spare."""
+        expects = kind == "expecting"
+        kept = KEEP[size][expects] if self.tiles is None or size == "small" else (self.tiles, self.tiles)
+        return FitSettings(
+            expects, HIDDEN[size], kept, self.steps, self.batch, self.rate, self.gathering.seed, self.precision
+        )
 
     def drives(self) -> tuple[list[str], list[str]]:
         """Drives to learn from, and to measure on."""
@@ -109,10 +115,7 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
         expects = kind == "expecting"
         samples, looked_at = learned.rows(expects), measured.some(expects, HELD_ROWS)
         for size in run.sizes:
-            settings = FitSettings(
-                expects, HIDDEN[size], run.kept(size, expects),
-                run.steps, run.batch, run.rate, run.gathering.seed, run.precision,
-            )  # fmt: skip
+            settings = run.fit_of(size, kind)
             name = f"{kind}-{size}"
             begin = next((net for net in before if (net.expects, net.dims) == (expects, settings.dims)), None)
             net, state = fit(settings, samples, looked_at, folder / f"{name}.pt", device=chosen,

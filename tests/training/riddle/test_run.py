@@ -58,6 +58,8 @@ def test_a_run_writes_a_file_that_says_what_it_is_and_again_the_same(tmp_path: P
         (["sim:road?frames=1", "--holdout", "sim:road?frames=1", "--out", "w.lcrw"], "held out and learned"),
         (["sim:road?frames=1", "--holdout", "sim:city?frames=1", "--out", "none/w.lcrw"], "no folder"),
         (["sim:road?frames=1", "--holdout", "sim:city?frames=1", "--out", "w.lcrw", "--size", "huge"], "small, large"),
+        (["drive.pcap", "--holdout", "./drive.pcap", "--out", "w.lcrw"], "held out and learned"),
+        (["sim:road?frames=1", "--holdout", "sim:city?frames=1", "--out", "."], "name a file"),
         (["none.pcap", "--holdout", "sim:city?frames=1", "--out", "w.lcrw"], "none.pcap"),
     ],
 )
@@ -65,6 +67,7 @@ def test_the_command_says_what_it_lacks(
     arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.pcap").touch()
     result = CliRunner().invoke(app, ["train", "riddle", *arguments])
     assert result.exit_code != 0
     assert says in str(result.exception) + result.output
@@ -87,6 +90,7 @@ def test_what_cannot_be_asked_for_is_refused() -> None:
         {"sizes": ("small", "small")},
         {"simulated": -1},
         {"beside": True},
+        {"precision": "half"},
         {"tiles": 0.0},
         {"tiles": 1.1},
         {"tiles": float("nan")},
