@@ -17,11 +17,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from benchmarks.marks import Marks
-from benchmarks.range_table import BOUNDS, COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI, frames_of_drive
+from benchmarks.range_table import BOUNDS, COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI, check, frames_of_drive
 from lidarcodec.codecs import table
 from lidarcodec.entropy import encode_mask
 from lidarcodec.evaluation.peers.pcodec_returns import compress_returns, decompress_returns
@@ -43,13 +40,6 @@ ROWS: dict[str, tuple[str, dict[str, Any]]] = {
     "`predictive motion=true`": ("predictive", {"motion": True}),
     OWN: ("pcodec", {}),
 }
-
-
-def check(came: npt.NDArray[np.uint16], frame: Frame, bound: float) -> None:
-    """Whether ranges are what they may be."""
-    off = np.abs(came.astype(int) - frame.range)
-    if off.max() * 0.002 > bound + 1e-9 or ((came > 0) != frame.valid).any():
-        raise AssertionError(f"frame {frame.index} breaks its bound of {bound} m")
 
 
 def of_stream(frames: Sequence[Frame], codec: str, own: dict[str, Any], bound: float) -> int:
