@@ -5,7 +5,7 @@
 Every stream begins with its key frame. Bits are those of range, mask and motion, lossless and with the two bounds;
 every frame is decoded, and its errors are what they may be. `pcodec` the library gets the returns of a frame row by
 row, at its highest level, and our mask, which is smaller than what it could make of one itself. Networks trained on
-KITTI are in no package and travel with the key frame, 70 to 90 kB that are not counted: a user's own would be there.
+KITTI are in no package and travel with every key frame, 72 and 90 kB that are not counted.
 """
 
 from __future__ import annotations

@@ -34,11 +34,10 @@ def check_not_input(out: Path, spec: str | Path) -> None:
 
 
 def identity(spec: str) -> str:
-    """The same for what is the same source, however its path is written."""
+    """The same for what is the same source, however its path and the order of its options are written."""
     parsed = parse(spec)
-    if not parsed.path.exists():
-        return spec
-    return f"{parsed.scheme} {parsed.path.resolve()} {sorted(parsed.options.items())}"
+    place = parsed.path.resolve() if parsed.path.exists() else parsed.place
+    return f"{parsed.scheme}:{place}?{sorted(parsed.options.items())}"
 
 
 def readable(name: str | Path) -> str:

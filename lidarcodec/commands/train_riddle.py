@@ -85,8 +85,8 @@ def riddle(
     for spec in (*learned, *held, *single):
         check_finite(spec, frames)
         check_not_input(out, spec)
-    both = {identity(spec) for spec in held} & {identity(spec) for spec in (*learned, *single)}
-    if shared := [spec for spec in held if identity(spec) in both]:
+    learned_from = {identity(spec) for spec in (*learned, *single)}
+    if shared := [spec for spec in held if identity(spec) in learned_from]:
         raise SettingsError(f"{shared[0]} is held out and learned from", "holdout")
     if not out.parent.is_dir():
         raise SettingsError(f"{out.parent} is no folder", "out")

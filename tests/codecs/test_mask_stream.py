@@ -66,7 +66,7 @@ def streams(draw: st.DrawFn) -> list[Seen]:
     return [Seen(int(rng.integers(2**32)), width, fired=fired, turn=turn, beams=beams) for width in widths]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(streams())
 def test_any_stream_comes_back_and_native_writes_what_the_reference_writes(stream):
     sender, receiver, writes, reads = MaskStream(), MaskStream(), MaskStreamReference(), MaskStreamReference()

@@ -81,7 +81,7 @@ def cases(draw: st.DrawFn):
     return ranges, returns, fired, of, step, levels, expected, firing, quick
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(cases())
 def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
     ranges, returns, fired, of, step, levels, expected, firing, quick = case

@@ -44,7 +44,7 @@ def streams(draw: st.DrawFn):
     return of, rng.integers(0, 1001, 64).astype(np.int32), slabs, draw(st.booleans())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(streams())
 def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None:
     of, levels, slabs, quick = stream
