@@ -17,10 +17,10 @@ WEB := $(STAMPS)/web
 # By the lock file, as it is. `npm ci` refuses one in which builds for other systems are missing, and a registry may lack those.
 NPM_INSTALL := npm install --no-save --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
-# Tests wait for each other's processes more than they compute: on two cores four at a time are done sooner than three or two.
+# Tests wait for each other's processes more than they compute: on two cores three at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
 # when it has done its own.
-JOBS ?= 4
+JOBS ?= 3
 export PYTHON CXX
 # Tests start some five hundred processes. Where the environment forbids bytecode, as in many containers, each would compile
 # all that it imports.
