@@ -13,7 +13,7 @@ from lidarcodec.untrusted_json import MAX_DEPTH, JsonRefusedError, read_json, re
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats(allow_nan=False, allow_infinity=False)
-    | st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",))),
+    | st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"])),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text("ab\"\\[{"), inner, max_size=4),
     max_leaves=7,
 )  # fmt: skip
