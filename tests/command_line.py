@@ -12,7 +12,7 @@ from unittest import mock
 from lidarcodec import cli
 
 ROOT = Path(__file__).resolve().parent.parent
-COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
+COMMAND = [sys.executable, "-m", "lidarcodec"]
 LIMIT_S = 100
 
 
