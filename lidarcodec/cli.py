@@ -31,6 +31,7 @@ from lidarcodec.commands.arguments import (
 )
 from lidarcodec.commands.convert_command import convert
 from lidarcodec.commands.ending import FAILED, WRONG_USAGE
+from lidarcodec.commands.join import join
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.commands.running import keep_standard_output
@@ -125,6 +126,7 @@ def decode(
 
 
 app.command()(convert)
+app.command()(join)
 
 
 @app.command()
