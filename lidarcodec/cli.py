@@ -134,12 +134,15 @@ def verify(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
     source: Source,
     calibration: CalibrationFile = None,
+    allow_part: Annotated[
+        bool, _option("--allow-part", help="The recording may hold only a part of its source; say which.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare a recording with the source it was made from; exit code 1 if it breaks what its settings promise."""
+    """Compare a recording with its source; exit code 1 if it breaks what its settings promise, or does not hold all."""
     from lidarcodec.commands import verify as command
 
-    if not command.run(recording, source, calibration, as_json):
+    if not command.run(recording, source, calibration, as_json, allow_part):
         raise typer.Exit(FAILED)
 
 

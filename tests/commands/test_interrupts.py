@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import shlex
@@ -126,6 +127,19 @@ def test_at_any_moment_an_output_is_whole_or_a_part_that_can_be_completed(
         out = folder / f"out{ending}"
         result = interrupted([command, source, out], chance.uniform(0.02, 1.05) * took_s)
         check(result, folder, out, whole, 130)
+
+
+def test_at_any_moment_verify_says_that_it_compared_all_or_that_it_did_not(drive: Path) -> None:
+    words: list[object] = ["verify", drive / "drive.mcap", drive / "drive.pcap", "--json"]
+    chance = random.Random(27)
+    began = time.monotonic()
+    assert start(*words).wait(60) == 0
+    took_s = time.monotonic() - began
+    for _ in range(MOMENTS):
+        result = interrupted(words, chance.uniform(0.02, 1.05) * took_s)
+        assert result.returncode in (0, 130, -signal.SIGINT), result.stderr
+        found = json.loads(result.stdout) if result.stdout else {"complete": False, "interrupted": True}
+        assert (found["complete"], found["interrupted"]) == (result.returncode == 0, result.returncode != 0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
