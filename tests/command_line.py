@@ -54,7 +54,7 @@ def run(*words, cwd=None, **variables):
 def run_here(*words):
     """The same within this process, in a fraction of the time: for what is refused before it runs, or only prepares."""
     out, complaints = io.StringIO(), io.StringIO()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         with (
             contextlib.redirect_stdout(out),

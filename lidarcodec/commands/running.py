@@ -63,8 +63,9 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
     given = [word for word in arguments if word != "--debug"]
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
-    Interrupter().install()
+    Interrupter().install(hangup=not is_live(given))
     remember(given)
+    code = None
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
         _flush()
@@ -75,7 +76,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
         # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return int(code or DONE) if signal_that_came() is None else _stopped(given)
     except Exception as error:
         if not debug:
             return _complain(error)

@@ -54,12 +54,17 @@ class Interrupter:
         _note(number)
         raise KeyboardInterrupt
 
-    def install(self) -> None:
-        """Take the signals, with nothing to remember yet."""
+    def install(self, *, hangup: bool = False) -> None:
+        """Take the signals, with nothing to remember yet.
+
+        hangup: also SIGHUP, of a terminal that is closed, unless it is ignored, as `nohup` has it
+        """
         self.asked = False
         _Came.number = None
         for number in SIGNALS:
             signal.signal(number, self)
+        if hangup and signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, self)
 
 
 def stop_asked() -> bool:
@@ -69,7 +74,7 @@ def stop_asked() -> bool:
 
 def ignore_signals() -> None:
     """Nothing is left to be stopped: the command is ending."""
-    for number in SIGNALS:
+    for number in (*SIGNALS, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,8 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
     }
-    print(json.dumps(result, indent=2) if as_json else _text(result))
+    with suppress(BrokenPipeError):  # nobody reads on, but the exit code still counts
+        print(json.dumps(result, indent=2) if as_json else _text(result), flush=True)
     if coverage is None:
         raise StoppedError(f"stopped: {recording} was not compared to its end, {comparison.frames} frames were")
     return not broken

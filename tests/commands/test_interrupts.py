@@ -7,6 +7,7 @@ import os
 import random
 import shlex
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.sources import open_source
+from tests import packets as made
 from tests.command_line import run_here, start
 
 FRAMES = 12
@@ -246,3 +248,53 @@ def test_a_shell_does_not_go_on_behind_it(tmp_path: Path, number: int) -> None:
     finally:
         shell.kill()
     assert precious.exists()
+
+
+def test_a_terminal_that_is_closed_leaves_nothing_behind(tmp_path: Path) -> None:
+    result = interrupted_while_writing(
+        ["encode", "sim:city?frames=100000", tmp_path / "out.mcap"], tmp_path, signal.SIGHUP
+    )
+    assert result.returncode == 129
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("words", "code"), [((), 1), (("--allow-part",), 0)])
+def test_a_verdict_counts_though_nobody_reads_it(
+    drive: Path, tmp_path: Path, words: tuple[str, ...], code: int
+) -> None:
+    part = tmp_path / "part.mcap"
+    assert run_here("encode", drive / "drive.pcap", part, "--frames", 1).returncode == 0
+    process = start("verify", part, drive / "drive.pcap", *words)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(60) == code
+
+
+def test_a_pipe_that_nobody_reads_any_more_is_an_error(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.pcap"
+    os.mkfifo(pipe)
+    process = start("simulate", "sim:city?frames=100", pipe)
+    with pipe.open("rb") as reader:
+        assert len(reader.read(1000)) == 1000
+    _, complaint = process.communicate(timeout=60)
+    assert (process.returncode, "Broken pipe" in complaint) == (1, True)
+
+
+def test_a_live_source_without_a_number_of_frames_ends_with_a_signal_and_that_is_all_of_it(tmp_path: Path) -> None:
+    packets = made.turning(400)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1] + 1
+        for words, code, name in (((), 0, "out.mcap"), (("--frames", 9), 130, "out.partial.mcap")):
+            folder = tmp_path / str(code)
+            folder.mkdir()
+            process = start("encode", f"udp://127.0.0.1:{port}", folder / "out.mcap", *words)
+            limit = time.monotonic() + 60
+            while time.monotonic() < limit and not any(path.stat().st_size > 1000 for path in folder.glob(".*")):
+                for packet in packets:
+                    sender.sendto(packet.payload, ("127.0.0.1", port))
+                time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            _, complaint = process.communicate(timeout=60)
+            assert process.returncode == code, complaint
+            assert [path.name for path in folder.iterdir()] == [name]
