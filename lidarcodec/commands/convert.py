@@ -77,11 +77,15 @@ def run(
             for packet in chain((first,), packets):
                 writer.write(packet)
             said = writer.close()
+        part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
+        if (
+            part and beside is None and _needs_file(wanted.form, source.sensor)
+        ):  # it lies beside OUT, and not beside this
+            beside = _calibration_of(out)
         if beside is not None:
             inside = beside.parent == out
             place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
             place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
-        part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
         if part:
             output.only_part()
     _told(source)
@@ -89,7 +93,7 @@ def run(
     where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
     print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{'; ' * bool(said)}{said}{where}")
     if part:
-        raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames)
+        raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
 
 
 def _wanted(
@@ -109,12 +113,16 @@ def _wanted(
     return Wanted(form, defaults.settings, clouds, topic, frame_id or defaults.frame_id)
 
 
+def _needs_file(form: Form, sensor: SensorModel) -> bool:
+    return form != "recording" and sensor.origin not in IN_THE_STREAM
+
+
 def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
     """Where the calibration is kept so that it is found again with OUT; None if that is not needed, or done already.
 
     Raises SettingsError if another one is in the way.
     """
-    if form == "recording" or sensor.origin in IN_THE_STREAM:
+    if not _needs_file(form, sensor):
         return None
     if not out.suffix:
         return out / CALIBRATION

@@ -71,4 +71,4 @@ def run(
     size = 0 if output.straight or output.kept is None else output.kept.stat().st_size
     print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
     if part:
-        raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames)
+        raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)

@@ -11,7 +11,7 @@ from typing import BinaryIO, Final, NamedTuple
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.whole_files import whole
+from lidarcodec.whole_files import check_free, whole
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,8 @@ class Record(NamedTuple):
 def run(paths: Sequence[Path], out: Path, force: bool) -> None:
     """Copy the parts, and the calibration beside them."""
     table = _calibration(paths)
+    if table is not None and not _to_be_written(_calibration_of(out), table, force):
+        table = None
     count = 0
     with (
         stoppable() as stopped,
@@ -98,6 +100,14 @@ def _calibration(paths: Sequence[Path]) -> bytes | None:
         if table != found[0][1]:
             raise SettingsError(f"{path} has another calibration beside it than {found[0][0]}: they are of two sensors")
     return found[0][1] if found else None
+
+
+def _to_be_written(path: Path, table: bytes, force: bool) -> bool:
+    """Whether the calibration is not there yet. Raises SettingsError if another one is in the way."""
+    if path.is_file() and not path.is_symlink() and path.read_bytes() == table:
+        return False
+    check_free(path, force=force)
+    return True
 
 
 def _calibration_of(path: Path) -> Path:

@@ -22,10 +22,17 @@ def remember(words: Sequence[str]) -> None:
     _given[:] = words
 
 
-def stopped(out: Path, kept: Path | None, done: int, *, skip: int = 0, frames: int | None = None) -> StoppedError:
-    """The error to raise. kept: where the first `done` frames behind `skip` are; frames: how many were wanted."""
-    if kept is None or not done:
+def stopped(
+    out: Path, kept: Path | None, done: int, *, skip: int = 0, frames: int | None = None, live: bool = False
+) -> StoppedError:
+    """The error to raise.
+
+    kept: where the first `done` frames behind `skip` are;  frames: how many were wanted;  live: nothing gives the rest
+    """
+    if kept is None:
         return StoppedError(f"stopped before the first frame: {out} was not written")
+    if live:
+        return StoppedError(f"stopped: {done} frames of {frames} are kept in {kept}")
     rest = _free(out)
     left = None if frames is None else frames - done
     lines = [

@@ -298,3 +298,11 @@ def test_a_live_source_without_a_number_of_frames_ends_with_a_signal_and_that_is
             _, complaint = process.communicate(timeout=60)
             assert process.returncode == code, complaint
             assert [path.name for path in folder.iterdir()] == [name]
+
+
+def test_a_part_has_its_calibration_though_the_whole_has_it_already(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "out_db.xml").write_bytes((drive / "drive_db.xml").read_bytes())
+    words = ["convert", "sim:city?frames=100000", tmp_path / "out.pcap", "--calibration", drive / "drive_db.xml"]
+    result = interrupted_while_writing(words, tmp_path, signal.SIGINT)
+    assert result.returncode == 130
+    assert (tmp_path / "out.partial_db.xml").read_bytes() == (tmp_path / "out_db.xml").read_bytes()

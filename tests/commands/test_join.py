@@ -156,6 +156,13 @@ def test_captures_are_joined_record_by_record_with_their_calibration(drive: Path
     assert run_here("join", first, second, out).returncode == 0
     assert out.read_bytes() == drive.read_bytes()
     assert (tmp_path / "out_db.xml").read_bytes() == (tmp_path / "first_db.xml").read_bytes()
+    out.unlink()
+    assert run_here("join", first, second, out).returncode == 0, "the same calibration is there already"
+    out.unlink()
+    (tmp_path / "out_db.xml").write_text("another")
+    refused = run_here("join", first, second, out)
+    assert (refused.returncode, "out_db.xml exists" in the_one_line(refused)) == (2, True)
+    assert not out.exists()
     (tmp_path / "second_db.xml").write_text("another")
     refused = run_here("join", first, second, tmp_path / "no.pcap")
     assert (refused.returncode, "another calibration" in the_one_line(refused)) == (2, True)
