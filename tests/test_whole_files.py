@@ -219,3 +219,51 @@ def test_a_pipe_is_written_as_it_is(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["pipe.pcap"]
     with pytest.raises(SettingsError, match="no place for files"):
         write_folder(path)
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("what", ["open", "fsync", "close", "chmod", "_renameat2", "mkdir"])
+def test_whichever_call_fails_all_is_new_or_all_is_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, there: bool
+) -> None:
+    """Every call of its kind in turns, as an input/output error and as a full disk."""
+    home = {"_renameat2": renaming, "chmod": Path, "mkdir": Path}.get(what, os)
+    real = getattr(home, what)
+    for error, number in [(error, number) for error in (5, 28) for number in range(1, 12)]:
+        folder = tmp_path / f"{error}-{number}"
+        folder.mkdir()
+        path, table, scans = folder / "drive.pcap", folder / "drive_db.xml", folder / "scans"
+        if there:
+            path.write_text("old")
+            table.write_text("old")
+            write_folder(scans)
+            (scans / "0.bin").write_text("old")
+        calls: list[object] = []
+
+        def fails(
+            *given: object, calls: list[object] = calls, number: int = number, error: int = error, **more: object
+        ) -> object:  # noqa: E501
+            calls.append(given)
+            if len(calls) == number:
+                raise OSError(error, os.strerror(error))
+            return real(*given, **more)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(home, what, fails)
+            failed = []
+            try:
+                with whole(path, force=True) as output:
+                    output.companion(lambda kept: kept.with_name(f"{kept.stem}_db.xml"), ".xml").write_text("new")
+                    output.beside.write_text("new")
+            except SourceError:
+                failed.append("file")
+            try:
+                write_folder(scans, force=True)
+            except SourceError:
+                failed.append("folder")
+        left = {str(one.relative_to(folder)): one.read_text() for one in folder.rglob("*") if one.is_file()}
+        before = "old" if there else None
+        assert {left.pop("drive.pcap", None), left.pop("drive_db.xml", None)} == {before if "file" in failed else "new"}
+        assert left.pop("scans/0.bin", None) == (before if "folder" in failed else "new")
+        assert not left
+        assert not [one for one in folder.iterdir() if one.name.startswith(".")]
