@@ -1,7 +1,8 @@
 """The command line: one subcommand is one short function, and what it does is in `lidarcodec.commands`.
 
-Nothing heavy is imported here, so that `lidarcodec --help` answers at once. Exit codes: 0 done (also when stopped by
-SIGINT or SIGTERM), 1 failed at work, 2 wrong usage. An error is one line on stderr; a traceback only with `--debug`.
+Nothing heavy is imported here, so that `lidarcodec --help` answers at once. Exit codes: 0 done, 1 failed at work, 2
+wrong usage, 130 or 143 interrupted by SIGINT or SIGTERM (live commands end with 0 then). An error is one line on
+stderr; a traceback only with `--debug`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from lidarcodec.commands.arguments import (
     CalibrationFile,
     CodecName,
     Connect,
+    Force,
     FrameCount,
     LearnSteps,
     Listen,
@@ -28,9 +30,11 @@ from lidarcodec.commands.arguments import (
     ZenohConfig,
 )
 from lidarcodec.commands.convert_command import convert
+from lidarcodec.commands.ending import FAILED, WRONG_USAGE
+from lidarcodec.commands.join import join
 from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
-from lidarcodec.commands.running import FAILED, WRONG_USAGE, keep_standard_output
+from lidarcodec.commands.running import keep_standard_output
 from lidarcodec.errors import SettingsError
 
 app = typer.Typer(
@@ -98,12 +102,13 @@ def encode(
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
+    force: Force = False,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force)
 
 
 @app.command()
@@ -112,14 +117,16 @@ def decode(
     out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False, help=".pcap .npz .ply .las, or a folder")],
     frames: FrameCount = None,
     skip: SkipCount = 0,
+    force: Force = False,
 ) -> None:
     """Decode a recording into packets (.pcap), images (.npz), points (.ply .las) or a folder of KITTI .bin files."""
     from lidarcodec.commands import decode as command
 
-    command.run(recording, out, frames, skip)
+    command.run(recording, out, frames, skip, force)
 
 
 app.command()(convert)
+app.command()(join)
 
 
 @app.command()
@@ -127,12 +134,15 @@ def verify(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
     source: Source,
     calibration: CalibrationFile = None,
+    allow_part: Annotated[
+        bool, _option("--allow-part", help="The recording may hold only a part of its source; say which.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare a recording with the source it was made from; exit code 1 if it breaks what its settings promise."""
+    """Compare a recording with its source; exit code 1 if it breaks what its settings promise, or does not hold all."""
     from lidarcodec.commands import verify as command
 
-    if not command.run(recording, source, calibration, as_json):
+    if not command.run(recording, source, calibration, as_json, allow_part):
         raise typer.Exit(FAILED)
 
 
@@ -192,13 +202,16 @@ def bench(
         bool, _option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
     ] = False,
     learn: LearnSteps = 0,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers, learn)
+    command.run(
+        source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers, learn, force
+    )
 
 
 @app.command()
@@ -206,11 +219,13 @@ def simulate(
     source: Annotated[str, typer.Argument(metavar="sim:SCENE", show_default=False)],
     out: Annotated[Path, typer.Argument(metavar="OUT.pcap", show_default=False)],
     frames: FrameCount = None,
+    skip: SkipCount = 0,
+    force: Force = False,
 ) -> None:
     """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?seed=1&frames=100."""
     from lidarcodec.commands import simulate as command
 
-    command.run(source, out, frames)
+    command.run(source, out, frames, skip, force)
 
 
 @app.command()

@@ -12,7 +12,7 @@ from unittest import mock
 from lidarcodec import cli
 
 ROOT = Path(__file__).resolve().parent.parent
-COMMAND = [sys.executable, "-m", "lidarcodec.cli"]
+COMMAND = [sys.executable, "-m", "lidarcodec"]
 LIMIT_S = 100
 
 
@@ -54,7 +54,7 @@ def run(*words, cwd=None, **variables):
 def run_here(*words):
     """The same within this process, in a fraction of the time: for what is refused before it runs, or only prepares."""
     out, complaints = io.StringIO(), io.StringIO()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         with (
             contextlib.redirect_stdout(out),

@@ -21,7 +21,7 @@ from typing import IO, TYPE_CHECKING, Any
 from lidarcodec.apps.demo_browser import show as show_in_browser
 from lidarcodec.apps.demo_processes import PageServer, vehicle
 from lidarcodec.codecs import table
-from lidarcodec.errors import SourceError, TransportError
+from lidarcodec.errors import LidarCodecError, SourceError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import PACKET_BYTES
@@ -254,8 +254,8 @@ class Demo:
                 title += f"   {figures.ratio:.2f} : 1"
             try:
                 save_picture(picture_of(self._last, title), self._picture)
-            except OSError as error:  # a folder that cannot be written spoils no demonstration
-                print(f"  {'last frame':<20} not saved: {error.strerror or error}")
+            except (OSError, LidarCodecError) as error:  # a folder that cannot be written spoils no demonstration
+                print(f"  {'last frame':<20} not saved: {error}")
             else:
                 print(f"  {'last frame':<20} {self._picture}")
 

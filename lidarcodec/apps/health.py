@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.whole_files import written_whole
 
 logger = logging.getLogger(__name__)
 
@@ -67,8 +68,8 @@ class HealthFile:
         """Raises SettingsError when the file cannot be written."""
         try:
             self._write()
-        except OSError as error:
-            raise SettingsError(f"cannot write {self._path}: {error.strerror}", "health_file") from None
+        except LidarCodecError as error:
+            raise SettingsError(str(error), "health_file") from None
         self._thread.start()
         return self
 
@@ -81,17 +82,16 @@ class HealthFile:
         while not self._stop.wait(TELL_S):
             try:
                 self._write()
-            except OSError as error:  # it grows old, and that is seen
+            except LidarCodecError as error:  # it grows old, and that is seen
                 if not self._complained:
-                    logger.warning("cannot write %s: %s", self._path, error.strerror)
+                    logger.warning("%s", error)
                 self._complained = True
 
     def _write(self) -> None:
         now_s = time.monotonic()
         told = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": [self._told(one, now_s) for one in self._states()]}
-        beside = self._path.with_name(self._path.name + ".part")
-        beside.write_text(json.dumps(told) + "\n")
-        beside.replace(self._path)
+        with written_whole(self._path, sync=False) as beside:
+            beside.write_text(json.dumps(told) + "\n")
 
     def _told(self, state: SensorState, now_s: float) -> dict[str, Any]:
         since = self._since.setdefault(state.stream, {})

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from lidarcodec.frame import Frame
 from lidarcodec.units import AZIMUTH_TURN, LASERS, RANGE_STEP_M
+from lidarcodec.whole_files import written_whole
 
 Image = npt.NDArray[np.uint8]
 
@@ -162,8 +163,9 @@ def png_of(image: Image) -> bytes:
 def save_picture(image: Image, path: Path) -> None:
     """Write a picture as PNG.
 
-    Raises OSError if it cannot be written.
+    Raises OSError, SettingsError or SourceError if it cannot be written.
     """
     data = png_of(image)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
+    with written_whole(path) as beside:
+        beside.write_bytes(data)

@@ -14,12 +14,14 @@ from lidarcodec.commands.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
+from lidarcodec.commands.stopping import StoppedError, interrupted_after
 from lidarcodec.errors import DecodeError, MissingExtraError, SettingsError
 from lidarcodec.evaluation.bench import METRICS, bench
 from lidarcodec.evaluation.peers import table
 from lidarcodec.evaluation.peers.run import bench_peer
 from lidarcodec.evaluation.plots import check_plot, plot_bits, plot_curves
 from lidarcodec.evaluation.report import text_table
+from lidarcodec.whole_files import check_free, whole
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -46,8 +48,9 @@ def run(
     as_curve: bool = False,
     peers: bool = False,
     learn: int = 0,
+    force: bool = False,
 ) -> None:
-    """Measure each setting and print the results; when stopped, those that were finished."""
+    """Measure each setting and print the results; when stopped, those that were finished, and that there are more."""
     if metrics not in METRICS:
         raise SettingsError(f"--metrics is {' or '.join(METRICS)}, not '{metrics}'", "metrics")
     if plot is not None and plot.suffix.lower() not in PLOTS:
@@ -56,10 +59,12 @@ def run(
         raise SettingsError(f"cannot draw {plot}: there is no folder {plot.parent}", "plot")
     if plot is not None:
         check_plot()
+        check_free(plot, force=force)
     jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn) + _peer_jobs(codecs, peers)
     check_finite(source, frames)
     given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
-    results = []
+    results: list[dict[str, Any]] = []
+    done = 0
     with suppress(KeyboardInterrupt):
         for number, job in enumerate(jobs, 1):
             try:
@@ -69,10 +74,18 @@ def run(
                 if job.asked_for:
                     raise
                 print(f"left out: {failed}", file=sys.stderr)
+            done = number
+    part = done < len(jobs)
+    end: list[dict[str, Any]] = [interrupted_after(done, len(jobs))] if part else []
     if as_json or results:
-        print(json.dumps(results, indent=2) if as_json else text_table(results))
+        print(json.dumps(results + end, indent=2) if as_json else text_table(results))
     if plot is not None and results:
-        (plot_curves if as_curve else plot_bits)(results, plot)
+        with whole(plot, force=force) as output:
+            if part:
+                output.only_part()
+            (plot_curves if as_curve else plot_bits)(results, output.beside)
+    if part:
+        raise StoppedError(f"stopped: {done} of {len(jobs)} settings were measured, the others are missing above")
 
 
 def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int) -> list[Job]:

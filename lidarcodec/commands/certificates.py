@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.whole_files import written_whole
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -26,11 +27,8 @@ EARLIER = timedelta(hours=1)
 
 def write_private(path: Path, data: bytes) -> None:
     """Put a secret into a file that only its owner reads, from its first byte on."""
-    beside = path.with_name(path.name + ".part")
-    beside.unlink(missing_ok=True)
-    with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(data)
-    beside.replace(path)
+    with written_whole(path, private=True) as beside:
+        beside.write_bytes(data)
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,8 @@ class Authority:
         if not pem.exists() and not key_file.exists():
             made = cls._made()
             write_private(key_file, _key_pem(made._key))
-            pem.write_bytes(made.pem)
+            with written_whole(pem) as beside:
+                beside.write_bytes(made.pem)
             return made
         try:
             certificate = x509.load_pem_x509_certificate(pem.read_bytes())

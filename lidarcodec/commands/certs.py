@@ -22,6 +22,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.access import ROUTER, Auth, People
 from lidarcodec.transport.secured import Identity, Network, Role, accepting, connecting, nested
+from lidarcodec.whole_files import written_whole
 
 STATE = "deployment.json"
 USERS = "users.txt"
@@ -149,9 +150,8 @@ def _check(deployment: Deployment) -> None:
 
 
 def _save(path: Path, deployment: Deployment) -> None:
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(json.dumps(deployment.model_dump(), indent=2) + "\n")
-    beside.replace(path)
+    with written_whole(path) as beside:
+        beside.write_text(json.dumps(deployment.model_dump(), indent=2) + "\n")
 
 
 def _say_validity(deployment: Deployment) -> None:

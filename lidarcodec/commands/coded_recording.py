@@ -46,10 +46,6 @@ class CodedRecording:
         size = self.packets * PACKET_BYTES
         return f"{self.frames} frames, {size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
 
-    def leave(self) -> None:
-        """End the recording without what the codec holds back: something went wrong."""
-        self._writer.close()
-
     def _put(self, messages: list[Message]) -> None:
         for message in messages:
             self._writer.write(data := pack(message))

@@ -3,36 +3,36 @@
 from __future__ import annotations
 
 import logging
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator
+import os
+import re
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
+from typing import Final
 
+from lidarcodec.commands import remaining
 from lidarcodec.commands.converted import Bag, Form, Output, Wanted, form_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.turns import Turns
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
-from lidarcodec.packet import Packet
 from lidarcodec.pipeline import check_offline
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors import read_calibration, write_db_xml
+from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.units import FRAME_PACKETS
-from lidarcodec.whole_files import written_whole
+from lidarcodec.whole_files import check_free, whole
 
 log = logging.getLogger(__name__)
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
+BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
+"""What a rosbag2 of ours holds."""
 IN_THE_STREAM = ("generic", "stream")
 """Where a calibration came from that needs no file: nobody's, or in the packets themselves."""
-
-
-class _StoppedError(Exception):
-    """A signal came: what was begun is thrown away."""
 
 
 def run(
@@ -50,51 +50,50 @@ def run(
     frame_id: str | None,
     force: bool,
 ) -> None:
-    """Convert packet by packet. OUT is there whole at the end, or as it was before."""
+    """Convert packet by packet. OUT is there whole at the end; after a signal what is done has another name."""
     wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
     check_not_input(out, spec)
-    _check_free(out, force)
+    contents = None if out.suffix else BAG_FILES
+    check_free(out, force=force, contents=contents)
     limit = None if frames is None else frames * FRAME_PACKETS
-    try:
-        with (
-            open_source(spec, calibration=calibration, poses=poses) as source,
-            stoppable() as stopped,
-            progress("converting", frames) as tick,
-        ):
-            beside = _calibration_file(out, wanted.form, source.sensor, force)
-            skipped = skip * FRAME_PACKETS
-            packets = islice(source.packets(), skipped, None if limit is None else skipped + limit)
-            first = next(packets, None)
-            if first is None:
-                raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
-            about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
-            with _opened(out, wanted, source, about, force) as output:
-                count = _written(output, chain((first,), packets), tick, stopped)
-                said = output.close()
-            if beside is not None:
-                write_db_xml(source.sensor, beside)
-    except _StoppedError:
-        print(f"stopped: {out} was not written")
-        return
+    with (
+        open_source(spec, calibration=calibration, poses=poses) as source,
+        stoppable(source.close if source.live else None) as stopped,
+        progress("converting", frames) as tick,
+        whole(out, force=force, contents=contents) as output,
+    ):
+        beside = _calibration_file(out, wanted.form, source.sensor, force)
+        turns = Turns(islice(source.packets(), None if limit is None else skip * FRAME_PACKETS + limit), stopped, tick)
+        turns.pass_over(skip)
+        packets = iter(turns)
+        first = next(packets, None)
+        if first is None and stopped():
+            raise remaining.stopped(out, None, 0)
+        if first is None:
+            raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
+        about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
+        with _opened(out, output.beside, wanted, source, about, skip) as writer:
+            for packet in chain((first,), packets):
+                writer.write(packet)
+            said = writer.close()
+        part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
+        if (
+            part and beside is None and _needs_file(wanted.form, source.sensor)
+        ):  # it lies beside OUT, and not beside this
+            beside = _calibration_of(out)
+        if beside is not None:
+            inside = beside.parent == out
+            place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
+            place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
+        if part:
+            output.only_part()
     _told(source)
-    kept = "" if beside is None or beside.parent == out else f"; calibration in {beside}"
-    print(f"{out}: {count} packets, {count / FRAME_PACKETS:.1f} frames{'; ' * bool(said)}{said}{kept}")
-
-
-def _written(output: Output, packets: Iterable[Packet], tick: Callable[[], None], stopped: Callable[[], bool]) -> int:
-    """How many packets were written.
-
-    Raises _StoppedError between two frames.
-    """
-    count = 0
-    for count, packet in enumerate(packets, 1):
-        output.write(packet)
-        if count % FRAME_PACKETS == 0:
-            tick()
-            if stopped():
-                raise _StoppedError
-    return count
+    count, kept = turns.packets, output.kept or out
+    where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
+    print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{'; ' * bool(said)}{said}{where}")
+    if part:
+        raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
 
 
 def _wanted(
@@ -114,14 +113,8 @@ def _wanted(
     return Wanted(form, defaults.settings, clouds, topic, frame_id or defaults.frame_id)
 
 
-def _check_free(out: Path, force: bool) -> None:
-    """Raise SettingsError if writing OUT would take the place of something that is to stay."""
-    if not out.exists() and not out.is_symlink():
-        return
-    if not force:
-        raise SettingsError(f"{out} exists: give another name, or --force to put the new one in its place", "force")
-    if out.is_dir() and not (out / METADATA).is_file():
-        raise SettingsError(f"{out} is a folder and no rosbag2: not even --force replaces that")
+def _needs_file(form: Form, sensor: SensorModel) -> bool:
+    return form != "recording" and sensor.origin not in IN_THE_STREAM
 
 
 def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
@@ -129,12 +122,12 @@ def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -
 
     Raises SettingsError if another one is in the way.
     """
-    if form == "recording" or sensor.origin in IN_THE_STREAM:
+    if not _needs_file(form, sensor):
         return None
     if not out.suffix:
         return out / CALIBRATION
-    path = out.with_name(f"{out.stem}_{CALIBRATION}")
-    if not path.exists() or force:
+    path = _calibration_of(out)
+    if not os.path.lexists(path) or force:
         return path
     try:
         same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
@@ -145,45 +138,25 @@ def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -
     return None
 
 
+def _calibration_of(out: Path) -> Path:
+    return out.with_name(f"{out.stem}_{CALIBRATION}")
+
+
 @contextmanager
-def _opened(out: Path, wanted: Wanted, source: PacketSource, about: dict[str, str], force: bool) -> Iterator[Output]:
-    """The output, on files that get their names when all went well."""
+def _opened(
+    out: Path, beside: Path, wanted: Wanted, source: PacketSource, about: dict[str, str], skip: int
+) -> Iterator[Output]:
+    """The output, in the file or folder `beside`."""
     if out.suffix:
-        with written_whole(out) as path, path.open("wb") as handle:
-            yield open_output(wanted, handle, source.sensor, about, source.poses)
+        with beside.open("wb") as handle:
+            yield open_output(wanted, handle, source.sensor, about, source.poses, skip)
         return
-    with _folder_written_whole(out, force) as folder:
-        name = f"{out.name}_0.mcap"
-        with (folder / name).open("wb") as handle:
-            output = open_output(wanted, handle, source.sensor, about, source.poses)
-            yield output
-        if isinstance(output, Bag):
-            (folder / METADATA).write_text(output.writer.metadata(name))
-
-
-@contextmanager
-def _folder_written_whole(out: Path, force: bool) -> Iterator[Path]:
-    """A folder beside `out` to write to, renamed to it at the end; nothing is left behind if that does not come.
-
-    Raises SourceError when it cannot be written.
-    """
-    try:
-        beside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-        try:
-            yield beside
-            beside.chmod(0o755)
-            if force and out.exists():
-                before = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-                out.replace(before / out.name)
-                beside.replace(out)
-                shutil.rmtree(before)
-            else:
-                beside.rename(out)
-        except BaseException:
-            shutil.rmtree(beside, ignore_errors=True)
-            raise
-    except OSError as error:
-        raise SourceError(f"cannot write {out}: {error.strerror or error}") from None
+    name = f"{out.name}_0.mcap"
+    with (beside / name).open("wb") as handle:
+        output = open_output(wanted, handle, source.sensor, about, source.poses, skip)
+        yield output
+    if isinstance(output, Bag):
+        (beside / METADATA).write_text(output.writer.metadata(name))
 
 
 def _told(source: PacketSource) -> None:

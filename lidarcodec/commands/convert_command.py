@@ -10,6 +10,7 @@ import typer
 from lidarcodec.commands.arguments import (
     CalibrationFile,
     CodecName,
+    Force,
     FrameCount,
     Pairs,
     PosesFile,
@@ -38,7 +39,7 @@ def convert(
     frame_id: Annotated[
         str | None, _option("--frame-id", metavar="NAME", help="Of a rosbag's messages; default: velodyne.")
     ] = None,
-    force: Annotated[bool, _option("--force", help="Replace what has that name.")] = False,
+    force: Force = False,
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,

@@ -74,13 +74,18 @@ def form_of(out: Path, given: str | None) -> Form:
 
 
 def open_output(
-    wanted: Wanted, handle: BinaryIO, sensor: SensorModel, about: Mapping[str, str], poses: Poses | None
+    wanted: Wanted,
+    handle: BinaryIO,
+    sensor: SensorModel,
+    about: Mapping[str, str],
+    poses: Poses | None,
+    first_index: int = 0,
 ) -> Output:
-    """The output for a binary file that was opened for it."""
+    """The output for a binary file that was opened for it. first_index: of the first frame of a recording"""
     if wanted.form == "pcap":
         return _Capture(handle)
     if wanted.form == "recording":
-        return _Recording(wanted, handle, sensor, about, poses)
+        return _Recording(wanted, handle, Assembler(sensor, wanted.settings.framing, first_index), about, poses)
     if wanted.form == "packets":
         return _Packets(handle, about)
     return Bag(wanted, handle, sensor, poses)
@@ -101,9 +106,9 @@ class _Recording:
     """Frames of the wanted framing, through an encoder."""
 
     def __init__(
-        self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, about: Mapping[str, str], poses: Poses | None
+        self, wanted: Wanted, handle: BinaryIO, assembler: Assembler, about: Mapping[str, str], poses: Poses | None
     ) -> None:
-        self._assembler = Assembler(sensor, wanted.settings.framing)
+        self._assembler = assembler
         self._poses = poses
         self._coded = CodedRecording(handle, StreamEncoder(wanted.settings), about, clouds=wanted.clouds)
 

@@ -3,47 +3,70 @@
 from __future__ import annotations
 
 import logging
-from itertools import islice
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import chain, islice
 from pathlib import Path
 
-from lidarcodec.commands.outputs import Opened, check_output, open_output
+from lidarcodec.commands import remaining
+from lidarcodec.commands.outputs import Output, check_output, contents_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.errors import SourceError
+from lidarcodec.whole_files import whole
 
 log = logging.getLogger(__name__)
 
 
-def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
+def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool = False) -> None:
     """Decode frame by frame; of a cut or damaged recording, all that is whole."""
-    check_output(out)
     check_not_input(out, recording)
+    check_output(out, force=force)
     recorded = RecordedFrames(recording)
-    output: Opened | None = None
     count = points = 0
-    try:
-        with progress("decoding", frames) as tick, stoppable() as stopped:
-            for frame in islice(recorded, skip, None if frames is None else skip + frames):
-                output = output or open_output(out)
-                output.write(frame)
+    with (
+        progress("decoding", frames) as tick,
+        stoppable() as stopped,
+        whole(out, force=force, contents=contents_of(out)) as output,
+    ):
+        watched = Watched(recorded, stopped)
+        chosen = islice(watched, skip, None if frames is None else skip + frames)
+        first = next(chosen, None)
+        if first is None and stopped():
+            raise remaining.stopped(out, None, 0)
+        if first is None:
+            _warn(recorded)
+            raise SourceError(
+                f"{recording} has no frame behind the first {skip} that can be decoded: {out} was not written"
+            )
+        with _opened(out, output.beside) as writer:
+            for frame in chain((first,), chosen):
+                writer.write(frame)
                 count, points = count + 1, points + frame.points
                 tick()
-                if stopped():
-                    break
-        if output is not None:
-            output.close()
+        if watched.cut:
+            output.only_part()
+    _warn(recorded)
+    print(f"{output.kept}: {count} frames, {points:,} points")
+    if watched.cut:
+        raise remaining.stopped(out, output.kept, count, skip=skip, frames=frames)
+
+
+@contextmanager
+def _opened(out: Path, beside: Path) -> Iterator[Output]:
+    """The output, closed whole at the end; after an error just closed, so that nothing of it stays open."""
+    writer = open_output(out, beside)
+    try:
+        yield writer
     except BaseException:
-        if output is not None:
-            output.leave()
+        with suppress(Exception):
+            writer.close()
         raise
+    writer.close()
+
+
+def _warn(recorded: RecordedFrames) -> None:
     for text in recorded.warnings():
         log.warning("%s", text)
-    if not count and stopped():
-        return
-    if not count:
-        raise SourceError(
-            f"{recording} has no frame behind the first {skip} that can be decoded: {out} was not written"
-        )
-    print(f"{out}: {count} frames, {points:,} points")

@@ -5,15 +5,17 @@ from __future__ import annotations
 from itertools import chain, islice
 from pathlib import Path
 
+from lidarcodec.commands import remaining
 from lidarcodec.commands.coded_recording import CodedRecording
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
+from lidarcodec.whole_files import check_free, whole
 
 
 def run(
@@ -27,8 +29,9 @@ def run(
     poses: Path | None,
     clouds: bool = False,
     learn: int = 0,
+    force: bool = False,
 ) -> None:
-    """Encode frame by frame; a signal ends it behind a whole frame, with a recording that reads."""
+    """Encode frame by frame. OUT is there whole at the end; after a signal what is done is kept under another name."""
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
@@ -36,32 +39,36 @@ def run(
         encoder.learn(0)
     check_finite(spec, frames, live_too=False)
     check_not_input(out, spec)
+    check_free(out, force=force)
     with (
         open_source(spec, calibration=calibration, poses=poses) as source,
         stoppable(source.close if source.live else None) as stopped,
+        whole(out, force=force) as output,
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
             frames_of(source.packets(), source.sensor, encoder.settings.framing), source.poses if poses else None
         )
-        chosen = islice(cut, skip, None if frames is None else skip + frames)
+        watched = Watched(cut, stopped)
+        chosen = islice(watched, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
         if first is None and stopped():
-            return
-        if first is None:  # before the file is opened: what stood there stays
+            raise remaining.stopped(out, None, 0)
+        if first is None:
             raise SourceError(f"{spec} has no frame behind the first {skip}: nothing was encoded")
-        with out.open("wb") as handle, progress("encoding", frames) as tick:
+        with output.beside.open("wb") as handle, progress("encoding", frames) as tick:
             coded = CodedRecording(handle, encoder, about, clouds=clouds)
-            try:
-                for frame in chain((first,), chosen):
-                    coded.write(frame)
-                    if learn:
-                        encoder.learn(learn)
-                    tick()
-                    if stopped():
-                        break
-            except BaseException:
-                coded.leave()
-                raise
+            for frame in chain((first,), chosen):
+                coded.write(frame)
+                if learn:
+                    encoder.learn(learn)
+                tick()
             coded.close()
-    print(f"{out}: {coded.summary()}" + clouds * f"; with clouds the file has {out.stat().st_size:,}")
+        # A live source without a number of frames ends with a signal: that was all of it.
+        part = frames is not None and stopped() and coded.frames < frames if source.live else watched.cut
+        if part:
+            output.only_part()
+    size = 0 if output.straight or output.kept is None else output.kept.stat().st_size
+    print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
+    if part:
+        raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)

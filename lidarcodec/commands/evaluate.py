@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lidarcodec.commands.arguments import Force
 from lidarcodec.commands.options import option
 
 app = typer.Typer(help="Measure what a stream is good for.", no_args_is_help=True, rich_markup_mode=None)
@@ -77,6 +78,7 @@ def localisation(
         Path | None, option("--cache", metavar="DIR", help="Keep what was computed; a second run is quick.")
     ] = None,
     plots: Annotated[Path | None, option("--plots", metavar="DIR", help="Draw boxes and maps (extra `plot`).")] = None,
+    force: Force = False,
     as_json: Annotated[bool, option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Find the way through drives by reduced and coded scans alone, and say how far off and how often lost."""
@@ -87,5 +89,5 @@ def localisation(
             sources, reduction or [], codec, pairs or [], keep_points, frame_bytes, maps or [], receivers or [],
             localisers or [], protocols or [], stride, reference, sweep, seed,
         ),
-        frames, skip, calibration, poses, cache, plots, as_json,
+        frames, skip, calibration, poses, cache, plots, as_json, force,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from lidarcodec.commands.curve import curve
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
+from lidarcodec.commands.stopping import StoppedError, interrupted_after
 from lidarcodec.errors import SettingsError
 from lidarcodec.evaluation.localisation.cache import Cache
 from lidarcodec.evaluation.localisation.evaluate import MAPS, RECEIVERS, Evaluation, Options, Outcome
@@ -25,9 +27,12 @@ from lidarcodec.evaluation.localisation.report import over_drives, text_tables
 from lidarcodec.evaluation.localisation.sweep import against_original, crossings
 from lidarcodec.evaluation.plots import check_plot
 from lidarcodec.settings import StreamSettings
+from lidarcodec.whole_files import check_free, whole
 
 DEFAULT_CODEC: Final = "predictive"
 DEFAULT_BOUND: Final = "max_error_m=0.01"
+PICTURES: Final = re.compile(r"(sweep|errors|maps)-.*\.png")
+"""What `--plots` draws."""
 MOST_POINTS: Final = 200_000
 ORIGINAL: Final = Method("all", StreamSettings(codec="raw"))
 Name = TypeVar("Name", bound=str)
@@ -101,6 +106,7 @@ def run(
     cache: Path | None,
     plots: Path | None,
     as_json: bool,
+    force: bool = False,
 ) -> None:
     """Measure every method on every source and print the results; when stopped, those that were finished."""
     options, compared = asked.options(), asked.methods()
@@ -110,8 +116,9 @@ def run(
         raise SettingsError("--poses belongs to one source: give one", "poses")
     if plots is not None:
         check_plot()
-        plots.mkdir(parents=True, exist_ok=True)
+        check_free(plots, force=force, contents=PICTURES)
     outcomes: list[Outcome] = []
+    done = 0
     with suppress(KeyboardInterrupt):
         for number, source in enumerate(asked.sources, 1):
             with progress(f"{source} ({number} of {len(asked.sources)})") as tick:
@@ -128,19 +135,26 @@ def run(
                 original = evaluation.method(ORIGINAL) if asked.sweep else []
                 for method in compared:
                     found = evaluation.method(method)
-                    for one, whole in zip(found, original, strict=False):
-                        one.result["against_original"] = against_original(one, whole, asked.seed)
+                    for one, unreduced in zip(found, original, strict=False):
+                        one.result["against_original"] = against_original(one, unreduced, asked.seed)
                     outcomes += found
-    _print(asked, outcomes, as_json)
-    if plots is not None:
-        _draw(asked, options, outcomes, plots)
+                    done += 1
+    wanted = len(asked.sources) * len(compared)
+    _print(asked, outcomes, as_json, [] if done == wanted else [interrupted_after(done, wanted)])
+    if plots is not None and outcomes:
+        with whole(plots, force=force, contents=PICTURES) as output:
+            if done < wanted:
+                output.only_part()
+            _draw(asked, options, outcomes, output.beside)
+    if done < wanted:
+        raise StoppedError(f"stopped: {done} of {wanted} methods were measured, the others are missing above")
 
 
-def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool) -> None:
+def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool, end: list[dict[str, bool | int]]) -> None:
     results: list[dict[str, Any]] = [outcome.result for outcome in outcomes]
     results += over_drives(outcomes, asked.seed)
     if as_json:
-        print(json.dumps(results, indent=2))
+        print(json.dumps(results + end, indent=2))
     elif results:
         print(text_tables(results))
         if asked.sweep:

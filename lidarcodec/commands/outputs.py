@@ -5,9 +5,8 @@ All of them take frame after frame, so that a long recording needs no more memor
 
 from __future__ import annotations
 
-import contextlib
 import json
-import logging
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,9 +20,11 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.whole_files import check_free
 
-log = logging.getLogger(__name__)
 Array = npt.NDArray[Any]
+KITTI_FILES: Final = re.compile(r"\d{6,}\.bin|timestamps\.json")
+"""What a folder of KITTI .bin files holds."""
 
 
 class Output(Protocol):
@@ -34,13 +35,6 @@ class Output(Protocol):
 
     def close(self) -> None:
         """Finish the file."""
-
-
-class Opened(Output, Protocol):
-    """An output that can be left as it is."""
-
-    def leave(self) -> None:
-        """Something went wrong: keep what there is, as what it is."""
 
 
 class PcapOutput:
@@ -200,42 +194,7 @@ class KittiOutput:
         self._stamps[name] = frame.stamp_ns
 
     def close(self) -> None:
-        self._write_stamps()
-        others = sum(1 for path in self._folder.glob("*.bin") if path.name not in self._stamps)
-        if others:  # whoever reads the folder would take them for the rest of this drive
-            log.warning("%s holds %d more scans, which were there before: they are not of this recording", self._folder,
-                        others)  # fmt: skip
-
-    def leave(self) -> None:
-        """Each file of the folder is whole already; have their times beside them if that can be written."""
-        with contextlib.suppress(OSError):
-            self._write_stamps()
-
-    def _write_stamps(self) -> None:
         (self._folder / "timestamps.json").write_text(json.dumps(self._stamps, indent=1) + "\n")
-
-
-class WholeFile:
-    """A file that gets its name when it is whole; until then it is `NAME.part.SUFFIX` beside it.
-
-    So whoever sees the name sees all of it, and what had the name before stays until then.
-    """
-
-    def __init__(self, path: Path, make: Callable[[Path], Output]) -> None:
-        self._path, self._beside = path, path.with_name(f"{path.stem}.part{path.suffix}")
-        self._inner = make(self._beside)
-
-    def write(self, frame: Frame) -> None:
-        self._inner.write(frame)
-
-    def close(self) -> None:
-        self._inner.close()
-        self._beside.replace(self._path)
-
-    def leave(self) -> None:
-        """Something went wrong: keep what was written under the other name."""
-        with contextlib.suppress(OSError, ValueError):
-            self._inner.close()
 
 
 OUTPUTS: Final[dict[str, Callable[[Path], Output]]] = {
@@ -251,20 +210,27 @@ def _suffix(path: Path) -> str:
     return "" if path.is_dir() else path.suffix.lower()
 
 
-def check_output(path: Path) -> None:
-    """Raise SettingsError if nothing can be written to a path that ends so."""
+def check_output(path: Path, *, force: bool = False) -> None:
+    """Raise SettingsError if nothing can be written to a path that ends so, or it would replace what is to stay."""
     suffix = _suffix(path)
     if suffix not in OUTPUTS:
         raise SettingsError(
             f"cannot write {path}: OUT ends in .pcap .npz .ply .las, or is a folder of KITTI .bin files"
         )
+    if suffix != ".pcap" and (path.is_fifo() or path.is_char_device()):
+        raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can go there")
+    check_free(path, force=force, contents=contents_of(path))
 
 
-def open_output(path: Path) -> Opened:
-    """The output that the end of a path asks for; a path without one is a folder of KITTI .bin files.
+def contents_of(path: Path) -> re.Pattern[str] | None:
+    """Names of the files of an output that is a folder; None for one that is a file."""
+    return None if _suffix(path) else KITTI_FILES
 
-    Raises SettingsError for any other, OSError when it cannot be written.
+
+def open_output(path: Path, beside: Path) -> Output:
+    """The output that the end of a path asks for, at a place to write to; a path without one is a folder of KITTI .bin
+    files.
+
+    Raises OSError when it cannot be written.
     """
-    check_output(path)
-    make = OUTPUTS[_suffix(path)]
-    return WholeFile(path, make) if _suffix(path) else KittiOutput(path)
+    return OUTPUTS[_suffix(path)](beside)

@@ -6,24 +6,29 @@ import contextlib
 import errno
 import logging
 import os
+import signal
 import sys
 import traceback
 from typing import NoReturn
 
 import typer
 
-from lidarcodec.commands.stopping import Interrupter
+from lidarcodec.commands.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.remaining import remember
+from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.whole_files import drop_all
 
-DONE, FAILED, WRONG_USAGE = 0, 1, 2
-_STOPPED = 130
+_BY_TYPER = 130
 """What typer makes of a KeyboardInterrupt."""
+_GO_ON = ("annotate", "train")
+"""Commands that keep their work as they go."""
 
 
 def _one_line(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
-        text = f"{error.strerror}: what was written before is kept; make room or write elsewhere"
+        text = f"{error.strerror}: make room or write elsewhere"
     elif isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{error.filename}: {error.strerror}"
     return text
@@ -37,6 +42,9 @@ def _complain(error: BaseException) -> int:
         text = " ".join(error.format_message().split()).rstrip(".")
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
+    if isinstance(error, MemoryError):
+        sys.stderr.write("lidarcodec: there is not enough memory for this: close other programs, or do it in parts\n")
+        return FAILED
     known = isinstance(error, LidarCodecError | OSError)
     text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
     sys.stderr.write(f"lidarcodec: {text}\n")
@@ -55,22 +63,41 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
     given = [word for word in arguments if word != "--debug"]
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
-    Interrupter().install()
+    Interrupter().install(hangup=not is_live(given))
+    remember(given)
+    code = None
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
         _flush()
     except KeyboardInterrupt:
-        return DONE
+        return _stopped(given)
+    except StoppedError as stopped:
+        return _stopped(given, str(stopped))
     except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
         # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return int(code or DONE) if signal_that_came() is None else _stopped(given)
     except Exception as error:
         if not debug:
             return _complain(error)
         traceback.print_exception(error)
         return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
-    return DONE if code in (None, _STOPPED) else int(code)
+    finally:
+        drop_all()
+    return _stopped(given) if code == _BY_TYPER else int(code or DONE)
+
+
+def _stopped(words: list[str], said: str = "") -> int:
+    """Say that a signal ended the command; the exit code for it."""
+    ignore_signals()
+    drop_all()
+    if is_live(words):
+        return DONE
+    if not said:
+        goes_on = any(word in _GO_ON for word in words[:1])
+        said = "stopped: the same command goes on from here" if goes_on else "stopped before it was done"
+    sys.stderr.write(f"lidarcodec: {said}\n")
+    return INTERRUPTED + (signal_that_came() or signal.SIGINT)
 
 
 def keep_standard_output() -> None:
@@ -97,6 +124,7 @@ def main(app: typer.Typer) -> NoReturn:
     """The process: run the command of the command line and end."""
     _open_standard_streams()
     code = run(app, sys.argv[1:])
+    ignore_signals()
     with contextlib.suppress(OSError):
         _flush()
     if "zenoh" in sys.modules:

@@ -8,10 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from lidarcodec.commands.arguments import Force
 from lidarcodec.commands.options import option
 from lidarcodec.commands.progress import progress
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import training_module
+from lidarcodec.whole_files import check_free
 
 Drives = Annotated[
     list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives that `annotate` has labelled.")
@@ -63,6 +65,7 @@ def scores(
     ] = None,
     note: Annotated[str, option("--note", help="What the ONNX file says that it was trained on.")] = "unknown drives",
     licence: Annotated[str, option("--licence", help="What it says of the licence of its weights.")] = "unknown",
+    force: Force = False,
     test: Test = None,
     steps: Annotated[int, option("--steps", min=1, metavar="N")] = 1300,
     every: Every = 1,
@@ -72,6 +75,8 @@ def scores(
     threads: Threads = 1,
 ) -> None:
     """Train the small network of the reducers `poconet` and `poconet-paper` on annotated drives (extra `learned`)."""
+    if onnx is not None:
+        check_free(onnx, force=force)
     training = _begun(drives, test, threads, "train_scores")
     run = training.ScoreRun(seed=seed, steps=steps)
     with progress("reading"):
@@ -79,7 +84,7 @@ def scores(
     with progress("steps", steps) as tick:
         net = training.train_scores(examples, out, run, device, tick=lambda *_: tick(), seconds=seconds)
     if onnx is not None:
-        training_module("export_scores").export_scores(net, onnx, {"trained_on": note, "licence": licence})
+        training_module("export_scores").export_scores(net, onnx, {"trained_on": note, "licence": licence}, force=force)
     _tell(out, {str(drive): training.measure_scores(net.eval(), [drive]) for drive in test or []})
 
 

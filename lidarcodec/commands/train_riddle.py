@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
+from lidarcodec.commands.arguments import Force
 from lidarcodec.commands.options import option
 from lidarcodec.errors import SettingsError
+from lidarcodec.whole_files import check_free
 
 Names = Annotated[list[str] | None, typer.Argument(metavar="[SOURCE]...", show_default=False)]
 
@@ -73,6 +75,7 @@ def riddle(
     licence: Annotated[
         str | None, option("--licence", metavar="TEXT", help="Of the data, written into the file.")
     ] = None,
+    force: Force = False,
     date: Annotated[str | None, option("--date", metavar="TEXT", help="Written into the file.")] = None,
 ) -> None:
     """Train the networks of codec riddle; the same command again goes on where it was stopped."""
@@ -90,8 +93,7 @@ def riddle(
         raise SettingsError(f"{shared[0]} is held out and learned from", "holdout")
     if not out.parent.is_dir():
         raise SettingsError(f"{out.parent} is no folder", "out")
-    if out.is_dir():
-        raise SettingsError(f"{out} is a folder: name a file", "out")
+    check_free(out, force=force)
     runs.limit_threads(threads)
     how = samples.Gathering(seed, frame_rows, passes, frames, framing, units)
     about = {name: text for name, text in (("licence", licence), ("date", date)) if text is not None}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,50 +12,70 @@ from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_recorded
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import SourceError
-from lidarcodec.evaluation.verify import Comparison, PacketsByTime, bound_of, promise_of
+from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 
 log = logging.getLogger(__name__)
 
 
-def run(recording: Path, spec: str, calibration: Path | None, as_json: bool) -> bool:
-    """Compare, print, and say whether every promise was kept."""
+def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, allow_part: bool = False) -> bool:
+    """Compare, print, and say whether every promise was kept, and nothing of the source is missing.
+
+    allow_part: whether the recording may hold only a part of its source
+    """
     check_recorded(spec)
     recorded = RecordedFrames(recording)
     settings = recorded.settings()
     comparison = Comparison()
     with open_source(spec, calibration=calibration) as source, progress("comparing") as tick, stoppable() as stopped:
         packets = PacketsByTime(source.packets())
-        for frame in recorded:
+        watched = Watched(recorded, stopped)
+        for frame in watched:
             message = recorded.message
             promise = None if message is None else promise_of(message)
             if promise is not None and settings is not None and settings.codec == "raw":  # its messages do not say it
                 promise = promise._replace(reduced=settings.reduction != "all")
             comparison.add(frame, packets, promise)
             tick()
-            if stopped():
-                break
-    if stopped():  # code 0, as for every command, must not be read as a promise that was kept
-        log.warning("stopped: %s was not compared to its end", recording)
-        return True
+        coverage = None if watched.cut else packets.coverage(stopped)
     for text in recorded.warnings():
         log.warning("%s", text)
+    if coverage is None and not comparison.frames:
+        raise StoppedError(f"stopped before the first frame of {recording} was compared")
     if not comparison.frames:
         raise SourceError(f"{recording} holds no frame that can be decoded: there is nothing to compare")
     if comparison.not_in_source == comparison.frames:
         raise SourceError(f"{spec} has no packet of the times in {recording}: it was not made from this source")
-    broken = missing_parts(recorded) + broken_promises(settings, comparison)
+    broken = [
+        *missing_parts(recorded),
+        *broken_promises(settings, comparison),
+        *([] if coverage is None or allow_part else not_covered(coverage)),
+    ]
     result = comparison.result() | {
+        "complete": coverage is not None,
+        "interrupted": coverage is None,
+        "coverage": None if coverage is None else coverage.result(),
         "packets_passed_over": packets.passed,
         "settings": None if settings is None else settings.model_dump(mode="json"),
         "changed": changed_since_the_start(settings, comparison),
         "broken": broken,
     }
-    print(json.dumps(result, indent=2) if as_json else _text(result))
+    with suppress(BrokenPipeError):  # nobody reads on, but the exit code still counts
+        print(json.dumps(result, indent=2) if as_json else _text(result), flush=True)
+    if coverage is None:
+        raise StoppedError(f"stopped: {recording} was not compared to its end, {comparison.frames} frames were")
     return not broken
+
+
+def not_covered(found: Coverage) -> list[str]:
+    """What of the source is not in the recording, a sentence."""
+    if found.whole:
+        return []
+    missing = found.source_packets - found.packets
+    return [f"{missing} of {found.source_packets} packets of the source are missing; --allow-part if a part was meant"]
 
 
 def missing_parts(recorded: RecordedFrames) -> list[str]:
@@ -127,6 +148,7 @@ def _text(result: dict[str, Any]) -> str:
 
     same = "identical" if result["packets_identical"] else f"{result['identical_packets']} identical"
     lines = [
+        _covered_text(result["coverage"]),
         f"frames           {result['frames']}, {result['frames_not_in_source']} of them not in the source",
         f"packets          {result['packets']}, {same}",
         f"largest error    {metres(result['max_error_m'])}",
@@ -137,3 +159,19 @@ def _text(result: dict[str, Any]) -> str:
         *(f"BROKEN           {text}" for text in result["broken"]),
     ]
     return "\n".join(lines)
+
+
+def _covered_text(found: dict[str, Any] | None) -> str:
+    if found is None:
+        return "INTERRUPTED      only a part was compared, and this is what was found in it"
+    if found["whole"]:
+        return f"covered          the whole source: {found['source_packets']:,} packets"
+    if found["first"] is None:
+        return f"covered          nothing of the {found['source_packets']:,} packets of the source"
+    begin, end = ((found[name] - found["source_first_ns"]) / 1e9 for name in ("first_ns", "last_ns"))
+    gaps = f", with {found['gaps']} gaps" if found["gaps"] else ""
+    return (
+        f"covered          {found['packets']:,} of {found['source_packets']:,} packets of the source"
+        f" ({found['frames']:.1f} of {found['source_frames']:.1f} frames), number {found['first']:,} to"
+        f" {found['last']:,}, second {begin:.1f} to {end:.1f}{gaps}"
+    )

@@ -7,7 +7,7 @@ judged by what its own message says of itself, not by what was noted when the re
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -21,7 +21,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import frames_of
-from lidarcodec.units import MAX_PACKETS, RANGE_STEP_M
+from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 LATE_NS = 1_000_000_000
 """A packet this much younger than the one that is looked for: that one is not in the source."""
@@ -64,16 +64,56 @@ def promise_of(message: Message) -> Promise:
     return Promise(step, step == 1 and whole, reduced)
 
 
+class Coverage(NamedTuple):
+    """How much of a source a recording holds.
+
+    packets: those that are in the recording;  source_packets: all
+    first, last: places in the source of the first and of the last one, None without any
+    first_ns, last_ns: times of these
+    source_first_ns, source_last_ns: times of the source's own first and last one
+    gaps: runs of packets between first and last that are missing
+    """
+
+    packets: int
+    source_packets: int
+    first: int | None
+    last: int | None
+    first_ns: int | None
+    last_ns: int | None
+    source_first_ns: int | None
+    source_last_ns: int | None
+    gaps: int
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing of the source is missing."""
+        return self.packets == self.source_packets
+
+    def result(self) -> dict[str, Any]:
+        """All of it as plain values; frames are of 348 packets."""
+        frames = {
+            "frames": round(self.packets / FRAME_PACKETS, 2),
+            "source_frames": round(self.source_packets / FRAME_PACKETS, 2),
+        }
+        return {"whole": self.whole} | self._asdict() | frames
+
+
 class PacketsByTime:
     """Finds the packets of a recording's frames again in the source, going forward only.
 
     Frames may be missing in the recording (replaced on the way, or left out by --skip): packets in between are passed
-    over and counted in `passed`.
+    over and counted in `passed`. `coverage` tells which of the source's packets were found.
     """
 
     def __init__(self, packets: Iterable[Packet]) -> None:
         self._packets: Iterator[Packet] = iter(packets)
         self._waiting: deque[Packet] = deque()
+        self._at = self._taken = self._gaps = 0
+        self._from: Packet | None = None
+        self._first = self._last = 0
+        self._to: Packet | None = None
+        self._source_from: Packet | None = None
+        self._source_to: Packet | None = None
         self.passed = 0
 
     def _look(self, at: int) -> Packet | None:
@@ -81,8 +121,34 @@ class PacketsByTime:
             packet = next(self._packets, None)
             if packet is None:
                 return None
+            self._source_from, self._source_to = self._source_from or packet, packet
             self._waiting.append(packet)
         return self._waiting[at]
+
+    def coverage(self, stopped: Callable[[], bool] = lambda: False) -> Coverage | None:
+        """What was taken, of all that the source has: reads it to its end. None if that was stopped."""
+        count = self._at + len(self._waiting)
+        self._waiting.clear()
+        for packet in self._packets:
+            if stopped():
+                return None
+            self._source_from, self._source_to = self._source_from or packet, packet
+            count += 1
+        self._at = count
+        found = self._from is not None
+        ends = (self._from, self._to, self._source_from, self._source_to)
+        first_ns, last_ns, source_first_ns, source_last_ns = (None if one is None else one.stamp_ns for one in ends)
+        return Coverage(
+            packets=self._taken,
+            source_packets=count,
+            first=self._first if found else None,
+            last=self._last if found else None,
+            first_ns=first_ns,
+            last_ns=last_ns,
+            source_first_ns=source_first_ns,
+            source_last_ns=source_last_ns,
+            gaps=self._gaps,
+        )
 
     def take(self, first: Packet, count: int) -> list[Packet] | None:
         """`count` packets, beginning with the one that has the time of `first`; None if the source has none.
@@ -104,7 +170,21 @@ class PacketsByTime:
         for _ in range(found):
             self._waiting.popleft()
         self.passed += found
-        return [self._waiting.popleft() for _ in range(count)]
+        taken = [self._waiting.popleft() for _ in range(count)]
+        self._note(found, taken)
+        return taken
+
+    def _note(self, passed: int, taken: list[Packet]) -> None:
+        """Keep account of what was found in the source."""
+        self._at += passed
+        if taken:
+            if self._from is None:
+                self._from, self._first = taken[0], self._at
+            elif passed:
+                self._gaps += 1
+            self._at += len(taken)
+            self._taken += len(taken)
+            self._to, self._last = taken[-1], self._at - 1
 
 
 @dataclass

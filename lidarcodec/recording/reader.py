@@ -77,6 +77,15 @@ class RecordingReader:
         for stored in self._read(encoding, topic, None, lambda _: True):
             yield stored.log_time, stored.data()
 
+    def everything(self) -> Iterator[tuple[Channel, Stored]]:
+        """Every message of every channel, in the order of the file."""
+        self.counts.clear()
+        for _, stored in self._walk(self._data_start):
+            for one in stored:
+                channel = self.channels.get(one.channel)
+                if channel is not None:
+                    yield channel, one
+
     def topics(self) -> dict[str, str]:
         """Topic to type of every channel with a schema, wherever in the file it is told of."""
         if not self._indexed():

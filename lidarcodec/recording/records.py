@@ -52,13 +52,14 @@ class Record(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """A stored message: channel, log time, and where its data is."""
+    """A stored message: channel, log time, where its data is, and its sequence number."""
 
     channel: int
     log_time: int
     source: IO[bytes]
     start: int
     length: int
+    sequence: int = 0
 
     def data(self, limit: int = MAX_RECORD) -> bytes:
         """The data, or as much of it as `limit` allows."""
@@ -173,8 +174,8 @@ def stored_of(stream: IO[bytes], record: Record) -> Stored:
     """The message of a record; its data is not read yet."""
     if record.length < _MESSAGE.size:
         raise DamagedError(f"a message record of {record.length} bytes")
-    channel, _, log_time, _ = _MESSAGE.unpack(read(stream, record.start, _MESSAGE.size))
-    return Stored(channel, log_time, stream, record.start + _MESSAGE.size, record.length - _MESSAGE.size)
+    channel, sequence, log_time, _ = _MESSAGE.unpack(read(stream, record.start, _MESSAGE.size))
+    return Stored(channel, log_time, stream, record.start + _MESSAGE.size, record.length - _MESSAGE.size, sequence)
 
 
 def chunk_of(stream: IO[bytes], record: Record) -> Chunk:

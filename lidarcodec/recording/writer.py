@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 import lidarcodec
 from lidarcodec import wire
-from lidarcodec.errors import HeaderError
+from lidarcodec.errors import HeaderError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import foxglove
 from lidarcodec.packet import Packet
@@ -26,6 +26,7 @@ from lidarcodec.recording.layout import (
     pack_batch,
     topic,
 )
+from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.settings import StreamSettings, valid_name
 from lidarcodec.wire.header import MAJOR, MINOR
 
@@ -95,6 +96,21 @@ class RecordingWriter:
             data = foxglove.frame_transform(frame.stamp_ns, foxglove.WORLD, name, frame.pose)
             self._add_foxglove(transform_topic, foxglove.FRAME_TRANSFORM, frame, data)
         self._add_foxglove(cloud_topic, foxglove.POINT_CLOUD, frame, foxglove.point_cloud(frame, name))
+
+    def copy(self, channel: Channel, schema: str, stored: Stored) -> None:
+        """Adds a message as another recording has it. schema: name of its type, empty if it has none.
+
+        Raises SourceError for a type that no recording of ours has, OSError.
+        """
+        if channel.topic not in self._channels:
+            number = 0
+            if schema:
+                known = {one.name: one for one in (foxglove.POINT_CLOUD, foxglove.FRAME_TRANSFORM)}.get(schema)
+                if known is None:
+                    raise SourceError(f"{channel.topic} holds {schema}, which no recording of ours does: leave it out")
+                number = self._mcap.register_schema(known.name, foxglove.ENCODING, known.data)
+            self._channels[channel.topic] = self._mcap.register_channel(channel.topic, channel.encoding, number)
+        self._store(self._channels[channel.topic], stored.log_time, stored.data(), stored.sequence)
 
     @property
     def bytes_written(self) -> int:

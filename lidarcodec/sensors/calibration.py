@@ -21,10 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarcodec.errors import CalibrationError
+from lidarcodec.errors import CalibrationError, LidarCodecError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Origin, SensorModel
 from lidarcodec.sensors.table import HDL64
 from lidarcodec.units import LASERS, RANGE_STEP_M
+from lidarcodec.whole_files import written_whole
 
 MAX_FILE_BYTES = 1 << 20
 """Real files have 20-50 kB."""
@@ -87,9 +88,10 @@ def write_yaml(sensor: SensorModel, path: Path) -> None:
 
 def _write(path: Path, text: str) -> None:
     try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CalibrationError(f"calibration {path} cannot be written: {error.strerror or error}") from error
+        with written_whole(Path(path)) as beside:
+            beside.write_text(text, encoding="utf-8")
+    except LidarCodecError as error:
+        raise CalibrationError(f"calibration {path} cannot be written: {error}") from None
 
 
 def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M) -> Calibration:

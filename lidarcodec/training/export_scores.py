@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lidarcodec.errors import MissingExtraError, SourceError
+from lidarcodec.errors import MissingExtraError
 from lidarcodec.reduction.score_image import CHANNELS, MULTIPLE
 from lidarcodec.training.nets.score_net import ScoreNet
 from lidarcodec.units import LASERS
+from lidarcodec.whole_files import whole
 
 OPSET = 17
 
 
-def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str]) -> None:
+def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str], *, force: bool = True) -> None:
     """Write the network, for images of any width that is a multiple of 16; about: what stands in its metadata.
+
+    force: whether to replace a file of that name
 
     Raises MissingExtraError without the package onnx; SourceError when the file cannot be written.
     """
@@ -38,7 +41,5 @@ def export_scores(net: ScoreNet, path: Path, about: Mapping[str, str]) -> None:
         )  # fmt: skip
     model = onnx.load_from_string(buffer.getvalue())
     onnx.helper.set_model_props(model, dict(about))
-    try:
-        path.write_bytes(model.SerializeToString())
-    except OSError as error:
-        raise SourceError(f"cannot write {path}: {error.strerror or error}") from None
+    with whole(path, force=force) as output:
+        output.beside.write_bytes(model.SerializeToString())

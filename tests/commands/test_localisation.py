@@ -32,11 +32,11 @@ def test_a_sweep_says_at_which_bitrate_the_error_is_five_centimetres(tmp_path, m
     monkeypatch.setitem(POINTS, "max_error_m", (0.0, 0.05, 0.5))
     ran = run_here(
         "evaluate", "localisation", SOURCE, "--sweep", "--codec", "predictive", "--localiser", "plane",
-        "--cache", str(tmp_path / "cache"), "--plots", str(tmp_path), "--stride", "5",
+        "--cache", str(tmp_path / "cache"), "--plots", str(tmp_path / "plots"), "--stride", "5",
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert "5 cm RMSE, near, sim:street?frames=9&traffic=0, predictive, voxel, plane: " in ran.stdout
-    assert (tmp_path / "sweep-1-near.png").stat().st_size > 5000
+    assert (tmp_path / "plots" / "sweep-1-near.png").stat().st_size > 5000
     # the original is not looked for twice: what was decoded without loss is the same cloud
     assert len(list((tmp_path / "cache").glob("*.npz"))) == 3
 

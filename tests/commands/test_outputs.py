@@ -7,9 +7,10 @@ import laspy
 import numpy as np
 import pytest
 
-from lidarcodec.commands.outputs import check_output, open_output
+from lidarcodec.commands.outputs import check_output, contents_of, open_output
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import frames_of
+from lidarcodec.whole_files import whole
 from tests.packets import sensor, turning
 
 
@@ -22,10 +23,11 @@ def frames():
 def written(frames, tmp_path):
     def write(name):
         path = tmp_path / name
-        output = open_output(path)
-        for frame in frames:
-            output.write(frame)
-        output.close()
+        with whole(path, contents=contents_of(path)) as made:
+            output = open_output(path, made.beside)
+            for frame in frames:
+                output.write(frame)
+            output.close()
         return path
 
     return write
@@ -105,27 +107,29 @@ def test_an_ending_that_nobody_writes_is_refused_before_anything_is_read(tmp_pat
         check_output(tmp_path / "cloud.obj")
 
 
-@pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las"])
-def test_a_file_has_its_name_when_it_is_whole_and_not_before(frames, tmp_path, name):
+@pytest.mark.parametrize("name", ["out.pcap", "out.npz", "out.ply", "out.las", "scans"])
+def test_an_output_has_its_name_when_it_is_whole_and_not_before(written, frames, tmp_path, name):
     path = tmp_path / name
-    path.write_text("what was there before")
-    broken = open_output(path)
-    broken.write(frames[0])
-    broken.leave()
-    assert path.read_text() == "what was there before"
-    output = open_output(path)
-    output.write(frames[0])
-    assert path.read_text() == "what was there before"
-    output.close()
+
+    def breaks(made):
+        open_output(path, made.beside).write(frames[0])
+        assert not path.exists()
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"), whole(path, contents=contents_of(path)) as made:
+        breaks(made)
+    assert list(tmp_path.iterdir()) == []
+    written(name)
     assert [one.name for one in tmp_path.iterdir()] == [name]
-    assert path.stat().st_size > 1000
 
 
-def test_scans_that_were_in_the_folder_before_are_told_of(written, frames, caplog):
+def test_scans_do_not_mix_with_what_is_in_a_folder(written, tmp_path):
     folder = written("scans")
-    assert not caplog.records
-    output = open_output(folder)
-    output.write(frames[0])
-    output.close()
-    assert f"holds {len(frames) - 1} more scans" in caplog.text
-    assert list(json.loads((folder / "timestamps.json").read_text())) == ["000000.bin"]
+    with pytest.raises(SettingsError, match="not empty"):
+        check_output(folder)
+    check_output(folder, force=True)
+    (folder / "metadata.yaml").write_text("mine")
+    with pytest.raises(SettingsError, match=r"metadata\.yaml"):
+        check_output(folder, force=True)
+    (tmp_path / "empty").mkdir()
+    check_output(tmp_path / "empty")

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
+from lidarcodec.whole_files import written_whole
 
 FORM: Final = 1
 """Raised when the same input gives other results than before."""
@@ -57,7 +58,6 @@ class Cache:
                 return {key: file[key] for key in file.files}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             made = make()
-        beside = path.with_suffix(f".{os.getpid()}.npz")
-        np.savez(beside, **made)  # type: ignore[arg-type]
-        beside.replace(path)
+        with written_whole(path) as beside:
+            np.savez(beside, **made)  # type: ignore[arg-type]
         return made

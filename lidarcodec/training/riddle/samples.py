@@ -29,6 +29,7 @@ from lidarcodec.training.riddle.drives import clips, frames_to_learn
 from lidarcodec.training.riddle.extraction import LABELS, Rows, extracted, joined, row_bytes
 from lidarcodec.training.riddle.variations import Variation
 from lidarcodec.training.runs import step_rng
+from lidarcodec.whole_files import written_whole
 
 STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
 """Quantiser steps, as often as they stand here."""
@@ -164,19 +165,18 @@ class SampleStore:
 
     def _gather_one(self, number: int, turn: int, paths: list[Path]) -> None:
         spec, scans = self._sources[number]
-        new = [path.with_suffix(".new") for path in paths]
-        try:
-            with new[0].open("wb") as alone, new[1].open("wb") as expecting:
-                parts = source_samples(spec, self._how, number, turn, scans=scans)
-                if self._beside is not None and not scans:
-                    parts = chain(parts, [stream_samples(spec, self._how, self._beside, number, turn)])
-                for rows in parts:
-                    for file, part in zip((alone, expecting), rows, strict=True):
-                        file.write(part.tobytes())
-            for path, made in zip(paths, new, strict=True):
-                made.replace(path)
-        except OSError as error:
-            raise SourceError(f"cannot write samples to {self.folder}: {error.strerror or error}") from None
+        with (
+            written_whole(paths[0]) as alone_path,
+            written_whole(paths[1]) as expecting_path,
+            alone_path.open("wb") as alone,
+            expecting_path.open("wb") as expecting,
+        ):
+            parts = source_samples(spec, self._how, number, turn, scans=scans)
+            if self._beside is not None and not scans:
+                parts = chain(parts, [stream_samples(spec, self._how, self._beside, number, turn)])
+            for rows in parts:
+                for file, part in zip((alone, expecting), rows, strict=True):
+                    file.write(part.tobytes())
 
     def _check_plan(self) -> None:
         path = self.folder / "plan.json"
@@ -185,7 +185,8 @@ class SampleStore:
             self.folder.mkdir(parents=True, exist_ok=True)
             if path.exists() and path.read_text() != text:
                 raise SettingsError(f"{self.folder} has samples of other sources or settings: give another folder")
-            path.write_text(text)
+            with written_whole(path) as beside:
+                beside.write_text(text)
         except OSError as error:
             raise SourceError(f"cannot write samples to {self.folder}: {error.strerror or error}") from None
 

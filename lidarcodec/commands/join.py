@@ -1,0 +1,39 @@
+"""`lidarcodec join`: parts of a drive into one recording, or one capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarcodec.commands.arguments import Force
+from lidarcodec.commands.options import option
+
+
+def join(
+    parts: Annotated[
+        list[Path], typer.Argument(metavar="PART...", show_default=False, help="In order: all .mcap, or .pcap")
+    ],
+    out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False)],
+    allow_gap: Annotated[bool, option("--allow-gap", help="Also join parts between which frames are missing.")] = False,
+    force: Force = False,
+) -> None:
+    """Put parts of a drive together: recordings (.mcap) or captures (.pcap), every message and packet as it is."""
+    from lidarcodec.commands import joined_captures, joined_recordings
+    from lidarcodec.commands.sources import check_not_input
+    from lidarcodec.errors import SettingsError
+    from lidarcodec.whole_files import check_free
+
+    ending = out.suffix.lower()
+    if ending not in (".mcap", ".pcap") or any(part.suffix.lower() != ending for part in parts):
+        raise SettingsError(f"join puts .mcap files together, or .pcap files: let all names and {out} end so")
+    if len(parts) < 2:
+        raise SettingsError("join needs two parts or more, and OUT behind them")
+    for part in parts:
+        check_not_input(out, part)
+    check_free(out, force=force)
+    if ending == ".mcap":
+        joined_recordings.run(parts, out, allow_gap, force)
+    else:
+        joined_captures.run(parts, out, force)

@@ -1,0 +1,114 @@
+"""Captures joined: every record as it is, whatever it holds."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import BinaryIO, Final, NamedTuple
+
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
+from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.whole_files import check_free, whole
+
+log = logging.getLogger(__name__)
+
+_HEADER_BYTES: Final = 24
+_ORDERS: Final = {
+    b"\xd4\xc3\xb2\xa1": "<",
+    b"\x4d\x3c\xb2\xa1": "<",
+    b"\xa1\xb2\xc3\xd4": ">",
+    b"\xa1\xb2\x3c\x4d": ">",
+}
+"""Magic numbers of classic pcap files, with microseconds and with nanoseconds, and their byte order."""
+_MAX_RECORD: Final = 1 << 18
+
+
+class Record(NamedTuple):
+    """A packet of a capture. stamp: seconds, and parts of one;  data: its bytes in the file, with their head"""
+
+    stamp: tuple[int, int]
+    data: bytes
+
+
+def run(paths: Sequence[Path], out: Path, force: bool) -> None:
+    """Copy the parts, and the calibration beside them."""
+    table = _calibration(paths)
+    if table is not None and not _to_be_written(_calibration_of(out), table, force):
+        table = None
+    count = 0
+    with (
+        stoppable() as stopped,
+        whole(out, force=force) as output,
+        progress("joining") as tick,
+        output.beside.open("wb") as to,
+    ):
+        header = b""
+        last = (0, 0)
+        for path in paths:
+            with path.open("rb") as handle:
+                found = handle.read(_HEADER_BYTES)
+                if found[:4] not in _ORDERS or len(found) != _HEADER_BYTES:
+                    raise SourceError(f"{path} is no classic pcap file: `convert` makes one of it")
+                if header and found != header:
+                    raise SettingsError(f"{path} has another form than {paths[0]}: `convert` gives both the same")
+                if not header:
+                    header = found
+                    to.write(header)
+                watched = Watched(_records(handle, path, _ORDERS[header[:4]]), stopped)
+                for number, record in enumerate(watched):
+                    if number == 0 and record.stamp < last:
+                        raise SettingsError(
+                            f"{path} begins before the part before it ends: parts must not overlap, and stand in"
+                            " their order"
+                        )
+                    last = max(last, record.stamp)
+                    to.write(record.data)
+                    count += 1
+                tick()
+                if watched.cut:
+                    raise StoppedError(f"stopped: {out} was not written; the parts are as they were")
+        if table is not None and not output.straight:
+            output.companion(_calibration_of, ".xml").write_bytes(table)
+    print(f"{output.kept}: {count} packets of {len(paths)} parts")
+
+
+def _records(handle: BinaryIO, path: Path, order: str) -> Iterator[Record]:
+    """Records of a file behind its header. Ends at one that is cut."""
+    while head := handle.read(16):
+        if len(head) == 16:
+            seconds, fraction, length, _ = struct.unpack(f"{order}IIII", head)
+            if length > _MAX_RECORD:
+                raise SourceError(f"{path} is damaged: a packet of {length} bytes")
+            data = handle.read(length)
+            if len(data) == length:
+                yield Record((seconds, fraction), head + data)
+                continue
+        log.warning("%s was cut: its last packet is not whole and was left out", path)
+        return
+
+
+def _calibration(paths: Sequence[Path]) -> bytes | None:
+    """What lies beside the parts; None if nothing does.
+
+    Raises SettingsError if they have different ones.
+    """
+    found = [(path, _calibration_of(path).read_bytes()) for path in paths if _calibration_of(path).is_file()]
+    for path, table in found:
+        if table != found[0][1]:
+            raise SettingsError(f"{path} has another calibration beside it than {found[0][0]}: they are of two sensors")
+    return found[0][1] if found else None
+
+
+def _to_be_written(path: Path, table: bytes, force: bool) -> bool:
+    """Whether the calibration is not there yet. Raises SettingsError if another one is in the way."""
+    if path.is_file() and not path.is_symlink() and path.read_bytes() == table:
+        return False
+    check_free(path, force=force)
+    return True
+
+
+def _calibration_of(path: Path) -> Path:
+    return path.with_name(f"{path.stem}_db.xml")

@@ -1,0 +1,42 @@
+"""Packets that are taken turn by turn, so that a signal ends the work where `--skip` can go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from lidarcodec.packet import Packet
+from lidarcodec.units import FRAME_PACKETS
+
+
+class Turns:
+    """Packets in turns of 348; a signal ends them behind a turn.
+
+    packets: given so far;  cut: whether there were more of them when a signal came
+    """
+
+    def __init__(self, packets: Iterable[Packet], stopped: Callable[[], bool], tick: Callable[[], None]) -> None:
+        self._source, self._stopped, self._tick = iter(packets), stopped, tick
+        self.packets = 0
+        self.cut = False
+
+    def pass_over(self, turns: int) -> None:
+        """Leave out that many turns."""
+        for number in range(turns * FRAME_PACKETS):
+            if number % FRAME_PACKETS == 0 and self._stopped():
+                self.cut = True
+                return
+            if next(self._source, None) is None:
+                return
+
+    def __iter__(self) -> Iterator[Packet]:
+        if self.cut:
+            return
+        for packet in self._source:
+            if self.packets % FRAME_PACKETS == 0:
+                if self._stopped():
+                    self.cut = True
+                    return
+                if self.packets:
+                    self._tick()
+            self.packets += 1
+            yield packet

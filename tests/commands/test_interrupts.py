@@ -1,0 +1,308 @@
+"""Somebody presses Ctrl-C, at any moment: `encode && rm` must not delete the only copy of a drive."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shlex
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.sources import open_source
+from tests import packets as made
+from tests.command_line import run_here, start
+
+FRAMES = 12
+SOURCE = f"sim:city?frames={FRAMES}"
+MOMENTS = 5
+"""Of each command: seeded, from before it listens to the end of its work."""
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a capture and its recording."""
+    folder = tmp_path_factory.mktemp("drive")
+    assert run_here("simulate", SOURCE, folder / "drive.pcap").returncode == 0
+    assert run_here("encode", folder / "drive.pcap", folder / "drive.mcap").returncode == 0
+    return folder
+
+
+def payloads(path: Path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def interrupted(words: list[object], after_s: float, number: int = signal.SIGINT) -> subprocess.CompletedProcess[str]:
+    """A command that gets a signal after so long."""
+    process = start(*words)
+    try:
+        time.sleep(after_s)
+        process.send_signal(number)
+        out, complaint = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(words, process.returncode, out, complaint)
+
+
+def interrupted_while_writing(words: list[object], folder: Path, number: int) -> subprocess.CompletedProcess[str]:
+    """A command that gets a signal when it has begun to write."""
+    process = start(*words)
+    try:
+        limit = time.monotonic() + 60
+        while time.monotonic() < limit and process.poll() is None and not begun(folder):
+            time.sleep(0.02)
+        process.send_signal(number)
+        out, complaint = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(words, process.returncode, out, complaint)
+
+
+def begun(folder: Path) -> bool:
+    """Whether a hidden output holds something of note."""
+    for hidden in folder.glob(".*"):
+        files = list(hidden.iterdir()) if hidden.is_dir() else [hidden]
+        if sum(file.stat().st_size for file in files if file.exists()) > 1_000_000:
+            return True
+    return False
+
+
+def advised(complaint: str) -> Iterator[list[str]]:
+    """Words of the commands that a stopped one prints."""
+    for line in complaint.splitlines():
+        if ": lidarcodec " in line or ":  lidarcodec " in line:
+            yield shlex.split(line.partition("lidarcodec ")[2])
+        elif " lidarcodec " in line:
+            yield shlex.split(line.partition(" lidarcodec ")[2])
+
+
+def all_together(complaint: str, out: Path) -> list[bytes]:
+    """The packets of `out`, after what a stopped command says was done."""
+    for words in advised(complaint):
+        done = run_here(*words)
+        assert done.returncode == 0, done.stderr
+    return payloads(out)
+
+
+def check(result: subprocess.CompletedProcess[str], folder: Path, out: Path, whole: list[bytes], code: int) -> bool:
+    """What has to be true at any moment; whether something was kept."""
+    parts = [path for path in folder.iterdir() if ".partial" in path.name and not path.name.endswith(".xml")]
+    assert not list(folder.glob(".*")), "a hidden file is left over"
+    if result.returncode == 0:  # the signal came when all was done
+        assert payloads(out) == whole
+        assert not parts
+        return False
+    if result.returncode == -signal.SIGINT:  # Python itself was starting
+        assert not parts
+        assert not out.exists()
+        return False
+    assert result.returncode == code, result.stderr
+    assert not out.exists()
+    assert len(parts) <= 1
+    if parts:
+        assert payloads(parts[0]) == whole[: len(payloads(parts[0]))]
+        assert all_together(result.stderr, out) == whole
+    return bool(parts)
+
+
+@pytest.mark.parametrize("command", ["encode", "convert", "decode"])
+def test_at_any_moment_an_output_is_whole_or_a_part_that_can_be_completed(
+    drive: Path, tmp_path: Path, command: str
+) -> None:
+    source = drive / ("drive.mcap" if command == "decode" else "drive.pcap")
+    whole = payloads(drive / "drive.pcap")
+    chance = random.Random(27)
+    began = time.monotonic()
+    ending = ".mcap" if command == "encode" else ".pcap"
+    assert start(command, source, tmp_path / f"all{ending}").wait(60) == 0
+    took_s = time.monotonic() - began
+    for number in range(MOMENTS):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        out = folder / f"out{ending}"
+        result = interrupted([command, source, out], chance.uniform(0.02, 1.05) * took_s)
+        check(result, folder, out, whole, 130)
+
+
+def test_at_any_moment_verify_says_that_it_compared_all_or_that_it_did_not(drive: Path) -> None:
+    words: list[object] = ["verify", drive / "drive.mcap", drive / "drive.pcap", "--json"]
+    chance = random.Random(27)
+    began = time.monotonic()
+    assert start(*words).wait(60) == 0
+    took_s = time.monotonic() - began
+    for _ in range(MOMENTS):
+        result = interrupted(words, chance.uniform(0.02, 1.05) * took_s)
+        assert result.returncode in (0, 130, -signal.SIGINT), result.stderr
+        found = json.loads(result.stdout) if result.stdout else {"complete": False, "interrupted": True}
+        assert (found["complete"], found["interrupted"]) == (result.returncode == 0, result.returncode != 0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("command", "source", "name"),
+    [
+        ("encode", "sim:city?frames=100000", "out.mcap"),
+        ("convert", "sim:city?frames=100000", "out.pcap"),
+        ("convert", "sim:city?frames=100000", "bag"),
+        ("simulate", "sim:city?frames=100000", "out.pcap"),
+    ],
+)
+def test_what_is_done_is_kept_under_another_name(
+    tmp_path: Path, number: int, command: str, source: str, name: str
+) -> None:
+    result = interrupted_while_writing([command, source, tmp_path / name], tmp_path, number)
+    out = tmp_path / name
+    part = next(path for path in tmp_path.iterdir() if path.name.startswith(f"{out.stem}.partial{out.suffix}"))
+    assert result.returncode == 128 + number, result.stderr
+    assert not out.exists()
+    found = payloads(part)
+    frames = len(found) // 348
+    assert len(found) == 348 * frames > 0
+    assert f"stopped: {frames} frames are kept in {part}" in result.stderr
+    rest, *_ = advised(result.stderr)
+    assert rest[:3] == [command, "--skip", str(frames)]
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_part_is_numbered_if_there_is_one_and_the_rest_of_the_rest_can_be_done(drive: Path, tmp_path: Path) -> None:
+    for name in ("out.partial.pcap", "out.rest.pcap"):
+        (tmp_path / name).write_text("mine")
+    words = ["convert", "sim:city?frames=100000", tmp_path / "out.pcap"]
+    result = interrupted_while_writing(words, tmp_path, signal.SIGTERM)
+    assert result.returncode == 143
+    assert (tmp_path / "out.partial.pcap").read_text() == "mine"
+    assert (tmp_path / "out.partial-2.pcap").stat().st_size > 400_000
+    rest, both = advised(result.stderr)
+    assert rest[-1] == str(tmp_path / "out.rest-2.pcap")
+    assert both[1:] == [str(tmp_path / f"out{end}.pcap") for end in (".partial-2", ".rest-2", "")]
+
+
+def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path) -> None:
+    """The second one comes while the first still waits for a frame that never ends."""
+    program = (
+        "import os, signal, sys, time\n"
+        "from lidarcodec.commands import coded_recording\n"
+        "def slow(self, frame):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(1.1)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(60)\n"
+        "coded_recording.CodedRecording.write = slow\n"
+        "from lidarcodec.__main__ import main\n"
+        "main()"
+    )
+    from tests.command_line import COMMAND, environment
+
+    words = [COMMAND[0], "-c", program, "encode", "sim:city?frames=3", str(tmp_path / "out.mcap")]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "lidarcodec: stopped before it was done\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_signal_that_comes_when_all_is_done_does_not_make_it_a_part(tmp_path: Path) -> None:
+    program = (
+        "import os, signal\n"
+        "from lidarcodec.commands import coded_recording\n"
+        "close = coded_recording.CodedRecording.close\n"
+        "def interrupted(self):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    close(self)\n"
+        "coded_recording.CodedRecording.close = interrupted\n"
+        "from lidarcodec.__main__ import main\n"
+        "main()"
+    )
+    from tests.command_line import COMMAND, environment
+
+    words = [COMMAND[0], "-c", program, "encode", "sim:city?frames=2", str(tmp_path / "out.mcap")]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"]
+    assert len(payloads(tmp_path / "out.mcap")) == 696
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_shell_does_not_go_on_behind_it(tmp_path: Path, number: int) -> None:
+    from tests.command_line import COMMAND, environment
+
+    precious = tmp_path / "precious"
+    precious.write_text("the only copy")
+    command = shlex.join([*COMMAND, "encode", "sim:city?frames=100000", str(tmp_path / "out.mcap")])
+    shell = subprocess.Popen(
+        ["sh", "-c", f"{command} && rm {shlex.quote(str(precious))}"],
+        env=environment(), start_new_session=True, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        limit = time.monotonic() + 60
+        while time.monotonic() < limit and not begun(tmp_path):
+            time.sleep(0.02)
+        children = Path(f"/proc/{shell.pid}/task/{shell.pid}/children").read_text().split()
+        os.kill(int(children[0]), number)
+        shell.communicate(timeout=60)
+    finally:
+        shell.kill()
+    assert precious.exists()
+
+
+def test_a_terminal_that_is_closed_leaves_nothing_behind(tmp_path: Path) -> None:
+    result = interrupted_while_writing(
+        ["encode", "sim:city?frames=100000", tmp_path / "out.mcap"], tmp_path, signal.SIGHUP
+    )
+    assert result.returncode == 129
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("words", "code"), [((), 1), (("--allow-part",), 0)])
+def test_a_verdict_counts_though_nobody_reads_it(
+    drive: Path, tmp_path: Path, words: tuple[str, ...], code: int
+) -> None:
+    part = tmp_path / "part.mcap"
+    assert run_here("encode", drive / "drive.pcap", part, "--frames", 1).returncode == 0
+    process = start("verify", part, drive / "drive.pcap", *words)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(60) == code
+
+
+def test_a_pipe_that_nobody_reads_any_more_is_an_error(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.pcap"
+    os.mkfifo(pipe)
+    process = start("simulate", "sim:city?frames=100", pipe)
+    with pipe.open("rb") as reader:
+        assert len(reader.read(1000)) == 1000
+    _, complaint = process.communicate(timeout=60)
+    assert (process.returncode, "Broken pipe" in complaint) == (1, True)
+
+
+def test_a_live_source_without_a_number_of_frames_ends_with_a_signal_and_that_is_all_of_it(tmp_path: Path) -> None:
+    packets = made.turning(400)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1] + 1
+        for words, code, name in (((), 0, "out.mcap"), (("--frames", 9), 130, "out.partial.mcap")):
+            folder = tmp_path / str(code)
+            folder.mkdir()
+            process = start("encode", f"udp://127.0.0.1:{port}", folder / "out.mcap", *words)
+            limit = time.monotonic() + 60
+            while time.monotonic() < limit and not any(path.stat().st_size > 1000 for path in folder.glob(".*")):
+                for packet in packets:
+                    sender.sendto(packet.payload, ("127.0.0.1", port))
+                time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            _, complaint = process.communicate(timeout=60)
+            assert process.returncode == code, complaint
+            assert [path.name for path in folder.iterdir()] == [name]
+
+
+def test_a_part_has_its_calibration_though_the_whole_has_it_already(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "out_db.xml").write_bytes((drive / "drive_db.xml").read_bytes())
+    words = ["convert", "sim:city?frames=100000", tmp_path / "out.pcap", "--calibration", drive / "drive_db.xml"]
+    result = interrupted_while_writing(words, tmp_path, signal.SIGINT)
+    assert result.returncode == 130
+    assert (tmp_path / "out.partial_db.xml").read_bytes() == (tmp_path / "out_db.xml").read_bytes()

@@ -1,0 +1,171 @@
+"""What somebody loses if these fail: frames between two parts, or a drive that was mixed with another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lidarcodec import wire
+from lidarcodec.recording import RecordingReader, RotatingRecorder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+from tests.command_line import run_here, the_one_line
+
+FRAMES = 6
+SOURCE = f"sim:city?frames={FRAMES}"
+
+
+def packets_in(path: Path) -> list[bytes]:
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+def messages_in(path: Path) -> list[bytes]:
+    with path.open("rb") as handle:
+        return [data for _, data in RecordingReader(handle).messages()]
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a capture."""
+    folder = tmp_path_factory.mktemp("drive")
+    assert run_here("simulate", SOURCE, folder / "drive.pcap").returncode == 0
+    return folder / "drive.pcap"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("encode", "--codec", "zstd"), ("encode", "--codec", "predictive", "--set", "motion=true"),
+     ("encode", "--set", "framing=revolution"), ("encode", "--set", "framing=packets:100", "--with-clouds"),
+     ("convert", "--to", "packets"), ("convert", "--to", "recording", "--set", "framing=revolution")],
+)  # fmt: skip
+def test_parts_joined_are_the_whole(drive: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
+    command, *options = words
+    first, second, third = (tmp_path / f"{number}.mcap" for number in range(3))
+    for part, which in ((first, ("--frames", 2)), (second, ("--skip", 2, "--frames", 1)), (third, ("--skip", 3))):
+        assert run_here(command, drive, part, *options, *which).returncode == 0
+    out = tmp_path / "out.mcap"
+    result = run_here("join", first, second, third, out)
+    assert result.returncode == 0, result.stderr
+    assert packets_in(out) == packets_in(drive)
+    assert messages_in(out) == [data for part in (first, second, third) for data in messages_in(part)]
+    with out.open("rb") as joined, first.open("rb") as part:
+        found, before = RecordingReader(joined), RecordingReader(part)
+        assert found.metadata == before.metadata | {"joined": "3"}
+        assert {one.topic for one in found.channels.values()} == {one.topic for one in before.channels.values()}
+    if command == "encode":
+        assert run_here("verify", out, drive).returncode == 0
+    assert run_here("decode", out, tmp_path / "back.pcap").returncode == 0
+    assert packets_in(tmp_path / "back.pcap") == packets_in(drive)
+
+
+@pytest.fixture(scope="module")
+def parts(drive: Path) -> Path:
+    """A folder with parts: a (0-1), b (2-3), c (3-5), coarse (2-3), other (another drive), rows (revolutions)."""
+    folder = drive.parent
+    for name, which in (
+        ("a", ("--frames", 2)), ("b", ("--skip", 2, "--frames", 2)), ("c", ("--skip", 3)),
+        ("coarse", ("--skip", 2, "--set", "max_error_m=0.02")), ("turns", ("--set", "framing=revolution")),
+    ):  # fmt: skip
+        assert run_here("encode", drive, folder / f"{name}.mcap", *which).returncode == 0
+    assert run_here("encode", "sim:road?frames=4", folder / "other.mcap", "--skip", 2).returncode == 0
+    assert run_here("convert", drive, folder / "bare.mcap", "--to", "packets").returncode == 0
+    (folder / "empty.mcap").write_bytes((folder / "a.mcap").read_bytes()[:700])
+    (folder / "cut.mcap").write_bytes((folder / "a.mcap").read_bytes()[:-40_000])
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("b", "a"), 2, "must not overlap"),
+        (("b", "c"), 2, "must not overlap"),
+        (("a", "a"), 2, "must not overlap"),
+        (("turns", "turns"), 2, "must not overlap"),
+        (("bare", "bare"), 2, "must not overlap"),
+        (("a", "c"), 2, "frames 2 to 2 are missing"),
+        (("a", "other"), 2, "another source"),
+        (("a", "coarse"), 2, "another settings"),
+        (("a", "empty"), 1, "no message"),
+        (("a",), 2, "two parts"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(
+    parts: Path, tmp_path: Path, words: tuple[str, ...], code: int, says: str
+) -> None:
+    out = tmp_path / "out.mcap"
+    result = run_here("join", *(parts / f"{word}.mcap" for word in words), out)
+    assert result.returncode == code
+    assert says in result.stderr.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_gap_is_joined_if_that_is_meant_and_nothing_is_replaced(parts: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    assert run_here("join", parts / "a.mcap", parts / "c.mcap", out, "--allow-gap").returncode == 0
+    assert len(messages_in(out)) == 5
+    refused = run_here("join", parts / "a.mcap", parts / "b.mcap", out)
+    assert (refused.returncode, "--force" in the_one_line(refused)) == (2, True)
+    assert run_here("join", parts / "a.mcap", parts / "b.mcap", out, "--force").returncode == 0
+    assert len(messages_in(out)) == 4
+    refused = run_here("join", out, parts / "c.mcap", out, "--force")
+    assert (refused.returncode, "another name" in the_one_line(refused)) == (2, True)
+    assert run_here("join", parts / "a.mcap", parts / "a.pcap", tmp_path / "x.mcap").returncode == 2
+
+
+def test_a_part_that_was_cut_gives_what_is_whole_and_says_so(
+    parts: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    out = tmp_path / "out.mcap"
+    assert run_here("join", parts / "cut.mcap", parts / "b.mcap", out).returncode == 2, "frame 1 is missing"
+    assert run_here("join", parts / "cut.mcap", parts / "b.mcap", out, "--allow-gap").returncode == 0
+    assert "cut.mcap was cut" in caplog.text
+    assert len(messages_in(out)) == 3
+
+
+def test_files_of_a_live_recording_are_joined_though_settings_changed(drive: Path, tmp_path: Path) -> None:
+    whole = []
+    for which, settings in (
+        (("--frames", 3), StreamSettings()),
+        (("--skip", 3), StreamSettings(codec="zstd", max_error_m=0.01)),
+    ):
+        coded = tmp_path / f"coded-{settings.codec}.mcap"
+        words = ("--codec", settings.codec, "--set", f"max_error_m={settings.max_error_m or 0}")
+        assert run_here("encode", drive, coded, *which, *words).returncode == 0
+        part = messages_in(coded)
+        whole += part
+        recorder = RotatingRecorder(tmp_path, "car", "roof", settings)
+        for data in part:
+            assert recorder.write(data)
+        recorder.close()
+    files = sorted(tmp_path.glob("car_roof_*.mcap"))
+    assert run_here("join", *files, tmp_path / "out.mcap").returncode == 0
+    assert messages_in(tmp_path / "out.mcap") == whole
+    refused = run_here("join", *reversed(files), tmp_path / "no.mcap")
+    assert "must not overlap" in the_one_line(refused)
+    assert all(wire.peek(data).frame_index == number for number, data in enumerate(whole))
+
+
+def test_captures_are_joined_record_by_record_with_their_calibration(drive: Path, tmp_path: Path) -> None:
+    first, second, out = (tmp_path / f"{name}.pcap" for name in ("first", "second", "out"))
+    assert run_here("convert", drive, first, "--frames", 2).returncode == 0
+    assert run_here("convert", drive, second, "--skip", 2).returncode == 0
+    refused = run_here("join", second, first, out)
+    assert (refused.returncode, "must not overlap" in the_one_line(refused)) == (2, True)
+    assert run_here("join", first, second, out).returncode == 0
+    assert out.read_bytes() == drive.read_bytes()
+    assert (tmp_path / "out_db.xml").read_bytes() == (tmp_path / "first_db.xml").read_bytes()
+    out.unlink()
+    assert run_here("join", first, second, out).returncode == 0, "the same calibration is there already"
+    out.unlink()
+    (tmp_path / "out_db.xml").write_text("another")
+    refused = run_here("join", first, second, out)
+    assert (refused.returncode, "out_db.xml exists" in the_one_line(refused)) == (2, True)
+    assert not out.exists()
+    (tmp_path / "second_db.xml").write_text("another")
+    refused = run_here("join", first, second, tmp_path / "no.pcap")
+    assert (refused.returncode, "another calibration" in the_one_line(refused)) == (2, True)
+    (tmp_path / "text.pcap").write_text("no capture at all, but long enough")
+    assert run_here("join", first, tmp_path / "text.pcap", tmp_path / "no.pcap").returncode == 1
+    assert not (tmp_path / "no.pcap").exists()
