@@ -10,7 +10,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import RoundTripError, SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
@@ -60,8 +60,10 @@ def run(
                     tick()
                     if stopped():
                         break
-            except BaseException:
+                coded.close()
+            except BaseException as error:
                 coded.leave()
+                if isinstance(error, RoundTripError):  # nobody is to take this for a recording
+                    out.unlink(missing_ok=True)
                 raise
-            coded.close()
     print(f"{out}: {coded.summary()}" + clouds * f"; with clouds the file has {out.stat().st_size:,}")
