@@ -61,7 +61,9 @@ class RoundTrip:
             frames = self._decoder.decode(message)
             step = promise_of(message).step
         except LidarCodecError as error:
-            raise RoundTripError(f"what was encoded does not decode again: {error}") from None
+            raise _fault(
+                f"{self._named()} does not decode again as {self.settings.codec} encoded it ({error})"
+            ) from None
         for frame in frames:
             self._compare(frame, step)
         return frames
@@ -73,20 +75,27 @@ class RoundTrip:
             self._compare(frame, None)
         if self._sent:
             others = f", nor did {self.waiting - 1} more" * (self.waiting > 1)
-            raise RoundTripError(f"frame {self._sent[0][0].index} did not come out of what was encoded{others}")
+            raise _fault(f"{self._named()} did not come out of what {self.settings.codec} encoded{others}")
         return frames
 
     def _compare(self, came: Frame, step: int | None) -> None:
         if not self._sent or self._sent[0][0].index != came.index:
             if self._joining:
                 return
-            raise RoundTripError(f"what was encoded decodes to frame {came.index}, which was not sent now")
+            raise _fault(f"frame {came.index} came out of what {self.settings.codec} encoded, and was not sent now")
         sent, settings = self._sent.popleft()
         self._joining = False
         wrong = difference(came, sent, settings, step)
         if wrong is not None:
-            raise RoundTripError(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
+            raise _fault(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
         self.compared += 1
+
+    def _named(self) -> str:
+        return f"frame {self._sent[0][0].index}" if self._sent else "a message"
+
+
+def _fault(what: str) -> RoundTripError:
+    return RoundTripError(f"{what}: take another codec or other settings, and report this")
 
 
 def difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
