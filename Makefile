@@ -66,7 +66,7 @@ golden: $(STAMPS)/dev $(NATIVE) ## write golden files that are missing; never to
 identity: $(STAMPS)/dev ## the same bytes from gcc and clang, all optimisations, this processor and a 64-bit ARM (ARGS="--only g++")
 	$(BIN)/python -m tests.compilers $(ARGS)
 
-fuzz: $(STAMPS)/dev ## hostile bytes: the core under AddressSanitizer, then the whole decoder (CASES, SEED, SECONDS_EACH)
+fuzz: $(STAMPS)/dev $(NATIVE) ## hostile bytes: the core under AddressSanitizer, all round trips, then the whole decoder (CASES, SEED, SECONDS_EACH)
 	@PYTHON=$(BIN)/python tools/fuzz.sh
 
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat

@@ -16,6 +16,7 @@ LidarCodecError
   SourceError                         a source that cannot be opened or read
   TransportError                      a network session that cannot be opened or used
   WorkerError(cause, resting)         the process in which a codec runs crashed, hung or cannot be started
+  RoundTripError                      what was encoded does not decode to what it was made from
 """
 
 from __future__ import annotations
@@ -112,3 +113,7 @@ class WorkerError(LidarCodecError):
     def __init__(self, message: str, cause: str, *, resting: bool = False) -> None:
         super().__init__(message)
         self.cause, self.resting = cause, resting
+
+
+class RoundTripError(LidarCodecError):
+    """What was encoded does not decode to what it was made from, as its settings promise: a fault of the codec."""

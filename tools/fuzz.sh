@@ -1,8 +1,10 @@
 #!/bin/sh
 # `make fuzz`: hostile bytes under AddressSanitizer and UndefinedBehaviorSanitizer.
 #   1. each harness of native/fuzz against the C++ core: by libFuzzer where there is a clang, else by random bytes
-#   2. tests/fuzz against the whole decoder, with the native module built with the sanitizers
-# CASES and SEED set how much of 2 is run, SECONDS_EACH how long each harness of 1 runs; ONLY names some of them.
+#   2. every codec, shape, content, bound and intensity through encoder and decoder, by the module as it is installed
+#   3. tests/fuzz against the whole decoder, with the native module built with the sanitizers
+# CASES and SEED set how much of 3 is run, SECONDS_EACH how long each harness of 1 runs; ONLY names some of them;
+# ROUND_TRIPS=0 leaves out 2.
 set -eu
 cd "$(dirname "$0")/.."
 PYTHON=${PYTHON:-.venv/bin/python}
@@ -41,6 +43,11 @@ for harness in native/fuzz/fuzz_*.cpp; do
   fi
 done
 [ -n "$clang" ] || echo "(no clang with libFuzzer here: the harnesses ran on random bytes, without its guidance)"
+
+if [ "${ROUND_TRIPS:-1}" != 0 ]; then
+  echo "== round trips"
+  "$PYTHON" -m tests.fuzz.round_trips
+fi
 
 echo "== decoder, $CASES cases, seed $SEED"
 rm -rf build/asan-package && mkdir -p build/asan-package

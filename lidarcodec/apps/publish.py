@@ -145,6 +145,7 @@ class Publisher:
             self._learning,
             every=self._every,
             originals=self._originals,
+            recorder=self._recorder,
         )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock)
         self._tell_now = threading.Event()

@@ -14,6 +14,7 @@ from lidarcodec.apps.once import Once
 from lidarcodec.apps.originals import Originals
 from lidarcodec.apps.publish_source import TICK_S, FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
+from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -33,6 +34,7 @@ class Sending:
     every:    nothing is thrown away while nobody receives
     matching: whether somebody receives; set by who declares the sender
     originals: takes every frame as it is before it is encoded
+    recorder: takes what was sent, to decode some of it again
     """
 
     def __init__(
@@ -49,8 +51,9 @@ class Sending:
         *,
         every: bool,
         originals: Originals | None = None,
+        recorder: BackgroundRecorder | None = None,
     ) -> None:
-        self._originals = originals
+        self._originals, self._recorder = originals, recorder
         self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
         self._isolation, self._board, self._once = isolation, board, once
         self._stop, self._every, self._learning = stop, every, learning
@@ -117,6 +120,7 @@ class Sending:
                     self._key_wanted.clear()
                 self.adapting.aim(self._encoder, self._feed.replaced)
                 messages = self._encoder.encode(frame, key=key)
+                encoded, settings = self._encoder.reduced or frame, self._encoder.settings
             data = [(message, pack(message)) for message in messages]
         except Exception as error:  # whatever a codec does, the stream goes on with a key frame
             if self._stop.is_set():
@@ -132,6 +136,8 @@ class Sending:
             if number > 0:  # a codec that held frames back gave way to another one
                 self._wait_alone()
             self._put(sender, message, packed)
+        if self._recorder is not None:
+            self._recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:
         """Whether a message was given up that the next one would need: it may be missing at the receiver."""

@@ -1,6 +1,7 @@
 """BackgroundRecorder: keeps a stream on disk in a thread of its own, so that no disk is ever in the frame path.
 
-What the disk cannot take in time is dropped, oldest first, and counted.
+What the disk cannot take in time is dropped, oldest first, and counted. Some of what it encodes, and some of what a
+publisher sends meanwhile, is decoded again and compared (spot_check.py).
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from lidarcodec.apps.once import Once
+from lidarcodec.apps.spot_check import SpotCheck
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RotatingRecorder
@@ -40,7 +43,8 @@ class Cloud(NamedTuple):
 class BackgroundRecorder:
     """Records messages as they are, packets as they are, frames as a lossless stream, or their points. Thread-safe.
 
-    counts: `dropped` (the disk, or the processor, was too slow), `errors`, and those of the RotatingRecorder
+    counts: `dropped` (the disk, or the processor, was too slow), `errors`, `recorded checked` and `recorded wrong` of a
+    lossless stream, `sent checked` and `sent wrong` of messages given to `sent`, and those of the RotatingRecorder
     """
 
     def __init__(self, folder: Path, keys: StreamKeys, settings: StreamSettings | None = None, **limits: int) -> None:
@@ -55,6 +59,7 @@ class BackgroundRecorder:
         self._closed = False
         self._once = Once(logger)
         self._own: Counter[str] = self._once.counts
+        self._recorded, self._sent = SpotCheck("recorded"), SpotCheck("sent")
         self._thread = threading.Thread(target=self._run, name="lidarcodec recorder", daemon=True)
 
     def start(self) -> None:
@@ -73,6 +78,10 @@ class BackgroundRecorder:
         """Record a frame as a message of a lossless stream."""
         self._put(frame)
 
+    def sent(self, frame: Frame, settings: StreamSettings, messages: Sequence[Message]) -> None:
+        """What a publisher has sent: some of it is decoded again, none of it is recorded. frame: as it was encoded."""
+        self._sent.offer(frame, settings, messages)
+
     def keep_clouds(self) -> None:
         """To be called before `start` by whoever will call `cloud`."""
         self._files.clouds = True
@@ -84,7 +93,7 @@ class BackgroundRecorder:
     def state(self) -> dict[str, Any]:
         """For the status: counts, the current file, and why nothing is written any more."""
         path = self._files.path
-        counts = dict(self._files.counts) | dict(self._own)
+        counts = dict(self._files.counts) | dict(self._own) | dict(self._recorded.counts) | dict(self._sent.counts)
         return {"file": None if path is None else str(path), "stopped": self._files.stopped, "counts": counts}
 
     def close(self) -> None:
@@ -96,6 +105,8 @@ class BackgroundRecorder:
             self._thread.join(CLOSE_LIMIT_S)
         if self._thread.is_alive():
             logger.error("recording: the disk did not take what was left within %g s", CLOSE_LIMIT_S)
+        self._recorded.close()
+        self._sent.close()
 
     def _put(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
         with self._condition:
@@ -135,5 +146,7 @@ class BackgroundRecorder:
         else:
             if self._encoder is None:
                 self._encoder = StreamEncoder(LOSSLESS)
-            for message in self._encoder.encode(item):
+            messages = self._encoder.encode(item)
+            for message in messages:
                 self._files.write(pack(message))
+            self._recorded.offer(item, LOSSLESS, messages)

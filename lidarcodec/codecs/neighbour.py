@@ -25,6 +25,8 @@ from lidarcodec.errors import SectionError
 
 MIN_GROUP: Final = 4000
 """Returns that pay for a frame of their own."""
+_MOST_GROUPS: Final = 255
+"""Their number is a byte."""
 _LEVEL: Final = 3
 _GROUP: Final = struct.Struct("<BII")
 
@@ -32,11 +34,11 @@ Bytes = npt.NDArray[np.uint8]
 
 
 def _starts_of(values: Bytes) -> list[int]:
-    """First value of each group, so that each has MIN_GROUP returns unless there are fewer."""
+    """First value of each group: each has MIN_GROUP returns unless there are fewer, and the last takes what is left."""
     followers = np.bincount(values[:-1], minlength=256)
     starts, count = [0], 0
     for value, more in enumerate(followers.tolist()):
-        if count >= MIN_GROUP:
+        if count >= MIN_GROUP and len(starts) < _MOST_GROUPS:
             starts.append(value)
             count = 0
         count += more

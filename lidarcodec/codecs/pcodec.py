@@ -14,7 +14,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pcodec import ChunkConfig, DeltaSpec, ModeSpec, wrapped
+from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 from pydantic import Field
 
 from lidarcodec.codecs.activity import ACTIVITIES, Groups
@@ -44,16 +44,22 @@ class PcodecSettings(CodecSettings):
     the next key frame."""
 
 
+def _config(level: int, count: int) -> ChunkConfig:
+    """How pco codes a chunk of so many numbers: in one page, whatever their number. By itself pco begins another page
+    after 262,144 numbers."""
+    one_page = PagingSpec.exact_page_sizes([count])
+    return ChunkConfig(level, mode_spec=ModeSpec.classic(), delta_spec=DeltaSpec.no_op(), paging_spec=one_page)
+
+
 def compress_groups(values: Ranges, level: int) -> bytes:
     """Group table and pco data of (N,) uint16 values, N > 0."""
     groups = Groups.of(values)
-    config = ChunkConfig(level, mode_spec=ModeSpec.classic(), delta_spec=DeltaSpec.no_op())
     pco = wrapped.FileCompressor()
     parts = [bytes([len(groups.starts)])]
     parts += [_GROUP.pack(start, count) for start, count in zip(groups.starts, groups.counts, strict=True)]
     parts.append(pco.write_header())
     for differences in groups.split(values):
-        chunk = pco.chunk_compressor(differences.view(np.int16), config)
+        chunk = pco.chunk_compressor(differences.view(np.int16), _config(level, len(differences)))
         parts += (chunk.write_meta(), chunk.write_page(0))
     return b"".join(parts)
 

@@ -13,10 +13,15 @@ as an update in a message, and with the key messages. The encoder itself trains 
 
 A RANGE section is the step u16, the effort u8, the name of the weights (8 bytes, zeros for none), then the bytes of
 docs/wire-format-riddle.md. A WEIGHTS section holds a weight file, or an update.
+
+A return that is as expected takes next to no bits, but as much time as any other. So the sections of a message have a
+byte for each RETURNS_PER_BYTE returns at least, if need be in a FILLER section of zeros. A message with fewer is
+refused before its ranges are read.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +50,8 @@ Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
 _NAME_BYTES: Final = 8
+RETURNS_PER_BYTE: Final = 128
+"""Most returns for a byte of a message's sections. Real frames have fewer, even within 20 m."""
 MOST_LEARN_MS: Final = 1000
 
 
@@ -168,6 +175,9 @@ class RiddleEncoder(ExpectingEncoder):
         if (key or self._untold) and self._update is not None:
             sections.append(Section(SectionType.WEIGHTS, self._update.data))
         self._untold = False
+        missing = _least_bytes(frame.valid) - _bytes_of(sections)
+        if missing > 0:
+            sections.append(Section(SectionType.FILLER, bytes(missing)))
         return sections, needs
 
     def _take_offer(self) -> None:
@@ -199,6 +209,15 @@ class RiddleEncoder(ExpectingEncoder):
         return with_step(step, bytes([self._own.effort]) + name + coded)
 
 
+def _least_bytes(valid: Mask) -> int:
+    """How many bytes the sections of a frame with these returns have at least. valid: (64, W)."""
+    return -(-int(np.count_nonzero(valid)) // RETURNS_PER_BYTE)
+
+
+def _bytes_of(sections: Sequence[Section]) -> int:
+    return sum(len(section.data) for section in sections)
+
+
 def _weights_for(own: RiddleSettings) -> Weights | None:
     """Weights with networks for all frames, None where settings ask for none; of a file that is in no package only what
     is used, which is sent. Raises SettingsError."""
@@ -222,6 +241,9 @@ class RiddleDecoder(ExpectingDecoder):
         self._begins, self._frame = False, 0
 
     def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+        held, least = _bytes_of(message.sections), _least_bytes(planes.valid)
+        if held < least:
+            raise SectionError(f"sections of {held} bytes for so many returns: {least} are the least")
         brought = [section.data for section in message.sections if section.type == SectionType.WEIGHTS]
         self._shelf.take_all(brought, message.frame_index)
         self._begins, self._frame = message.needs is None, message.frame_index

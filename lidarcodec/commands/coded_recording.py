@@ -1,13 +1,17 @@
-"""CodedRecording: frames into a recording, as messages of one encoder, with the points they decode to if wanted."""
+"""CodedRecording: frames into a recording, as messages of one encoder, with the points they decode to if wanted.
+
+Each message is decoded again before it is written, and compared with the frames that it was made from.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import IO
 
+from lidarcodec.evaluation.round_trip import RoundTrip
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.units import PACKET_BYTES
 from lidarcodec.wire import pack
@@ -18,6 +22,8 @@ VEHICLE, SENSOR = "vehicle", "lidar"
 class CodedRecording:
     """Encodes frame by frame; `close` writes what the codec holds back, and the index.
 
+    `write` and `close` raise RoundTripError when something else comes out than the settings promise.
+
     frames, packets: taken so far;  coded: bytes of the messages;  clouds: whether points are written
     """
 
@@ -26,33 +32,36 @@ class CodedRecording:
     ) -> None:
         self._encoder, self.clouds = encoder, clouds
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about, clouds=clouds)
-        self._decoder = StreamDecoder()
+        self._check = RoundTrip(encoder.settings)
         self.frames = self.packets = self.coded = 0
 
     def write(self, frame: Frame) -> None:
         """Encode one frame."""
-        self._put(self._encoder.encode(frame))
+        messages = self._encoder.encode(frame)
+        self._check.sent(self._encoder.reduced or frame)
+        self._put(messages)
         self.frames += 1
         self.packets += frame.side.packets if frame.side else 0
 
     def close(self) -> None:
         """End the recording, not the file."""
         self._put(self._encoder.flush())
-        self._show(self._decoder.flush() if self.clouds else [])
+        self._show(self._check.end())
         self._writer.close()
 
     def summary(self) -> str:
         """What went in and what came out, in a line."""
         size = self.packets * PACKET_BYTES
-        return f"{self.frames} frames, {size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
+        coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
+        return f"{self.frames} frames, {coded}, all decoded again and compared"
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:
-            self._writer.write(data := pack(message))
+            frames = self._check.message(data := pack(message))
+            self._writer.write(data)
             self.coded += len(data)
-            if self.clouds:  # what was lost in coding is to be seen, too
-                self._show(self._decoder.decode(message))
+            self._show(frames)
 
     def _show(self, frames: list[Frame]) -> None:
-        for frame in frames:
+        for frame in frames if self.clouds else []:  # what was lost in coding is to be seen, too
             self._writer.write_cloud(frame)

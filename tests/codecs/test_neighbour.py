@@ -34,6 +34,13 @@ def test_everything_comes_back(size: int, levels: int, seed: int) -> None:
     assert data[0] <= max(1, size // MIN_GROUP)
 
 
+def test_every_value_may_have_enough_for_a_group() -> None:
+    values = np.tile(np.arange(256, dtype=np.uint8), MIN_GROUP + 1)
+    data = encode_bytes(values)
+    assert data[0] == 255
+    np.testing.assert_array_equal(decode_bytes(data, len(values)), values)
+
+
 def test_groups_pay() -> None:
     rng = np.random.default_rng(5)
     values = np.clip(np.cumsum(rng.integers(-3, 4, 100_000)) % 256, 0, 255).astype(np.uint8)

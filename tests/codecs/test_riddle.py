@@ -12,6 +12,7 @@ import pytest
 from lidarcodec import entropy, wire
 from lidarcodec.codecs import riddle_weight_file as rf
 from lidarcodec.codecs import riddle_weights, table
+from lidarcodec.codecs.riddle import RETURNS_PER_BYTE
 from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, shipped, weights_of
 from lidarcodec.entropy import fast
 from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError
@@ -253,3 +254,33 @@ def test_what_ships_may_be_shipped() -> None:
     assert sum(len(each.data) for each in shipped().values()) < 300_000
     for effort in (2, 3, 4):
         native_nets(networks_of(weights, effort))
+
+
+def test_what_takes_no_bits_takes_bytes_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A message that holds many returns in next to no bytes is refused before they are decoded."""
+    same = frames.scene(400, holes=0.0)
+    same = same.with_(range=np.full_like(same.range, 5000), intensity=np.full_like(same.intensity, 9))
+    sent = [same.with_(index=index) for index in range(2)]
+    messages = messages_of(sent, settings())
+    for message in messages:
+        assert message.has(SectionType.FILLER)
+        assert sum(len(section.data) for section in message.sections) * RETURNS_PER_BYTE >= same.points
+    whole = decoder()
+    for message, frame in zip(messages, sent, strict=True):
+        (came,) = whole.decode(message)
+        np.testing.assert_array_equal(came.azimuth, frame.azimuth)
+    sections = tuple(s for s in messages[1].sections if s.type != SectionType.FILLER)
+    short = bytes(1199 - sum(len(section.data) for section in sections))
+    readers = [decoder(), decoder()]
+    for reader in readers:
+        reader.decode(messages[0])
+    monkeypatch.setattr(entropy.PredictiveCoder, "decode", lambda *given, **more: pytest.fail("decoded all the same"))
+    for reader, fewer in zip(readers, (sections, (*sections, Section(SectionType.FILLER, short))), strict=True):
+        with pytest.raises(SectionError, match=r"sections of \d+ bytes for so many returns: 1200 are the least"):
+            reader.decode(Message(**(messages[1].__dict__ | {"sections": fewer})))
+
+
+def test_frames_of_a_scene_need_no_filler() -> None:
+    for coarse in (0.0, 20.0):
+        given = StreamSettings(codec="riddle", max_error_m=coarse, intensity="off")
+        assert not any(message.has(SectionType.FILLER) for message in messages_of(drive(), given))

@@ -1,0 +1,159 @@
+"""RoundTrip: decodes messages as they are made, and compares what comes out with the frames that went in.
+
+An encoder that loses something says nothing of it: only its messages tell. So what is to be kept is decoded again
+before anybody relies on it.
+
+>>> from lidarcodec import StreamSettings
+>>> RoundTrip(StreamSettings(codec="zstd")).compared
+0
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import LidarCodecError, RoundTripError
+from lidarcodec.evaluation.verify import bound_of, promise_of
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.side import SideInfo
+from lidarcodec.wire import unpack
+
+CLOCK_NS = 500
+"""Host times of packets are kept to half a microsecond."""
+
+
+class RoundTrip:
+    """Decodes one stream again, from a message on that needs no other.
+
+    settings: what the stream promises from now on; may be changed between two frames
+    joining: the first message may hold frames that went in before: they are passed over
+    compared: frames that were compared
+    """
+
+    def __init__(self, settings: StreamSettings, *, joining: bool = False) -> None:
+        self.settings = settings
+        self.compared = 0
+        self._joining = joining
+        self._decoder = StreamDecoder()
+        self._sent: deque[tuple[Frame, StreamSettings]] = deque()
+
+    @property
+    def waiting(self) -> int:
+        """Frames that went in and have not come out yet."""
+        return len(self._sent)
+
+    def sent(self, frame: Frame) -> None:
+        """A frame that is encoded, as its codec gets it: with `keep` set where it was reduced."""
+        self._sent.append((frame, self.settings))
+
+    def message(self, data: bytes) -> list[Frame]:
+        """The frames that a message decodes to, compared with what was sent.
+
+        Raises RoundTripError if it does not decode, or to something else than its settings promise.
+        """
+        try:
+            message = unpack(data)
+            frames = self._decoder.decode(message)
+            step = promise_of(message).step
+        except LidarCodecError as error:
+            raise _fault(
+                f"{self._named()} does not decode again as {self.settings.codec} encoded it ({error})"
+            ) from None
+        for frame in frames:
+            self._compare(frame, step)
+        return frames
+
+    def end(self) -> list[Frame]:
+        """The frames that the decoder held back. Raises RoundTripError too if any frame did not come out."""
+        frames = self._decoder.flush()
+        for frame in frames:
+            self._compare(frame, None)
+        if self._sent:
+            others = f", nor did {self.waiting - 1} more" * (self.waiting > 1)
+            raise _fault(f"{self._named()} did not come out of what {self.settings.codec} encoded{others}")
+        return frames
+
+    def _compare(self, came: Frame, step: int | None) -> None:
+        if not self._sent or self._sent[0][0].index != came.index:
+            if self._joining:
+                return
+            raise _fault(f"frame {came.index} came out of what {self.settings.codec} encoded, and was not sent now")
+        sent, settings = self._sent.popleft()
+        self._joining = False
+        wrong = difference(came, sent, settings, step)
+        if wrong is not None:
+            raise _fault(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
+        self.compared += 1
+
+    def _named(self) -> str:
+        return f"frame {self._sent[0][0].index}" if self._sent else "a message"
+
+
+def _fault(what: str) -> RoundTripError:
+    return RoundTripError(f"{what}: take another codec or other settings, and report this")
+
+
+def difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
+    """What of a decoded frame is not as settings promise, in words; None: all is.
+
+    step: quantiser width that its message tells, None where it tells none
+    """
+    if came.range.shape != sent.range.shape:
+        return f"{came.width} columns, where it had {sent.width}"
+    valid = sent.valid
+    if not np.array_equal(came.range > 0, valid):
+        return f"{came.points} returns, where {int(np.count_nonzero(valid))} were sent, or others"
+    same = (
+        came.stamp_ns == sent.stamp_ns
+        and np.array_equal(came.azimuth, sent.azimuth)
+        and np.array_equal(came.fired, sent.fired)
+        and came.sensor.hash == sent.sensor.hash
+        and (came.pose is None if sent.pose is None else np.array_equal(came.pose, sent.pose))  # type: ignore[arg-type]
+    )
+    if not same:
+        return "another time, pose or calibration, or other azimuths"
+    if not _same_side(came.side, sent.side):
+        return "other packets"
+    return _range_difference(came, sent, settings, step) or _intensity_difference(came, sent, settings)
+
+
+def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
+    if not table.codec(settings.codec).bounded:
+        return None
+    allowed = (step or 1) // 2
+    if settings.target_kbps is None:  # nothing else may turn the bound
+        allowed = min(allowed, settings.step // 2)
+    off = int(np.abs(came.range.astype(np.int32) - sent.range)[sent.valid].max(initial=0))
+    if off <= allowed:
+        return None
+    return f"a range {bound_of(2 * off):g} m off, where {bound_of(2 * allowed):g} m are allowed"
+
+
+def _intensity_difference(came: Frame, sent: Frame, settings: StreamSettings) -> str | None:
+    levels = settings.intensity_levels
+    if not levels:
+        return "intensities, which are off" if came.intensity.any() else None
+    if levels == 256:
+        kept = sent.intensity if sent.keep is None else np.where(sent.valid, sent.intensity, np.uint8(0))
+        return None if np.array_equal(came.intensity, kept) else "other intensities"
+    off = int(np.abs(came.intensity.astype(np.int16) - sent.intensity)[sent.valid].max(initial=0))
+    return None if off <= 127.5 / (levels - 1) + 0.5 else f"an intensity {off} off its level"
+
+
+def _same_side(came: SideInfo | None, sent: SideInfo | None) -> bool:
+    """Whether packets have the same bytes, and host times as near as they are kept."""
+    if came is None or sent is None:
+        return came is sent
+    return (
+        np.array_equal(came.layouts[came.layout], sent.layouts[sent.layout])
+        and np.array_equal(came.gps_us, sent.gps_us)
+        and np.array_equal(came.status, sent.status)
+        and np.array_equal(came.irregular, sent.irregular)
+        and np.array_equal(came.second, sent.second)
+        and int(np.abs(came.packet_ns - sent.packet_ns).max(initial=0)) <= CLOCK_NS
+    )
