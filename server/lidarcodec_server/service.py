@@ -44,7 +44,7 @@ class Service:
         self.fleet = Fleet(config.max_streams)
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
         self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
-        self.tokens = TokenBook(self.store)
+        self.tokens = TokenBook(self.store, opened=config.open)
         self.metrics = Metrics(self.fleet, self.ready)
         self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
@@ -82,6 +82,11 @@ class Service:
         self.store.open()
         if not self.tokens.needed:
             logger.info("there is no token: whoever reaches this server may do everything")
+        elif not self.tokens.working:
+            logger.warning(
+                "tokens were needed before and none works now: make one with `lidarcodec token create NAME`, or let "
+                "everybody in with --open"
+            )
         self.control.start()
         self._thread.start()
         self._opened.wait(START_S)
