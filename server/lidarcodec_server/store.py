@@ -195,7 +195,7 @@ class Store:
 
     def note(
         self,
-        keys: StreamKeys,
+        keys: StreamKeys | None,
         who: str,
         action: str,
         changes: dict[str, Any],

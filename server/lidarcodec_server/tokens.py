@@ -27,7 +27,7 @@ from lidarcodec_server.store import Store, Token
 logger = logging.getLogger(__name__)
 
 PREFIX = "lct_"
-REFRESH_S = 1.0
+REFRESH_S = 0.4
 """So soon a token that was made or revoked elsewhere is known here."""
 
 OPENER = "serve --open"
@@ -70,7 +70,7 @@ def create_token(store: Store, name: str, role: str, who: str = "") -> str:
 
 
 class TokenBook:
-    """The tokens that work, as of at most a second ago. Thread-safe.
+    """The tokens that work, as of at most half a second ago. Thread-safe.
 
     Once a token was needed one always is: whether tokens are revoked, deleted, or gone with the whole database. While
     the store does not answer, those that were known go on working.
