@@ -219,7 +219,7 @@ class Control:
                 if keys is not None and self._due[keys] <= now:
                     del self._due[keys]
                     return keys
-                self._wake.wait(None if keys is None else self._due[keys] - now)
+                self._wake.wait(RARELY_S if keys is None else self._due[keys] - now)
             return None
 
     def _settle(self, keys: StreamKeys) -> bool:

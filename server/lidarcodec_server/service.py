@@ -128,9 +128,9 @@ class Service:
     def enter(self, operation: Operation, result: str) -> None:
         """Enter what an operator did into the audit log; a log that cannot be written undoes nothing."""
         who, action, keys = operation.client.name, operation.action, operation.keys
-        outcome = {"result": result, "reason": operation.reason, "first_frame": operation.first_frame}
+        first, reason = operation.first_frame, operation.reason
         try:
-            self.store.note(keys, who, action, operation.about, **outcome)
+            self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
             name = "no stream" if keys is None else keys.prefix
             self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, name, who, error)

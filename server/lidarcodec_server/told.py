@@ -67,7 +67,7 @@ Check = Callable[[_Reader, Any], Any]
 """Gives the value as it is passed on. Raises _OtherError for one of another type or size."""
 
 
-def _unknown(_: _Reader, __: Any) -> None:
+def _unknown(_: _Reader, __: Any) -> Any:
     raise _OtherError
 
 

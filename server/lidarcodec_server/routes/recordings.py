@@ -35,7 +35,9 @@ router = APIRouter(prefix="/api/v1", tags=["recordings"])
 Id = Annotated[str, Path(max_length=64, examples=["20261121T101500Z-3fa2c9"])]
 NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, or no such recording."}}
 BUSY: dict[int | str, dict[str, Any]] = {409: {"description": "It is being recorded or played, or a name is taken."}}
-FULL: dict[int | str, dict[str, Any]] = {507: {"description": "The folder is full or cannot be written."}}
+FULL: dict[int | str, dict[str, Any]] = {
+    507: {"description": "The folder is full, cannot be written, or the disk stands still."}
+}
 
 
 class RecordBody(BaseModel):
@@ -155,7 +157,7 @@ async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) ->
     return RecordingAnswer.of(found, None)
 
 
-@router.delete("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
+@router.delete("/streams/{vehicle}/{sensor}/recording", responses={**NO_SUCH, **FULL})
 async def stop(
     recordings: TheRecordings, keys: TheStream, operation: Annotated[Operation, operates("record-stop")]
 ) -> RecordingAnswer:
@@ -225,7 +227,7 @@ async def steer(
     return PlayingAnswer.of(playing)
 
 
-@router.delete("/recordings/{id}/play", status_code=204, responses=NO_SUCH)
+@router.delete("/recordings/{id}/play", status_code=204, responses={**NO_SUCH, **FULL})
 async def stop_playing(
     recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("play-stop")]
 ) -> None:
