@@ -5,8 +5,8 @@ one that has waited longest, of the same host or of the host that has most. Wher
 reserved: they serve health checks and operators and nobody else (`middleware.Reserved`).
 
 >>> ledger = Connections(most=3, most_a_host=2)
->>> [ledger.admit(number, "10.0.0.1", print) for number in range(3)]
-0
+>>> [ledger.admit(number, "10.0.0.1", lambda: print("the first gives way")) for number in range(3)]
+the first gives way
 ['ordinary', 'ordinary', 'ordinary']
 """
 
