@@ -1,6 +1,7 @@
 """Who asks, and what they may do: bearer tokens with a role. A viewer reads, an operator also changes.
 
-`Viewer` and `Operator` are what routes take, sockets too: they hold the `Client` that asks, or the request is refused.
+`Viewer` is what routes take, sockets too: it holds the `Client` that asks, or the request is refused. Routes that
+change something take an `operations.Operation`.
 A browser cannot set a header for a WebSocket, so there the token may also come as subprotocol
 `lidarcodec.token.<token>`; `subprotocol_of` is what to accept such a socket with.
 """
@@ -55,6 +56,14 @@ def require_operator(connection: HTTPConnection) -> Client:
     return client
 
 
+def known_operator(connection: HTTPConnection) -> bool:
+    """Whether the token of a request was an operator's when tokens were last looked at; asks and waits for nobody."""
+    service = cast(Service, connection.app.state.service)
+    token = _token(connection)
+    client = None if token is None else service.tokens.seen_client(token)
+    return client is not None and client.role == "operator"
+
+
 def offers_token(connection: HTTPConnection) -> bool:
     """Whether the client gave a token, of whatever kind."""
     return _token(connection) is not None
@@ -87,4 +96,3 @@ def _host(connection: HTTPConnection) -> str:
 
 
 Viewer = Annotated[Client, Depends(require_viewer)]
-Operator = Annotated[Client, Depends(require_operator)]

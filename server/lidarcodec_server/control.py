@@ -18,10 +18,12 @@ from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.desired import in_step, overlaid, wanted_with
-from lidarcodec_server.fleet import Fleet, known_settings, read_status
+from lidarcodec_server.fleet import Fleet
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store import Store
+from lidarcodec_server.told import check_names, check_settings_size, first_frame, known_settings, read_answer
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +38,7 @@ RARELY_S = 60.0
 WORKERS = 4
 CLOSE_S = 2.0
 """How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
-MAX_REASON = 500
+MAX_REASON, MAX_FIELD = 500, 100
 
 
 class RefusedError(SettingsError):
@@ -118,14 +120,20 @@ class Control:
         wanted = self._store.desired(keys)
         return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
 
-    def change(self, keys: StreamKeys, changes: dict[str, Any], who: str) -> State:
+    def change(
+        self, keys: StreamKeys, changes: dict[str, Any], who: str, entered: Callable[[], object] = lambda: None
+    ) -> State:
         """Change settings as a whole or not at all; `applied` is None when the vehicle will get them later.
+
+        entered: called once it stands in the audit log; what is refused before is not entered here
 
         Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
         StoreError, BusyError. Nothing changed then.
         """
         if not changes:
             raise SettingsError("no setting is given")
+        check_settings_size(changes)
+        check_names(changes.get("codec_settings"))
         with self._turn(keys):
             stream = self._fleet.get(keys)
             alive = stream is not None and stream.alive
@@ -137,6 +145,7 @@ class Control:
             asked = {field: wanted[field] for field in changes}
             old = None if current is None else current.model_dump()
             entry = self._store.begin(keys, who, "settings", asked, old, wanted)
+            entered()
             try:
                 applied = self._send(keys, wanted) if alive else None
             except RefusedError as error:
@@ -150,12 +159,16 @@ class Control:
             self._fleet.answered(keys, applied.settings)
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
-    def forget(self, keys: StreamKeys, who: str) -> State:
-        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides."""
+    def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
+        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides.
+
+        entered: called once it stands in the audit log; where nothing was set nothing is entered here
+        """
         with self._turn(keys):
             before = self._store.desired(keys)
             if before:
                 self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
+                entered()
                 self._refusals.pop(keys, None)
         return self.state(keys)
 
@@ -166,9 +179,10 @@ class Control:
         """
         stream = self._fleet.get(keys)
         data = self._ask(keys.control_keyframe, {}, self._answer_s) if stream is not None and stream.alive else None
-        if data is None or not isinstance(data.get("first_frame"), int):
+        first = None if data is None else first_frame(data)
+        if data is None or first is None:
             raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or does not answer")
-        return {"first_frame": data["first_frame"], "merged": data.get("merged") is True}
+        return {"first_frame": first, "merged": data.get("merged") is True}
 
     # --- vehicles that come back ------------------------------------------------------------------------------------
 
@@ -205,7 +219,7 @@ class Control:
                 if keys is not None and self._due[keys] <= now:
                     del self._due[keys]
                     return keys
-                self._wake.wait(None if keys is None else self._due[keys] - now)
+                self._wake.wait(RARELY_S if keys is None else self._due[keys] - now)
             return None
 
     def _settle(self, keys: StreamKeys) -> bool:
@@ -260,13 +274,12 @@ class Control:
             return None
         if "error" in answer:
             field = answer.get("field")
-            raise RefusedError(_told(answer["error"]), field if isinstance(field, str) else None)
-        settings, first = known_settings(answer.get("applied")), answer.get("first_frame")
+            raise RefusedError(_told(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
+        settings = known_settings(answer.get("applied"))
         if settings is None:
             logger.warning("%s: an answer to a change without settings", keys.prefix)
             return None
-        whole = isinstance(first, int) and not isinstance(first, bool) and 0 <= first < 2**63
-        return Applied(settings, first if whole else None)
+        return Applied(settings, first_frame(answer))
 
     def _ask_settings(self, keys: StreamKeys) -> StreamSettings | None:
         answer = self._ask(keys.control_get, {}, GET_S)
@@ -278,9 +291,12 @@ class Control:
     def _ask(self, key: str, query: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         try:
             data = self._transport().ask(key, json.dumps(query).encode(), timeout_s)
+            return None if data is None else read_answer(data)
         except TransportError:
             return None
-        return None if data is None else read_status(data)
+        except JsonRefusedError as error:
+            self._warnings.warning("the answer to %s is refused: %s", key, error)
+            return None
 
     @contextmanager
     def _turn(self, keys: StreamKeys) -> Iterator[None]:

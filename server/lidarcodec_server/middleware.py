@@ -11,14 +11,24 @@ from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from lidarcodec.untrusted_json import JsonRefusedError, read_json
 from lidarcodec_server.config import is_loopback
 from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
+HEALTH = ("/healthz", "/readyz")
+ELSEWHERE = ("cross-site", "same-site")
+"""As browsers say it of a request by a page of another origin; another port of this machine is the `same-site`."""
 SAFE = ("GET", "HEAD", "OPTIONS")
-HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"), (b"x-frame-options", b"DENY"))
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"DENY"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
 
 
 class Observe:
@@ -47,12 +57,44 @@ class Observe:
             self._metrics.request(scope["method"], route, status, time.perf_counter() - start)
 
 
+class Reserved:
+    """Refuses whatever is neither a health check nor an operator's, on connections in the reserved places.
+
+    Nobody waits here for anything: the tokens are those that were known last.
+    """
+
+    def __init__(self, app: ASGIApp, is_operator: Callable[[HTTPConnection], bool]) -> None:
+        self._app, self._is_operator = app, is_operator
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        reserved = scope["type"] in ("http", "websocket") and scope.get("state", {}).get("reserved", False)
+        if not reserved:
+            await self._app(scope, receive, send)
+            return
+        if scope["path"] not in HEALTH and not self._is_operator(HTTPConnection(scope)):
+            headers = {"Retry-After": "10", "Connection": "close"}
+            detail = "there are as many connections as are allowed: try again, or with an operator's token"
+            await refuse(scope, receive, send, ProblemError(503, detail, "connections", headers))
+            return
+        if scope["type"] == "websocket":
+            await self._app(scope, receive, send)
+            return
+
+        async def closing(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), (b"connection", b"close")]
+            await send(message)
+
+        await self._app(scope, receive, closing)
+
+
 class FromHere:
     """Refuses what a web page of another origin makes a browser do.
 
     A browser on this machine is let in without a token as long as there are none; a page from elsewhere must not
     use that. It can make the browser change things and open WebSockets, but not lie about `Origin`; and it can have its
-    own name lead to this machine, but not lie about `Host`.
+    own name lead to this machine, but not lie about `Host`. Nor may it show a picture from here. Browsers send no
+    `Origin` for those; they send `Sec-Fetch-Site`, and heed Cross-Origin-Resource-Policy.
     """
 
     def __init__(self, app: ASGIApp, needs_local_host: Callable[[], bool]) -> None:
@@ -71,6 +113,8 @@ class FromHere:
         host = headers.get("host", "")
         if self._needs_local_host() and not is_loopback(_hostname(host)):
             return "as long as there is no token, this server answers to localhost and its addresses only"
+        if headers.get("sec-fetch-site") in ELSEWHERE and headers.get("sec-fetch-mode") != "navigate":
+            return "a page of another origin may not use what is here"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):
             return None
@@ -88,7 +132,10 @@ def _hostname(host: str) -> str:
 
 
 class BodyLimit:
-    """Refuses bodies that are too long, or take too long to come."""
+    """Refuses bodies that are too long, that take too long to come, or that are said to be JSON and are none.
+
+    A body of JSON is read whole and checked before anything is done for its request.
+    """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
         self._app, self._max, self._limit_s = app, max_bytes, limit_s
@@ -97,7 +144,8 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        told = Headers(scope=scope).get("content-length", "0")
+        headers = Headers(scope=scope)
+        told = headers.get("content-length", "0")
         if not told.isascii() or not told.isdigit() or len(told) > 18:
             await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
             return
@@ -120,10 +168,48 @@ class BodyLimit:
             more = message.get("more_body", False)
             return message
 
-        await self._app(scope, limited, send)
+        comes = int(told) > 0 or "transfer-encoding" in headers
+        if not comes or not is_json(headers.get("content-type", "")):
+            await self._app(scope, limited, send)
+            return
+        try:
+            first: Message | None = await self._json(limited)
+        except ProblemError as problem:
+            await refuse(scope, receive, send, problem)
+            return
+
+        async def read() -> Message:
+            nonlocal first
+            message, first = first, None
+            return await receive() if message is None else message
+
+        await self._app(scope, read, send)
+
+    async def _json(self, limited: Receive) -> Message:
+        parts: list[bytes] = []
+        while True:
+            message = await limited()
+            if message["type"] != "http.request":
+                return message
+            parts.append(message.get("body", b""))
+            if not message.get("more_body", False):
+                break
+        body = b"".join(parts)
+        if body:
+            try:
+                read_json(body, self._max)
+            except JsonRefusedError as error:
+                raise ProblemError(422, f"the body is refused: {error}", "request") from None
+        return {"type": "http.request", "body": body, "more_body": False}
 
     def _too_long(self) -> ProblemError:
         return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
+
+
+def is_json(content_type: str) -> bool:
+    """Whether a body is said to be JSON; one that nothing is said of is taken for it."""
+    content = content_type.partition(";")[0].strip().lower()
+    return not content or content == "application/json" or content.endswith("+json")
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, problem: ProblemError) -> None:

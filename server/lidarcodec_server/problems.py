@@ -31,6 +31,9 @@ _sparse = SparseLog(logger)
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:lidarcodec:problem:"
 MAX_ERRORS = 20
+TOLD = "lidarcodec.problem"
+"""Where the scope of a request has what was wrong with it, for the audit log."""
+MAX_REASON = 500
 NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
     (RefusedError, 422, "refused"),
     (SettingsError, 422, "settings"),
@@ -107,6 +110,8 @@ def problem_of(error: Exception, what: str) -> ProblemError:
     if isinstance(error, RequestValidationError):
         return _validation(error)
     if isinstance(error, HTTPException):
+        if isinstance(error.__cause__, ProblemError):  # of a body, while the framework read it
+            return error.__cause__
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
@@ -119,6 +124,7 @@ def problem_of(error: Exception, what: str) -> ProblemError:
 async def answer(connection: HTTPConnection, error: Exception) -> Response | None:
     """Answer a request, or refuse a WebSocket, with the problem of an exception."""
     problem = problem_of(error, f"{connection.scope.get('method', 'WS')} {connection.scope['path']}")
+    connection.scope[TOLD] = problem.detail[:MAX_REASON]
     if not isinstance(connection, WebSocket):
         return problem.response()
     if connection.application_state is WebSocketState.CONNECTING:
