@@ -10,14 +10,12 @@ import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from lidarcodec.apps.reports import finite, refuse_constant
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
-
-MAX_QUERY_BYTES = 64 * 1024
 
 
 class Applied(NamedTuple):
@@ -52,15 +50,10 @@ def object_of(data: bytes) -> dict[str, Any]:
 
     Raises SettingsError.
     """
-    if len(data) > MAX_QUERY_BYTES:
-        raise SettingsError(f"a query of {len(data)} bytes: at most {MAX_QUERY_BYTES}")
     try:
-        values = json.loads(data or b"{}", parse_constant=refuse_constant, parse_float=finite)
-    except (ValueError, RecursionError):
-        raise SettingsError("the query is no JSON, or holds a number that is none") from None
-    if not isinstance(values, dict):
-        raise SettingsError("the query is no JSON object")
-    return values
+        return read_object(data or b"{}")
+    except JsonRefusedError as error:
+        raise SettingsError(f"the query is refused: {error}") from None
 
 
 def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[bytes], bytes]:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 
@@ -151,11 +152,8 @@ def read(path: Path) -> dict[str, Any]:
     """
     try:
         with path.open("rb") as file:
-            told = json.loads(file.read(MAX_FILE_BYTES))
+            return read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
     except OSError as error:
         raise SourceError(f"{path}: {error.strerror}; is `lidarcodec publish --health-file {path}` running?") from None
-    except (ValueError, RecursionError):
-        raise SourceError(f"{path} is no health file") from None
-    if not isinstance(told, dict):
-        raise SourceError(f"{path} is no health file")
-    return told
+    except JsonRefusedError as error:
+        raise SourceError(f"{path} is no health file: {error}") from None

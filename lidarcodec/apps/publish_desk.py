@@ -64,11 +64,11 @@ class Desk:
         name = key.rpartition("/")[2]
         arrival = read_arrival(data)
         if arrival is not None and NAME_PATTERN.fullmatch(name):
-            self._flight.reported(name, arrival.frame_index, arrival.held_ns / 1e9)
+            self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9)
 
     def _reported(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]
-        rtt_ms = self._board.report(name, data)
+        rtt_ms = self._board.report(name, data, self._flight.standing(name))
         if rtt_ms is not None:
             self._flight.round_trip(name, rtt_ms / 1e3)
 

@@ -65,7 +65,9 @@ class Vehicle:
         self._stop = threading.Event()
         self._interrupted = False
         self._failure: TransportError | None = None
-        self._sensors = [_Sensor(StreamKeys(name, plan.name), plan, self._open, self._stop) for plan in sensors]
+        self._sensors = [
+            _Sensor(StreamKeys(name, plan.name), plan, self._open, self._stop, self._endpoints) for plan in sensors
+        ]
 
     def start(self) -> None:
         """Begin with all sensors."""
@@ -136,7 +138,9 @@ class _Sensor:
         plan: SensorPlan,
         network: Callable[[threading.Event], Transport],
         stop: threading.Event,
+        endpoints: Endpoints | None,
     ) -> None:
+        self._endpoints = endpoints or Endpoints()
         self.keys, self.plan = keys, plan
         self.status: dict[str, Any] | None = None
         self.failure: LidarCodecError | OSError | None = None
@@ -182,6 +186,7 @@ class _Sensor:
                 vehicle=self.keys.vehicle,
                 sensor=self.keys.sensor,
                 rate=plan.rate,
+                endpoints=self._endpoints,
                 transport=self._network,
                 record=plan.record,
                 record_as=plan.record_as,
