@@ -18,10 +18,12 @@ from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.desired import in_step, overlaid, wanted_with
-from lidarcodec_server.fleet import Fleet, known_settings, read_status
+from lidarcodec_server.fleet import Fleet
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.store import Store
+from lidarcodec_server.told import check_settings_size, first_frame, known_settings, read_answer
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +38,7 @@ RARELY_S = 60.0
 WORKERS = 4
 CLOSE_S = 2.0
 """How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
-MAX_REASON = 500
+MAX_REASON, MAX_FIELD = 500, 100
 
 
 class RefusedError(SettingsError):
@@ -126,6 +128,7 @@ class Control:
         """
         if not changes:
             raise SettingsError("no setting is given")
+        check_settings_size(changes)
         with self._turn(keys):
             stream = self._fleet.get(keys)
             alive = stream is not None and stream.alive
@@ -166,9 +169,10 @@ class Control:
         """
         stream = self._fleet.get(keys)
         data = self._ask(keys.control_keyframe, {}, self._answer_s) if stream is not None and stream.alive else None
-        if data is None or not isinstance(data.get("first_frame"), int):
+        first = None if data is None else first_frame(data)
+        if data is None or first is None:
             raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or does not answer")
-        return {"first_frame": data["first_frame"], "merged": data.get("merged") is True}
+        return {"first_frame": first, "merged": data.get("merged") is True}
 
     # --- vehicles that come back ------------------------------------------------------------------------------------
 
@@ -260,13 +264,12 @@ class Control:
             return None
         if "error" in answer:
             field = answer.get("field")
-            raise RefusedError(_told(answer["error"]), field if isinstance(field, str) else None)
-        settings, first = known_settings(answer.get("applied")), answer.get("first_frame")
+            raise RefusedError(_told(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
+        settings = known_settings(answer.get("applied"))
         if settings is None:
             logger.warning("%s: an answer to a change without settings", keys.prefix)
             return None
-        whole = isinstance(first, int) and not isinstance(first, bool) and 0 <= first < 2**63
-        return Applied(settings, first if whole else None)
+        return Applied(settings, first_frame(answer))
 
     def _ask_settings(self, keys: StreamKeys) -> StreamSettings | None:
         answer = self._ask(keys.control_get, {}, GET_S)
@@ -278,9 +281,12 @@ class Control:
     def _ask(self, key: str, query: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         try:
             data = self._transport().ask(key, json.dumps(query).encode(), timeout_s)
+            return None if data is None else read_answer(data)
         except TransportError:
             return None
-        return None if data is None else read_status(data)
+        except JsonRefusedError as error:
+            self._warnings.warning("the answer to %s is refused: %s", key, error)
+            return None
 
     @contextmanager
     def _turn(self, keys: StreamKeys) -> Iterator[None]:

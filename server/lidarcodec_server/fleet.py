@@ -9,21 +9,20 @@ True
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
 from dataclasses import dataclass, replace
 from typing import Any
 
-from lidarcodec.apps.reports import finite, refuse_constant
-from lidarcodec.errors import SettingsError
-from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import JsonRefusedError
+from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.told import known_settings, read_status
 
 logger = logging.getLogger(__name__)
 
-MAX_STATUS_BYTES = 64 * 1024
 MAX_WAITING = 1024
 """Streams left out that are taken when there is room."""
 MINUTE = 60
@@ -58,35 +57,12 @@ class Stream:
         return given if isinstance(given, str) else None
 
 
-def read_status(data: bytes) -> dict[str, Any] | None:
-    """A status; None for what is none."""
-    if len(data) > MAX_STATUS_BYTES:
-        return None
-    try:
-        status = json.loads(data, parse_constant=refuse_constant, parse_float=finite)
-        data.decode("utf-8").encode("utf-8")
-        json.dumps(status, ensure_ascii=False).encode("utf-8")  # a lone surrogate could not be sent on
-    except (ValueError, RecursionError):
-        return None
-    return status if isinstance(status, dict) else None
-
-
 def number_in(values: Any, name: str) -> float | None:
     """The number of that name in something that a vehicle told; None where there is none."""
     value = values.get(name) if isinstance(values, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
         return None
     return float(value)
-
-
-def known_settings(values: Any) -> StreamSettings | None:
-    """Settings that a vehicle told; what a newer vehicle has beyond ours is left out. None for what is none."""
-    if not isinstance(values, dict):
-        return None
-    try:
-        return settings_from({name: value for name, value in values.items() if name in StreamSettings.model_fields})
-    except SettingsError:
-        return None
 
 
 class Fleet:
@@ -99,6 +75,9 @@ class Fleet:
         self._waiting: dict[StreamKeys, None] = {}  # left out, and still there as far as is known; oldest first
         self.left_out = 0
         """Times that a stream was not taken, because there were too many."""
+        self.refused = self.dropped = 0
+        """Statuses that are none, and fields of others that are not known or not what they should be."""
+        self._warnings = SparseLog(logger)
 
     def streams(self) -> list[Stream]:
         """All of them, by name."""
@@ -127,11 +106,15 @@ class Fleet:
         """A status came. True if it is the first one of another start of a publisher that was known, or of one for
         which there was no room before.
         """
-        status = read_status(data)
-        if status is None:
+        try:
+            status, dropped = read_status(data)
+        except JsonRefusedError as error:
+            self.refused += 1
+            self._warnings.warning("a status of %s is refused: %s", keys.prefix, error)
             return False
         now = time.monotonic()
         with self._lock:
+            self.dropped += dropped
             stream = self._streams.get(keys)
             waited = stream is None and keys in self._waiting and self._has_room()
             if waited:

@@ -94,14 +94,14 @@ class Metrics:
         """Everything, in Prometheus' text form."""
         return generate_latest(self.registry)
 
-    def streams(self) -> tuple[list[Stream], dict[StreamKeys, Totals], int]:
-        """Streams, their totals, and how many were left out."""
+    def streams(self) -> tuple[list[Stream], dict[StreamKeys, Totals]]:
+        """Streams and their totals."""
         with self._lock:
-            return self._fleet.streams(), dict(self._totals), self._fleet.left_out
+            return self._fleet.streams(), dict(self._totals)
 
     def collected(self) -> Iterator[Metric]:
         """The metrics of the streams."""
-        streams, totals, left_out = self.streams()
+        streams, totals = self.streams()
         alive = GaugeMetricFamily("lidarcodec_stream_alive", "Whether the publisher is there.", labels=LABELS)
         codec = GaugeMetricFamily("lidarcodec_stream_codec", "1 for the codec in force.", labels=[*LABELS, "codec"])
         for stream in streams:
@@ -123,7 +123,13 @@ class Metrics:
         for part, answers in self._ready().items():
             ready.add_metric([part], float(answers))
         yield ready
-        yield CounterMetricFamily("lidarcodec_streams_left_out", "Times that there was no room.", value=left_out)
+        fleet = self._fleet
+        for name, text, value in (
+            ("streams_left_out", "Times that there was no room.", fleet.left_out),
+            ("statuses_refused", "Statuses that are no JSON, or beyond its limits.", fleet.refused),
+            ("status_fields_dropped", "Fields of statuses that are not known, or of another type.", fleet.dropped),
+        ):
+            yield CounterMetricFamily(f"lidarcodec_{name}", text, value=value)
 
 
 def _counted(streams: list[Stream], totals: dict[StreamKeys, Totals]) -> Iterator[Metric]:

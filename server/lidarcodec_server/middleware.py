@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from lidarcodec.untrusted_json import JsonRefusedError, read_json
 from lidarcodec_server.config import is_loopback
 from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
@@ -88,7 +89,10 @@ def _hostname(host: str) -> str:
 
 
 class BodyLimit:
-    """Refuses bodies that are too long, or take too long to come."""
+    """Refuses bodies that are too long, that take too long to come, or that are said to be JSON and are none.
+
+    A body of JSON is read whole and checked before a route sees any of it.
+    """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
         self._app, self._max, self._limit_s = app, max_bytes, limit_s
@@ -97,7 +101,8 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        told = Headers(scope=scope).get("content-length", "0")
+        headers = Headers(scope=scope)
+        told = headers.get("content-length", "0")
         if not told.isascii() or not told.isdigit() or len(told) > 18:
             await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
             return
@@ -120,10 +125,36 @@ class BodyLimit:
             more = message.get("more_body", False)
             return message
 
-        await self._app(scope, limited, send)
+        async def checked() -> Message:
+            return await (self._json(limited) if more else limited())
+
+        await self._app(scope, checked if is_json(headers.get("content-type", "")) else limited, send)
+
+    async def _json(self, limited: Receive) -> Message:
+        parts: list[bytes] = []
+        while True:
+            message = await limited()
+            if message["type"] != "http.request":
+                return message
+            parts.append(message.get("body", b""))
+            if not message.get("more_body", False):
+                break
+        body = b"".join(parts)
+        if body:
+            try:
+                read_json(body, self._max)
+            except JsonRefusedError as error:
+                raise ProblemError(422, f"the body is refused: {error}", "request") from None
+        return {"type": "http.request", "body": body, "more_body": False}
 
     def _too_long(self) -> ProblemError:
         return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
+
+
+def is_json(content_type: str) -> bool:
+    """Whether a body is said to be JSON; one that nothing is said of is taken for it."""
+    content = content_type.partition(";")[0].strip().lower()
+    return not content or content == "application/json" or content.endswith("+json")
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, problem: ProblemError) -> None:

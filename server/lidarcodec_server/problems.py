@@ -107,6 +107,8 @@ def problem_of(error: Exception, what: str) -> ProblemError:
     if isinstance(error, RequestValidationError):
         return _validation(error)
     if isinstance(error, HTTPException):
+        if isinstance(error.__cause__, ProblemError):  # of a body, while the framework read it
+            return error.__cause__
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})

@@ -18,9 +18,12 @@ from sqlalchemy.engine import Connection, Engine
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from lidarcodec.errors import SettingsError
+from lidarcodec.settings import settings_from
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
 from lidarcodec_server.tables import audit, desired, tokens
+from lidarcodec_server.told import check_settings_size
 
 logger = logging.getLogger(__name__)
 
@@ -61,6 +64,7 @@ class Store:
     def __init__(self, url: str, *, max_streams: int = 256, audit_rows: int = 1_000_000) -> None:
         """Raises SettingsError for what is no URL of a database whose driver is there."""
         self._max_streams, self._audit_rows, self._written = max_streams, audit_rows, 0
+        self._warnings = SparseLog(logger)
         try:
             parsed = sa.make_url(url)
             if parsed.drivername in ("postgres", "postgresql"):
@@ -206,7 +210,14 @@ class Store:
     def _desired(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
         query = sa.select(desired.c.settings)
         found = connection.execute(query.where(*_of(keys))).scalar_one_or_none()
-        return found if isinstance(found, dict) else {}
+        try:
+            kept = {} if found is None else dict(found)
+            check_settings_size(kept)
+            settings_from(kept)
+        except (SettingsError, TypeError, ValueError) as error:
+            self._warnings.warning("%s: the settings in the database are refused: %s", keys.prefix, error)
+            return {}
+        return kept
 
     def _keep(self, connection: Connection, keys: StreamKeys, wanted: dict[str, Any], now_ns: int) -> None:
         if not wanted:

@@ -13,8 +13,10 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.desired import overlaid, wanted_with
-from lidarcodec_server.fleet import MAX_STATUS_BYTES, Fleet, known_settings, read_status
+from lidarcodec_server.fleet import Fleet
+from lidarcodec_server.told import MAX_STATUS_BYTES, known_settings, read_status
 from tests.server.conftest import STREAM, until
 
 KEYS = StreamKeys("car-7", "roof")
@@ -37,11 +39,13 @@ HOSTILE = [
 
 @pytest.mark.parametrize("data", HOSTILE, ids=lambda data: data[:12].decode("latin-1"))
 def test_what_is_no_status_changes_nothing(data):
-    assert read_status(data) is None
+    with pytest.raises(JsonRefusedError):
+        read_status(data)
     fleet = Fleet()
     fleet.changed(KEYS, alive=True)
     assert fleet.told(KEYS, data) is False
     assert fleet.get(KEYS).status is None
+    assert fleet.refused == 1
 
 
 @pytest.mark.parametrize("settings", [None, 5, [], "x", {"codec": 5}, {"max_error_m": -1}, {"key_interval": True}])
@@ -92,14 +96,14 @@ async def test_hostile_vehicles_hurt_nobody(serving, network, vehicle):
         ]
         for data in HOSTILE:
             sender.put(data)
-        fits_no_float = json.dumps({"fps": 10**400, "kbps": -(10**400), "frames": 10**400}).encode()
+        fits_no_field = json.dumps({"fps": 10**19, "kbps": -(10**19), "frames": 10**19}).encode()
         async with serving(answer_s=0.5, changes_per_second=1000.0, burst=100) as client:
 
             async def seen():
                 return [one["vehicle"] for one in (await client.get("/api/v1/streams")).json()] == ["car-7"]
 
             await until(seen)
-            sender.put(fits_no_float)
+            sender.put(fits_no_field)
 
             async def taken():
                 return (await client.get(STREAM)).json()["status"] is not None

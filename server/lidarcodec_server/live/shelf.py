@@ -18,6 +18,7 @@ from typing import Any, Final, Literal, Self
 
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import read_object
 
 State = Literal["recording", "complete", "failed", "interrupted"]
 ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
@@ -79,7 +80,7 @@ class Recording:
         """What a folder says; None if it is no recording."""
         try:
             with (folder / ABOUT).open("rb") as file:
-                about = json.loads(file.read(MAX_ABOUT_BYTES))
+                about = read_object(file.read(MAX_ABOUT_BYTES + 1), MAX_ABOUT_BYTES)
             keys = StreamKeys(about["vehicle"], about["sensor"])
             ended, started_ns = about.get("state") in ("complete", "failed"), _whole(about["started_ns"])
             if started_ns is None:

@@ -23,6 +23,7 @@ from lidarcodec_server.live.cloud_format import Facts
 from lidarcodec_server.live.originals import Originals
 from lidarcodec_server.live.view import FrameView
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
+from lidarcodec_server.told import known_settings
 
 logger = logging.getLogger(__name__)
 
@@ -61,6 +62,7 @@ class Watch:
         self._stale_told = float("-inf")
         self._slow_key_at = float("-inf")
         self._told: dict[str, Any] = {}
+        self._status_read: dict[str, Any] | None = None
         self._group: Message | None = None
         self._group_ns = 0
         self._shown_group: Message | None = None
@@ -246,8 +248,10 @@ class Watch:
         self._tell_change("alive", receiver.alive, {"event": "alive" if receiver.alive else "gone"})
         status = receiver.status
         if status is not None:
-            settings = status.get("settings")
-            self._tell_change("settings", settings, {"event": "settings", "settings": settings})
+            if status is not self._status_read:
+                self._status_read, told = status, known_settings(status.get("settings"))
+                settings = self._told.get("settings") if told is None else told.model_dump()
+                self._tell_change("settings", settings, {"event": "settings", "settings": settings})
             now = receiver.stats.stream_id
             ended = status.get("ended") is True and now is not None and status.get("stream_id") == f"{now:016x}"
             self._tell_change("ended", ended, {"event": "ended"} if ended else None)

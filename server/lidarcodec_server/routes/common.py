@@ -7,10 +7,11 @@ from typing import Annotated, Any, cast
 from fastapi import Depends, Path
 from starlette.requests import HTTPConnection, Request
 
-from lidarcodec.apps.control import object_of
 from lidarcodec.settings import NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec_server.fleet import Stream
+from lidarcodec_server.middleware import is_json
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service
 
@@ -39,14 +40,18 @@ def known_stream(service: Service, keys: StreamKeys) -> Stream:
 
 
 async def json_object(request: Request) -> dict[str, Any]:
-    """The JSON object of a body, read as strictly as a vehicle reads its queries: no NaN, nothing beyond a float.
+    """The JSON object of a body.
 
-    Raises ProblemError 415 for another content type: a web page elsewhere can make a browser send text, but not JSON.
+    Raises ProblemError 415 for another content type: a web page elsewhere can make a browser send text, but not JSON;
+    422 for a body that is no JSON object.
     """
-    content = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if content != "application/json" and not content.endswith("+json"):
+    content = request.headers.get("content-type", "")
+    if not content or not is_json(content):
         raise ProblemError(415, "the body has to be JSON: Content-Type: application/json", "content-type")
-    return object_of(await request.body())
+    try:
+        return read_object(await request.body())
+    except JsonRefusedError as error:
+        raise ProblemError(422, f"the body is refused: {error}", "request") from None
 
 
 TheService = Annotated[Service, Depends(service_of)]

@@ -1,0 +1,280 @@
+"""What a vehicle tells, before anything of it is believed or passed on: its status, its settings, its answers.
+
+A status is anybody's JSON. `read_status` keeps the fields that docs/live.md lists, each of its type and size. It drops
+all else and counts it, so that no browser, log or metric meets what nobody expects.
+
+>>> told = read_status(b'{"fps": 10.0, "kbps": "much", "colour": "red"}')
+>>> told.status, told.dropped
+({'fps': 10.0}, 2)
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from lidarcodec.apps.reports import COUNTED, COUNTED_TIMES, MEASURED, SUMMED
+from lidarcodec.apps.timings import BOUNDS_MS
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import NAME_PATTERN, StreamSettings, settings_from
+from lidarcodec.untrusted_json import read_object
+
+MAX_STATUS_BYTES: Final = 64 * 1024
+MAX_SETTINGS_BYTES: Final = 8 * 1024
+"""Of the settings of a stream as JSON; those of every codec together are a tenth of it."""
+MAX_FRAME: Final = 2**63
+MAX_NAMES: Final = 64
+"""Causes that are counted, in `errors` and the like."""
+MAX_RECEIVERS: Final = 64
+TEXT: Final = 512
+"""Characters of a path, a note or a reason."""
+WORD: Final = 64
+BUCKETS: Final = len(BOUNDS_MS) + 1
+
+
+class Told(NamedTuple):
+    """status: the known fields;  dropped: how many fields were left out, at whatever depth"""
+
+    status: dict[str, Any]
+    dropped: int
+
+
+class _OtherError(ValueError):
+    """A value is not what its field holds."""
+
+
+class _Reader:
+    """Counts what is dropped."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+
+    def record(self, value: Any, fields: dict[str, Check]) -> dict[str, Any]:
+        """The known fields of an object."""
+        if not isinstance(value, dict):
+            raise _OtherError
+        kept: dict[str, Any] = {}
+        for name, one in value.items():
+            try:
+                kept[name] = fields.get(name, _unknown)(self, one)
+            except _OtherError:
+                self.dropped += 1
+        return kept
+
+
+Check = Callable[[_Reader, Any], Any]
+"""Gives the value as it is passed on. Raises _OtherError for one of another type or size."""
+
+
+def _unknown(_: _Reader, __: Any) -> None:
+    raise _OtherError
+
+
+def number(_: _Reader, value: Any) -> float:
+    """A finite number, as a 64-bit field holds it."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 2**63:
+        raise _OtherError
+    return value
+
+
+def count(_: _Reader, value: Any) -> int:
+    """A whole number from 0 on."""
+    if not is_count(value):
+        raise _OtherError
+    return int(value)
+
+
+def flag(_: _Reader, value: Any) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise _OtherError
+    return value
+
+
+def text(longest: int) -> Check:
+    """Text of at most so many characters."""
+
+    def check(_: _Reader, value: Any) -> str:
+        if not isinstance(value, str) or len(value) > longest:
+            raise _OtherError
+        return value
+
+    return check
+
+
+def or_null(of: Check) -> Check:
+    """The same, or null."""
+    return lambda reader, value: None if value is None else of(reader, value)
+
+
+def record(**fields: Check) -> Check:
+    """An object with these fields, of which any may be missing."""
+    return lambda reader, value: reader.record(value, fields)
+
+
+def named(of: Check, most: int = MAX_NAMES, longest: int = WORD) -> Check:
+    """An object with names of its own; those beyond `most` are dropped."""
+
+    def check(reader: _Reader, value: Any) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise _OtherError
+        first = dict(list(value.items())[:most])
+        reader.dropped += len(value) - len(first)
+        return reader.record(first, {name: of for name in first if len(name) <= longest})
+
+    return check
+
+
+def several(of: Check, most: int, least: int = 0) -> Check:
+    """A list of so many values."""
+
+    def check(reader: _Reader, value: Any) -> list[Any]:
+        if not isinstance(value, list) or not least <= len(value) <= most:
+            raise _OtherError
+        return [of(reader, one) for one in value]
+
+    return check
+
+
+def _settings(_: _Reader, value: Any) -> dict[str, Any]:
+    settings = known_settings(value)
+    if settings is None:
+        raise _OtherError
+    return settings.model_dump()
+
+
+def _receivers(reader: _Reader, value: Any) -> dict[str, Any]:
+    kept: dict[str, Any] = named(_REPORT, MAX_RECEIVERS)(reader, value)
+    names = [name for name in kept if NAME_PATTERN.fullmatch(name)]
+    reader.dropped += len(kept) - len(names)
+    return {name: kept[name] for name in names}
+
+
+_name, _word, _long = text(WORD), or_null(text(WORD)), or_null(text(TEXT))
+_any_number, _any_count = or_null(number), or_null(count)
+_times = record(
+    **dict.fromkeys(("mean", "p50", "p99", "max", "sum"), _any_number),
+    count=count,
+    buckets=record(**dict.fromkeys((*(f"{bound:g}" for bound in BOUNDS_MS), "more"), count)),
+)
+_REPORT = record(
+    **dict.fromkeys(COUNTED, count),
+    **dict.fromkeys((*MEASURED, *SUMMED), _any_number),
+    **dict.fromkeys(COUNTED_TIMES, several(count, BUCKETS, BUCKETS)),
+)
+_FIELDS: Final[dict[str, Check]] = {
+    **dict.fromkeys(("vehicle", "sensor", "stream_id"), _name),
+    **dict.fromkeys(
+        ("packets", "assembled", "replaced", "no_receiver", "frames", "messages", "bytes", "key_frames"), count
+    ),
+    "stamp_ns": number,
+    "frame_index": _any_count,
+    "settings": _settings,
+    "sensor_model": record(name=_name, calibration=text(TEXT), hash=_name),
+    "matching": flag,
+    "ended": flag,
+    "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),
+    "fps": _any_number,
+    "kbps": _any_number,
+    "rate": or_null(
+        record(
+            auto=flag,
+            target_kbps=_any_number,
+            reachable_kbps=or_null(several(number, 2, 2)),
+            limited_by=_word,
+            reached=or_null(flag),
+            kbps_5s=_any_number,
+            max_error_m=number,
+            quality=number,
+            crf=number,
+        )
+    ),
+    "reduction": or_null(
+        record(
+            name=_name,
+            returns=_any_count,
+            kept=_any_count,
+            cell_m=_any_number,
+            left_out=_any_count,
+            odometry=_word,
+            seen_before=or_null(flag),
+            unseen=_any_count,
+            note=_long,
+        )
+    ),
+    "learning": or_null(
+        record(
+            **dict.fromkeys(("steps", "samples", "frames_left_out", "updates", "update_bytes"), _any_count),
+            seconds=number,
+            gain_bits=_any_number,
+        )
+    ),
+    "path": record(capacity_kbps=_any_number, share=_any_number, cautious=flag),
+    "encode_ms": _times,
+    "put_ms": _times,
+    "flight": record(
+        receivers=several(_name, MAX_RECEIVERS),
+        following=_word,
+        arrive_ms=_times,
+        **dict.fromkeys(("window", "in_flight", "timeouts", "unreported"), count),
+    ),
+    "errors": named(count, longest=TEXT),
+    "preparing": _word,
+    "worker": or_null(record(pid=_any_count, state=_name, restarts=count, last_failure=_long)),
+    "worker_restarts": count,
+    "source": named(count),
+    "recording": or_null(record(file=_long, stopped=_long, counts=named(count))),
+    "reports": _receivers,
+}
+
+
+def read_status(data: bytes) -> Told:
+    """A status, as far as it is known.
+
+    Raises JsonRefusedError for what is none.
+    """
+    reader = _Reader()
+    return Told(reader.record(read_object(data, MAX_STATUS_BYTES), _FIELDS), reader.dropped)
+
+
+def read_answer(data: bytes) -> dict[str, Any]:
+    """What a vehicle answers to a query; who uses a field of it checks that field.
+
+    Raises JsonRefusedError.
+    """
+    return read_object(data, MAX_STATUS_BYTES)
+
+
+def known_settings(values: Any) -> StreamSettings | None:
+    """Settings that a vehicle told; what a newer vehicle has beyond ours is left out. None for what is none."""
+    if not isinstance(values, dict):
+        return None
+    known = {name: value for name, value in values.items() if name in StreamSettings.model_fields}
+    try:
+        check_settings_size(known)
+        return settings_from(known)
+    except SettingsError:
+        return None
+
+
+def check_settings_size(values: dict[str, Any]) -> None:
+    """Check that settings stay small, and plain enough to be kept, sent and shown.
+
+    Raises SettingsError.
+    """
+    try:
+        read_object(json.dumps(values), MAX_SETTINGS_BYTES)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise SettingsError(f"these settings are refused: {error}") from None
+
+
+def first_frame(answer: dict[str, Any]) -> int | None:
+    """The frame that an answer names; None where it names none."""
+    value = answer.get("first_frame")
+    return value if is_count(value) else None
+
+
+def is_count(value: Any) -> bool:
+    """Whether a value is a whole number that a 64-bit field holds."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < MAX_FRAME
