@@ -9,7 +9,7 @@ from lidarcodec.apps.control import Applied, answered
 from lidarcodec.apps.flight import Flight
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.reports import read_arrival
-from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.settings import StreamSettings, is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
@@ -54,7 +54,7 @@ class Desk:
 
     def _receiver_changed(self, key: str, alive: bool) -> None:
         name = key.rpartition("/")[2]
-        if alive and NAME_PATTERN.fullmatch(name):
+        if alive and is_name(name):
             self._flight.came(name)
             self._publisher.request_key()
         else:
@@ -63,7 +63,7 @@ class Desk:
     def _arrived(self, key: str, data: bytes) -> None:
         name = key.rpartition("/")[2]
         arrival = read_arrival(data)
-        if arrival is not None and NAME_PATTERN.fullmatch(name):
+        if arrival is not None and is_name(name):
             self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9)
 
     def _reported(self, key: str, data: bytes) -> None:

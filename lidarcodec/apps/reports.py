@@ -8,7 +8,6 @@ which a few fields are known; nothing else is passed on.
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import Any, NamedTuple
 
@@ -109,25 +108,6 @@ def pack_arrival(arrival: Arrival) -> bytes:
 def read_arrival(data: bytes) -> Arrival | None:
     """An arrival report; None for what is none."""
     return Arrival(*_ARRIVAL.unpack_from(data)) if len(data) >= _ARRIVAL.size else None
-
-
-def finite(text: str) -> float:
-    """For `json.loads`: a number that a float can hold.
-
-    Raises ValueError for others, such as 1e999.
-    """
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text} is out of range")
-    return value
-
-
-def refuse_constant(constant: str) -> None:
-    """For `json.loads`: NaN and Infinity are no JSON.
-
-    Raises ValueError.
-    """
-    raise ValueError(f"{constant} is no JSON")
 
 
 def read_status(data: bytes) -> dict[str, Any]:
