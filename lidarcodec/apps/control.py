@@ -1,6 +1,7 @@
 """What a publisher answers on its control keys: JSON in, JSON out, and never an exception.
 
-An error is `{"error": what is wrong and what would be right, "field": the setting or null}`.
+An error is `{"error": what is wrong and what would be right, "field": the setting or null}`, with `retry_s` where the
+same query may be answered later.
 """
 
 from __future__ import annotations
@@ -16,6 +17,14 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
+
+
+class TooOftenError(SettingsError):
+    """Settings are changed too often; retry_s: when there may be another change."""
+
+    def __init__(self, retry_s: float) -> None:
+        super().__init__(f"settings are changed too often: try again in {retry_s:.1f} s")
+        self.retry_s = retry_s
 
 
 class Applied(NamedTuple):
@@ -63,7 +72,9 @@ def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[by
         try:
             return json.dumps(answer(object_of(data)), allow_nan=False).encode()
         except LidarCodecError as error:
-            out = {"error": str(error), "field": field_of(error)}
+            out: dict[str, Any] = {"error": str(error), "field": field_of(error)}
+            if isinstance(error, TooOftenError):
+                out["retry_s"] = round(error.retry_s, 3)
         except Exception:
             logger.exception("a control query failed")
             out = {"error": "internal error; the publisher's log has the details", "field": None}

@@ -149,7 +149,7 @@ class Publisher:
             every=self._every,
             originals=self._originals,
         )
-        self._desk = Desk(self, self.keys, self._flight, self._board, clock)
+        self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
         self._tell_now = threading.Event()
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Protocol
 
+from lidarcodec.apps.allowance import Allowance
 from lidarcodec.apps.clocks import Clock
-from lidarcodec.apps.control import Applied, answered
+from lidarcodec.apps.control import Applied, TooOftenError, answered
 from lidarcodec.apps.flight import Flight
+from lidarcodec.apps.once import Once
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.reports import read_arrival
 from lidarcodec.settings import StreamSettings, is_name
 from lidarcodec.transport import Transport
 from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
+
+CHANGES_PER_S, CHANGES_AT_ONCE = 5.0, 20
+"""Changes of settings that are taken, of everybody together."""
+STATUS_HOLDS_S = 0.1
+"""However often somebody asks, the status is made up at most so often."""
 
 
 class Controlled(Protocol):
@@ -35,8 +43,12 @@ class Desk:
     """Hands on what comes in; called in threads of the transport, and must be quick."""
 
     def __init__(
-        self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock
+        self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock, once: Once
     ) -> None:
+        """once: counts and logs what is refused"""
+        self._changes, self._once = Allowance(CHANGES_PER_S, CHANGES_AT_ONCE), once
+        self._status: dict[str, Any] = {}
+        self._status_s = float("-inf")
         self._publisher, self._keys = publisher, keys
         self._flight, self._board, self._clock = flight, board, clock
 
@@ -75,9 +87,16 @@ class Desk:
     def _get(self, query: dict[str, Any]) -> dict[str, Any]:
         if "ping" in query:  # the time as late as can be, and whether the way back may be busy with a frame
             return {"ping": query["ping"], "busy": self._flight.busy, "time_ns": self._clock.wall_ns()}
-        return {"settings": self._publisher.settings.model_dump(), "status": self._publisher.status()}
+        if time.monotonic() - self._status_s >= STATUS_HOLDS_S:
+            self._status, self._status_s = self._publisher.status(), time.monotonic()
+        return {"settings": self._publisher.settings.model_dump(), "status": self._status}
 
     def _set(self, query: dict[str, Any]) -> dict[str, Any]:
+        retry_s = self._changes.take()
+        if retry_s:
+            error = TooOftenError(retry_s)
+            self._once.add("changes refused", error)
+            raise error
         applied = self._publisher.change(**{str(field): value for field, value in query.items()})
         return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
 

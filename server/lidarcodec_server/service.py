@@ -157,6 +157,8 @@ class Service:
             self.metrics.told(keys)
             if again:
                 self.control.look_after(keys)
+            else:
+                self.control.told(keys)
 
 
 def _keys_of(key: str) -> StreamKeys | None:
