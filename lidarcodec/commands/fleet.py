@@ -103,6 +103,37 @@ def serve(
             "--max-viewers-a-client", min=1, metavar="N", help="Those of one client (token, or address); default: 32."
         ),
     ] = None,
+    max_connections: Annotated[
+        int | None, _option("--max-connections", min=1, metavar="N", help="Of all hosts at once; default: 1000.")
+    ] = None,
+    max_connections_a_host: Annotated[
+        int | None, _option("--max-connections-a-host", min=1, metavar="N", help="Of one host; default: 200.")
+    ] = None,
+    reserved_connections: Annotated[
+        int | None,
+        _option(
+            "--reserved-connections", min=1, metavar="N", help="More, for health checks and operators; default: 16."
+        ),
+    ] = None,
+    max_requests_a_host: Annotated[
+        int | None,
+        _option("--max-requests-a-host", min=1, metavar="N", help="Of one host, worked on at once; default: 16."),
+    ] = None,
+    proxy: Annotated[
+        list[str] | None,
+        _option("--proxy", metavar="ADDRESS", help="A reverse proxy, which has no limits of one host. Repeatable."),
+    ] = None,
+    request_seconds: Annotated[
+        float | None,
+        _option("--request-seconds", min=0.1, metavar="N", help="For a request's headers, and its body; default: 10."),
+    ] = None,
+    keep_alive_seconds: Annotated[
+        float | None, _option("--keep-alive-seconds", min=0.1, metavar="N", help="Between requests; default: 5.")
+    ] = None,
+    read_seconds: Annotated[
+        float | None,
+        _option("--read-seconds", min=0.1, metavar="N", help="How long an answer may stay unread; default: 30."),
+    ] = None,
     recordings: Annotated[
         Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
     ] = None,
@@ -123,7 +154,11 @@ def serve(
         host=host, port=port, database_url=database_url, database_password_file=database_password_file,
         tls_certificate=tls_certificate, tls_key=tls_key,
         insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_sensors=max_sensors,
-        max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, recordings=recordings,
+        max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, max_connections=max_connections,
+        max_connections_a_host=max_connections_a_host, reserved_connections=reserved_connections,
+        max_requests_a_host=max_requests_a_host, proxies=tuple(proxy) if proxy else None, request_s=request_seconds,
+        body_s=request_seconds,
+        keep_alive_s=keep_alive_seconds, read_s=read_seconds, recordings=recordings,
         max_recordings_bytes=None if recordings_gb is None else int(recordings_gb * 2**30),
     )  # fmt: skip
 

@@ -17,9 +17,12 @@ from starlette.concurrency import run_in_threadpool
 import lidarcodec
 from lidarcodec.transport import Transport
 from lidarcodec_server import openapi, problems
+from lidarcodec_server.auth import known_operator
 from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.connections import ConnectionMetrics, Connections
+from lidarcodec_server.fairness import Fair
 from lidarcodec_server.live.part import live
-from lidarcodec_server.middleware import BodyLimit, FromHere, Observe
+from lidarcodec_server.middleware import BodyLimit, FromHere, Observe, Reserved
 from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
@@ -73,9 +76,16 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     )
     app.state.config, app.state.failure = config, None
     app.state.service = Service(config, transport)
+    connections = Connections(
+        config.max_connections, config.max_connections_a_host, config.reserved_connections, config.proxies
+    )
+    app.state.connections = connections
+    app.state.service.metrics.registry.register(ConnectionMetrics(connections))
     problems.install(app)
+    app.add_middleware(Fair, most=config.max_requests_a_host, wait_s=config.request_s, proxies=config.proxies)
     app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
     app.add_middleware(FromHere, needs_local_host=lambda: config.loopback and not app.state.service.tokens.seen)
+    app.add_middleware(Reserved, is_operator=known_operator)
     app.add_middleware(Observe, metrics=app.state.service.metrics)
     for name in ROUTERS:
         app.include_router(import_module(f"lidarcodec_server.routes.{name}").router)

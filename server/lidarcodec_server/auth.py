@@ -55,6 +55,14 @@ def require_operator(connection: HTTPConnection) -> Client:
     return client
 
 
+def known_operator(connection: HTTPConnection) -> bool:
+    """Whether the token of a request was an operator's when tokens were last looked at; asks and waits for nobody."""
+    service = cast(Service, connection.app.state.service)
+    token = _token(connection)
+    client = None if token is None else service.tokens.seen_client(token)
+    return client is not None and client.role == "operator"
+
+
 def offers_token(connection: HTTPConnection) -> bool:
     """Whether the client gave a token, of whatever kind."""
     return _token(connection) is not None

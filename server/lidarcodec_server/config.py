@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from lidarcodec.transport import Endpoints
 
@@ -40,7 +40,12 @@ class ServerConfig(BaseModel):
     max_sensors:         streams of one vehicle that are known at once
     max_body_bytes:      longest body of a request
     max_message_bytes:   longest WebSocket message of a client
-    max_connections:     connections at once
+    max_connections:     connections at once, of all hosts;  max_connections_a_host: of one
+    reserved_connections: further ones, for health checks and operators when there is no room for others
+    max_requests_a_host: requests of one host that are worked on at once; others wait
+    proxies:             addresses of proxies, whose connections are those of many clients
+    request_s:           how long a connection may be without a whole request, and keep_alive_s after an answer
+    read_s:              how long a client may leave an answer unread
     changes_per_second:  requests that change something, for each client, and `burst` of them at once
     body_s:              how long a client may take to send a body
     answer_s:            how long a vehicle may take to answer
@@ -66,6 +71,13 @@ class ServerConfig(BaseModel):
     max_body_bytes: int = Field(default=64 * 1024, ge=1024)
     max_message_bytes: int = Field(default=64 * 1024, ge=1024)
     max_connections: int = Field(default=1000, ge=1)
+    max_connections_a_host: int = Field(default=200, ge=1)
+    reserved_connections: int = Field(default=16, ge=1)
+    max_requests_a_host: int = Field(default=16, ge=1)
+    proxies: tuple[str, ...] = ()
+    request_s: float = Field(default=10.0, gt=0.0)
+    keep_alive_s: float = Field(default=5.0, gt=0.0)
+    read_s: float = Field(default=30.0, gt=0.0)
     changes_per_second: float = Field(default=10.0, gt=0.0)
     burst: int = Field(default=20, ge=1)
     body_s: float = Field(default=10.0, gt=0.0)
@@ -78,6 +90,16 @@ class ServerConfig(BaseModel):
     max_recordings_bytes: int = Field(default=64 * 2**30, ge=2**20)
     max_recording_bytes: int = Field(default=4 * 2**30, ge=2**20)
     max_recording_s: float = Field(default=3600.0, gt=0.0)
+
+    @field_validator("proxies")
+    @classmethod
+    def _addresses(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for one in value:
+            try:
+                ipaddress.ip_address(one)
+            except ValueError:
+                raise ValueError(f"'{one}' is no address of a proxy: write for example 10.0.0.2") from None
+        return value
 
     @property
     def loopback(self) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lidarcodec.untrusted_json import JsonRefusedError, read_json
@@ -18,6 +19,7 @@ from lidarcodec_server.config import is_loopback
 from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
+HEALTH = ("/healthz", "/readyz")
 SAFE = ("GET", "HEAD", "OPTIONS")
 HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"), (b"x-frame-options", b"DENY"))
 
@@ -46,6 +48,37 @@ class Observe:
         finally:
             route = getattr(scope.get("route"), "path", "none")
             self._metrics.request(scope["method"], route, status, time.perf_counter() - start)
+
+
+class Reserved:
+    """Refuses whatever is neither a health check nor an operator's, on connections in the reserved places.
+
+    Nobody waits here for anything: the tokens are those that were known last.
+    """
+
+    def __init__(self, app: ASGIApp, is_operator: Callable[[HTTPConnection], bool]) -> None:
+        self._app, self._is_operator = app, is_operator
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        reserved = scope["type"] in ("http", "websocket") and scope.get("state", {}).get("reserved", False)
+        if not reserved:
+            await self._app(scope, receive, send)
+            return
+        if scope["path"] not in HEALTH and not self._is_operator(HTTPConnection(scope)):
+            headers = {"Retry-After": "10", "Connection": "close"}
+            detail = "there are as many connections as are allowed: try again, or with an operator's token"
+            await refuse(scope, receive, send, ProblemError(503, detail, "connections", headers))
+            return
+        if scope["type"] == "websocket":
+            await self._app(scope, receive, send)
+            return
+
+        async def closing(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), (b"connection", b"close")]
+            await send(message)
+
+        await self._app(scope, receive, closing)
 
 
 class FromHere:
@@ -91,7 +124,7 @@ def _hostname(host: str) -> str:
 class BodyLimit:
     """Refuses bodies that are too long, that take too long to come, or that are said to be JSON and are none.
 
-    A body of JSON is read whole and checked before a route sees any of it.
+    A body of JSON is read whole and checked before anything is done for its request.
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
@@ -125,10 +158,22 @@ class BodyLimit:
             more = message.get("more_body", False)
             return message
 
-        async def checked() -> Message:
-            return await (self._json(limited) if more else limited())
+        comes = int(told) > 0 or "transfer-encoding" in headers
+        if not comes or not is_json(headers.get("content-type", "")):
+            await self._app(scope, limited, send)
+            return
+        try:
+            first: Message | None = await self._json(limited)
+        except ProblemError as problem:
+            await refuse(scope, receive, send, problem)
+            return
 
-        await self._app(scope, checked if is_json(headers.get("content-type", "")) else limited, send)
+        async def read() -> Message:
+            nonlocal first
+            message, first = first, None
+            return await receive() if message is None else message
+
+        await self._app(scope, read, send)
 
     async def _json(self, limited: Receive) -> Message:
         parts: list[bytes] = []

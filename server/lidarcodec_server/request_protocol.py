@@ -1,29 +1,62 @@
 """The HTTP protocol of the server: one that lets no client that asks nothing keep a connection for ever.
 
-A server has so many connections and no more. Whoever could hold them all without a request would need no token to keep
-everybody else out.
+A server has so many connections and no more. If a client could hold them all without a request, it would need no token
+to keep everybody else out.
 """
 
 from __future__ import annotations
 
 import asyncio
-from typing import Final
+from typing import Any, NamedTuple
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-REQUEST_S: Final = 10.0
-"""So soon a connection's first request has to be there, up to its body, and the next one after an answer."""
+from lidarcodec_server.connections import Connections
+
+RESERVED_S = 2.0
+"""The same as `request_s`, for a connection in one of the reserved places."""
+
+
+class Times(NamedTuple):
+    """How long a client may take, in seconds.
+
+    request_s: until a connection's first request is there, up to its body, and the next one after an answer
+    read_s:    to read what is sent, before more of it can be sent
+    """
+
+    request_s: float = 10.0
+    read_s: float = 30.0
 
 
 class RequestProtocol(H11Protocol):
-    """Ends a connection when its next request does not come whole in time."""
+    """Ends a connection when its next request does not come whole in time, or its client does not read.
 
+    held: all connections of the server;  times: how long each thing may take
+    """
+
+    held = Connections()
+    times = Times()
     _due: asyncio.TimerHandle | None = None
+    _unread: asyncio.TimerHandle | None = None
+    _reserved = False
+
+    @classmethod
+    def of(cls, held: Connections, times: Times) -> type[RequestProtocol]:
+        """The protocol of one server."""
+        return type(cls.__name__, (cls,), {"held": held, "times": times})
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for the first request."""
+        """Wait for the first request, if there is a place."""
         super().connection_made(transport)
+        address = self.client[0] if self.client else "local"
+        place = self.held.admit(transport, address, transport.abort)
+        if place == "refused":
+            transport.abort()
+            return
+        self._reserved = place == "reserved"
+        if self._reserved:
+            self.app_state: dict[str, Any] = {**self.app_state, "reserved": True}
         self._expect()
 
     def handle_events(self) -> None:
@@ -31,25 +64,44 @@ class RequestProtocol(H11Protocol):
         super().handle_events()
         if self.cycle is not None and not self.cycle.response_complete:
             self._forget()
+            self.held.works(self.transport)
 
     def on_response_complete(self) -> None:
         """Wait for the next request, which may be there already."""
         self._expect()
+        self.held.waits(self.transport)
         super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """It is a WebSocket from now on, and no matter of ours."""
+        """It is a WebSocket from now on, whose protocol says when it is gone."""
         self._forget()
+        self.held.works(self.transport)
         super().handle_websocket_upgrade(event)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
         self._forget()
+        self.resume_writing()
+        self.held.gone(self.transport)
         super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        """So much is unread that no more is sent: the client has a while to read it."""
+        super().pause_writing()
+        if self._unread is None:
+            self._unread = self.loop.call_later(self.times.read_s, self._slow)
+
+    def resume_writing(self) -> None:
+        """The client reads."""
+        if self._unread is not None:
+            self._unread.cancel()
+            self._unread = None
+        super().resume_writing()
 
     def _expect(self) -> None:
         self._forget()
-        self._due = self.loop.call_later(REQUEST_S, self._end)
+        wait_s = min(RESERVED_S, self.times.request_s) if self._reserved else self.times.request_s
+        self._due = self.loop.call_later(wait_s, self._end)
 
     def _forget(self) -> None:
         if self._due is not None:
@@ -59,4 +111,8 @@ class RequestProtocol(H11Protocol):
     def _end(self) -> None:
         """Close the connection; what the client has not read of the last answer so long afterwards is thrown away."""
         self.transport.close()
-        self._due = self.loop.call_later(REQUEST_S, self.transport.abort)
+        self._due = self.loop.call_later(self.times.request_s, self.transport.abort)
+
+    def _slow(self) -> None:
+        self.held.ended["slow"] += 1
+        self.transport.abort()

@@ -6,6 +6,7 @@ One process: the service owns the network session and decoders. Logs go where th
 from __future__ import annotations
 
 import logging
+import resource
 import socket
 
 import uvicorn
@@ -15,7 +16,7 @@ from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.listening import begin
 from lidarcodec_server.live.protocol import ViewerProtocol
-from lidarcodec_server.request_protocol import RequestProtocol
+from lidarcodec_server.request_protocol import RequestProtocol, Times
 from lidarcodec_server.store import Store
 from lidarcodec_server.tokens import TokenBook
 
@@ -24,6 +25,8 @@ logger = logging.getLogger(__name__)
 MAX_HEADER_BYTES = 16 * 1024
 WAITING_MESSAGES = 8
 """WebSocket messages of one client that wait to be read; then it is not read from."""
+OTHER_FILES = 256
+"""Open files that are no connections of clients: network, database, recordings."""
 LINGER_S = 2
 """How long open connections may hold up the end."""
 
@@ -37,17 +40,18 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     if listener is None:
         check_open(config)
         listener = begin(config)
-    app = create_app(config)
+    app = create_app(with_handles(config))
+    held = app.state.connections
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=RequestProtocol,
-            ws=ViewerProtocol,
+            http=RequestProtocol.of(held, Times(config.request_s, config.read_s)),
+            ws=ViewerProtocol.of(held),
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,
             h11_max_incomplete_event_size=MAX_HEADER_BYTES,
-            limit_concurrency=config.max_connections,
+            timeout_keep_alive=config.keep_alive_s,  # type: ignore[arg-type] # (any number of seconds will do)
             timeout_graceful_shutdown=LINGER_S,
             lifespan="on",
             log_config=None,
@@ -67,6 +71,24 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
         listener.close()
     if app.state.failure is not None:
         raise app.state.failure
+
+
+def with_handles(config: ServerConfig) -> ServerConfig:
+    """The configuration with as many connections as this process may open, after raising that to what is allowed."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != hard:
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+            soft = hard
+        except (ValueError, OSError) as error:
+            logger.warning("the limit of %d open files cannot be raised: %s", soft, error)
+    room = max(1, soft - OTHER_FILES - config.reserved_connections)
+    if soft == resource.RLIM_INFINITY or config.max_connections <= room:
+        return config
+    logger.warning(
+        "this process may open %d files: %d connections at once instead of %d", soft, room, config.max_connections
+    )
+    return config.model_copy(update={"max_connections": room})
 
 
 def check_open(config: ServerConfig) -> None:

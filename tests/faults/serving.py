@@ -52,6 +52,11 @@ class Server:
             self.process.kill()
             self.process.wait(10)
 
+    def ask_text(self, path: str) -> str:
+        """The text of an answer."""
+        with urllib.request.urlopen(self.url + path, timeout=10) as answer:
+            return answer.read().decode()
+
     def ask(self, path: str, method: str = "GET", body: Any = None) -> tuple[int, Any]:
         """Status and JSON of a request, or the text of an error; (0, None) when nobody answers."""
         data = None if body is None else json.dumps(body).encode()

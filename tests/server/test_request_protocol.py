@@ -9,8 +9,8 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from lidarcodec_server import request_protocol
-from lidarcodec_server.request_protocol import RequestProtocol
+from lidarcodec_server.connections import Connections
+from lidarcodec_server.request_protocol import RequestProtocol, Times
 
 GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LIMIT_S = 20.0
@@ -24,13 +24,13 @@ async def app(scope, receive, send):
 
 
 @asynccontextmanager
-async def connected(monkeypatch, limit_s=0.3):
-    monkeypatch.setattr(request_protocol, "REQUEST_S", limit_s)
+async def connected(limit_s=0.3, held=None, read_s=30.0):
+    protocol = RequestProtocol.of(Connections() if held is None else held, Times(limit_s, read_s))
     config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_keep_alive=60)
     config.load()
     state = ServerState()
     loop = asyncio.get_running_loop()
-    server = await loop.create_server(lambda: RequestProtocol(config, state, {}), "127.0.0.1", 0)
+    server = await loop.create_server(lambda: protocol(config, state, {}), "127.0.0.1", 0)
     reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
     try:
         yield reader, writer, state
@@ -40,22 +40,22 @@ async def connected(monkeypatch, limit_s=0.3):
 
 
 @pytest.mark.parametrize("sent", [b"", b"G", GET[:-2] + b"X-Slow: "], ids=["nothing", "a letter", "half the headers"])
-async def test_a_connection_without_a_request_is_ended(monkeypatch, sent):
-    async with connected(monkeypatch) as (reader, writer, state):
+async def test_a_connection_without_a_request_is_ended(sent):
+    async with connected() as (reader, writer, state):
         writer.write(sent)
         assert await asyncio.wait_for(reader.read(), LIMIT_S) == b""
         assert not state.connections
 
 
-async def test_a_request_is_answered_however_long_that_takes_and_then_the_next_one(monkeypatch):
-    async with connected(monkeypatch, limit_s=1.0) as (reader, writer, _):
+async def test_a_request_is_answered_however_long_that_takes_and_then_the_next_one():
+    async with connected(limit_s=1.0) as (reader, writer, _):
         writer.write(2 * GET.replace(b"/ ", b"/?1.2 "))
         for _ in range(2):
             await asyncio.wait_for(reader.readuntil(b"ok"), LIMIT_S)
 
 
-async def test_a_body_that_nobody_reads_keeps_no_connection(monkeypatch):
-    async with connected(monkeypatch, limit_s=1.0) as (reader, writer, _):
+async def test_a_body_that_nobody_reads_keeps_no_connection():
+    async with connected(limit_s=1.0) as (reader, writer, _):
         writer.write(GET[:-2] + b"Content-Length: 1000\r\n\r\nx")
         await asyncio.wait_for(reader.readuntil(b"ok"), LIMIT_S)
         writer.write(b"x")

@@ -1,0 +1,72 @@
+"""Fair: so many requests of one host are worked on at once; the others wait their turn.
+
+Otherwise a host that asks all the time, over as many connections as it may have, would slow everybody else down.
+Health checks and live sockets do not count: a socket has limits of its own. Nor does the time until a body has come,
+and until an answer is read: `middleware.BodyLimit` stands in front.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from lidarcodec_server.connections import host_of
+from lidarcodec_server.middleware import HEALTH, refuse
+from lidarcodec_server.problems import ProblemError
+
+
+class Fair:
+    """Lets `most` requests of a host through at once; one that waits longer than `wait_s` is refused."""
+
+    def __init__(self, app: ASGIApp, most: int, wait_s: float, proxies: Iterable[str] = ()) -> None:
+        self._app, self._most, self._wait_s = app, most, wait_s
+        self._proxies = frozenset(host_of(one) for one in proxies)
+        self._turns: dict[str, tuple[asyncio.Semaphore, int]] = {}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or scope["path"] in HEALTH:
+            await self._app(scope, receive, send)
+            return
+        client = HTTPConnection(scope).client
+        host = "local" if client is None else host_of(client.host)
+        if host in self._proxies:
+            await self._app(scope, receive, send)
+            return
+        turn, users = self._turns.get(host, (asyncio.Semaphore(self._most), 0))
+        self._turns[host] = turn, users + 1
+        try:
+            await self._in_turn(turn, scope, receive, send)
+        finally:
+            users = self._turns[host][1] - 1
+            if users:
+                self._turns[host] = turn, users
+            else:
+                del self._turns[host]
+
+    async def _in_turn(self, turn: asyncio.Semaphore, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await asyncio.wait_for(turn.acquire(), self._wait_s)
+        except TimeoutError:
+            detail = f"more than {self._most} requests of this host at once: try again"
+            await refuse(scope, receive, send, ProblemError(429, detail, "too-many", {"Retry-After": "1"}))
+            return
+        held = True
+
+        def done() -> None:
+            nonlocal held
+            if held:
+                held = False
+                turn.release()
+
+        async def answer(message: Message) -> None:
+            if message["type"] == "http.response.start":  # the work is done: how long the client reads is its matter
+                done()
+            await send(message)
+
+        try:
+            await self._app(scope, receive, answer)
+        finally:
+            done()
