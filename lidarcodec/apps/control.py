@@ -20,10 +20,10 @@ logger = logging.getLogger(__name__)
 
 
 class TooOftenError(SettingsError):
-    """Settings are changed too often; retry_s: when there may be another change."""
+    """Something is asked too often; retry_s: when it may be asked again."""
 
-    def __init__(self, retry_s: float) -> None:
-        super().__init__(f"settings are changed too often: try again in {retry_s:.1f} s")
+    def __init__(self, what: str, retry_s: float) -> None:
+        super().__init__(f"{what} too often: try again in {retry_s:.2f} s")
         self.retry_s = retry_s
 
 

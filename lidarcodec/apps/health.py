@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
@@ -75,7 +76,7 @@ class HealthFile:
 
     def __exit__(self, *exc: object) -> None:
         self._stop.set()
-        self._thread.join()
+        ended([self._thread])
         self._path.unlink(missing_ok=True)
 
     def _run(self) -> None:

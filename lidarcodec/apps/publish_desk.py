@@ -19,6 +19,8 @@ from lidarcodec.transport.keys import StreamKeys
 
 CHANGES_PER_S, CHANGES_AT_ONCE = 5.0, 20
 """Changes of settings that are taken, of everybody together."""
+QUESTIONS_PER_S, QUESTIONS_AT_ONCE = 50.0, 100
+"""Questions for the settings and the status that are answered, of everybody together."""
 STATUS_HOLDS_S = 0.1
 """However often somebody asks, the status is made up at most so often."""
 
@@ -46,7 +48,9 @@ class Desk:
         self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock, once: Once
     ) -> None:
         """once: counts and logs what is refused"""
-        self._changes, self._once = Allowance(CHANGES_PER_S, CHANGES_AT_ONCE), once
+        self._once = once
+        self._changes = Allowance(CHANGES_PER_S, CHANGES_AT_ONCE)
+        self._questions = Allowance(QUESTIONS_PER_S, QUESTIONS_AT_ONCE)
         self._status: dict[str, Any] = {}
         self._status_s = float("-inf")
         self._publisher, self._keys = publisher, keys
@@ -87,19 +91,24 @@ class Desk:
     def _get(self, query: dict[str, Any]) -> dict[str, Any]:
         if "ping" in query:  # the time as late as can be, and whether the way back may be busy with a frame
             return {"ping": query["ping"], "busy": self._flight.busy, "time_ns": self._clock.wall_ns()}
+        self._take(self._questions, "questions refused", "settings are asked for")
         if time.monotonic() - self._status_s >= STATUS_HOLDS_S:
             self._status, self._status_s = self._publisher.status(), time.monotonic()
         return {"settings": self._publisher.settings.model_dump(), "status": self._status}
 
     def _set(self, query: dict[str, Any]) -> dict[str, Any]:
-        retry_s = self._changes.take()
-        if retry_s:
-            error = TooOftenError(retry_s)
-            self._once.add("changes refused", error)
-            raise error
+        self._take(self._changes, "changes refused", "settings are changed")
         applied = self._publisher.change(**{str(field): value for field, value in query.items()})
         return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
 
     def _keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
         merged = self._publisher.request_key()
         return {"first_frame": self._publisher.next_index, "merged": merged}
+
+    def _take(self, allowance: Allowance, cause: str, what: str) -> None:
+        """Raises TooOftenError, and counts it, when the allowance is used up."""
+        retry_s = allowance.take()
+        if retry_s:
+            error = TooOftenError(what, retry_s)
+            self._once.add(cause, error)
+            raise error

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.originals import check_local
 from lidarcodec.apps.publish import Publisher, Rate
@@ -91,9 +92,7 @@ class Vehicle:
     def stop(self) -> None:
         """End everything; harmless when called twice."""
         self._stop.set()
-        for sensor in self._sensors:
-            if sensor.thread.ident is not None:
-                sensor.thread.join()
+        ended(sensor.thread for sensor in self._sensors)
         if self._transport is not None:
             self._transport.close()
 

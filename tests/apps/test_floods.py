@@ -35,13 +35,23 @@ def test_the_status_is_made_up_at_most_so_often_and_settings_are_those_in_force(
         made, status = [], car.status
         monkeypatch.setattr(car, "status", lambda: made.append(time.monotonic()) or status())
         end, begin = network.end(), time.monotonic()
-        for number in range(1, 200):
+        for number in range(1, 90):
             if number % 20 == 0:
                 car.change(key_interval=number)
             answer = json.loads(end.ask(KEYS.control_get, b"{}", 10.0))
             assert answer["settings"]["key_interval"] == car.settings.key_interval
         took_s = time.monotonic() - begin
         assert len(made) <= took_s / STATUS_HOLDS_S + took_s + 2, "and once a second for everybody"
+
+
+def test_questions_beyond_what_is_answered_are_refused_and_pings_are_not(network):
+    with publisher(network) as car:
+        end = network.end()
+        answers = [json.loads(end.ask(KEYS.control_get, b"{}", 10.0)) for _ in range(600)]
+        refused = sum("retry_s" in answer for answer in answers)
+        assert refused > 0
+        assert car.status()["errors"] == {"questions refused": refused}
+        assert "time_ns" in json.loads(end.ask(KEYS.control_get, b'{"ping": 1}', 10.0))
 
 
 def test_a_question_of_megabytes_is_not_even_read(network):
