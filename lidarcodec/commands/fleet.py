@@ -89,6 +89,9 @@ def serve(
     insecure: Annotated[
         bool, _option("--insecure", help="Listen beyond this machine although there is no token.")
     ] = False,
+    open_again: Annotated[
+        bool, _option("--open", help="Let everybody in again, where tokens were needed and none works any more.")
+    ] = False,
     metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
     max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
     max_sensors: Annotated[
@@ -153,7 +156,8 @@ def serve(
         (connect or [], listen or [], zenoh_config),
         host=host, port=port, database_url=database_url, database_password_file=database_password_file,
         tls_certificate=tls_certificate, tls_key=tls_key,
-        insecure=insecure, metrics_open=metrics_open, max_streams=max_streams, max_sensors=max_sensors,
+        insecure=insecure, open=open_again, metrics_open=metrics_open, max_streams=max_streams,
+        max_sensors=max_sensors,
         max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, max_connections=max_connections,
         max_connections_a_host=max_connections_a_host, reserved_connections=reserved_connections,
         max_requests_a_host=max_requests_a_host, proxies=tuple(proxy) if proxy else None, request_s=request_seconds,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import json
 import sys
 from datetime import UTC, datetime
@@ -35,7 +36,7 @@ def create(
     """Make a token and print it, this once. As soon as there is one, every request needs one."""
     store = _store(database_url, database_password_file, create=True)
     try:
-        token = server_module("tokens").create_token(store, name, role)
+        token = server_module("tokens").create_token(store, name, role, _who())
     finally:
         store.close()
     print(token)
@@ -68,7 +69,7 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
     """Make a token worthless, within a second. Its name stays in the audit log and cannot be used again."""
     store = _store(database_url, database_password_file)
     try:
-        if not store.revoke_token(name):
+        if not store.revoke_token(name, _who()):
             raise SettingsError(f"there is no token '{name}' that works", "name")
     finally:
         store.close()
@@ -79,6 +80,14 @@ def _store(url: str | None, password: Path | None, *, create: bool = False) -> A
     store = server_module("store").Store(config.database_url)
     store.open(create=create)
     return store
+
+
+def _who() -> str:
+    """Who runs this, for the audit log."""
+    try:
+        return f"{getpass.getuser()} (command line)"
+    except (KeyError, OSError, ImportError):  # a user without a name
+        return "command line"
 
 
 def _about(token: Any) -> dict[str, str | None]:

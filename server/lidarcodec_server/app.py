@@ -23,6 +23,7 @@ from lidarcodec_server.connections import ConnectionMetrics, Connections
 from lidarcodec_server.fairness import Fair
 from lidarcodec_server.live.part import live
 from lidarcodec_server.middleware import BodyLimit, FromHere, Observe, Reserved
+from lidarcodec_server.operations import Audit
 from lidarcodec_server.service import Service
 
 Part = Callable[[FastAPI], AbstractAsyncContextManager[object]]
@@ -82,6 +83,7 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.state.connections = connections
     app.state.service.metrics.registry.register(ConnectionMetrics(connections))
     problems.install(app)
+    app.add_middleware(Audit, enter=app.state.service.enter)
     app.add_middleware(Fair, most=config.max_requests_a_host, wait_s=config.request_s, proxies=config.proxies)
     app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
     app.add_middleware(FromHere, needs_local_host=lambda: config.loopback and not app.state.service.tokens.seen)

@@ -1,6 +1,7 @@
 """Who asks, and what they may do: bearer tokens with a role. A viewer reads, an operator also changes.
 
-`Viewer` and `Operator` are what routes take, sockets too: they hold the `Client` that asks, or the request is refused.
+`Viewer` is what routes take, sockets too: it holds the `Client` that asks, or the request is refused. Routes that
+change something take an `operations.Operation`.
 A browser cannot set a header for a WebSocket, so there the token may also come as subprotocol
 `lidarcodec.token.<token>`; `subprotocol_of` is what to accept such a socket with.
 """
@@ -95,4 +96,3 @@ def _host(connection: HTTPConnection) -> str:
 
 
 Viewer = Annotated[Client, Depends(require_viewer)]
-Operator = Annotated[Client, Depends(require_operator)]

@@ -35,6 +35,7 @@ class ServerConfig(BaseModel):
     endpoints:           where the Zenoh session listens and connects
     tls_certificate:     PEM file to serve HTTPS with, and tls_key its key
     insecure:            listen beyond this machine although nobody needs a token
+    open:                let everybody in again, although tokens were needed before and none works now
     metrics_open:        answer `/metrics` without a token
     max_streams:         streams that are known at once; further ones are counted and left out
     max_sensors:         streams of one vehicle that are known at once
@@ -65,6 +66,7 @@ class ServerConfig(BaseModel):
     tls_certificate: Path | None = None
     tls_key: Path | None = None
     insecure: bool = False
+    open: bool = False
     metrics_open: bool = False
     max_streams: int = Field(default=256, ge=1, le=10_000)
     max_sensors: int = Field(default=16, ge=1, le=10_000)

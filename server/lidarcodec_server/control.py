@@ -24,7 +24,7 @@ from lidarcodec_server.fleet import Fleet
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.rivals import Override, Rivals
 from lidarcodec_server.store import Store
-from lidarcodec_server.told import check_settings_size, first_frame, known_settings, read_answer
+from lidarcodec_server.told import check_names, check_settings_size, first_frame, known_settings, read_answer
 
 logger = logging.getLogger(__name__)
 
@@ -124,8 +124,12 @@ class Control:
         wanted = self._store.desired(keys)
         return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
 
-    def change(self, keys: StreamKeys, changes: dict[str, Any], who: str) -> State:
+    def change(
+        self, keys: StreamKeys, changes: dict[str, Any], who: str, entered: Callable[[], object] = lambda: None
+    ) -> State:
         """Change settings as a whole or not at all; `applied` is None when the vehicle will get them later.
+
+        entered: called once it stands in the audit log; what is refused before is not entered here
 
         Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
         StoreError, BusyError. Nothing changed then.
@@ -133,6 +137,7 @@ class Control:
         if not changes:
             raise SettingsError("no setting is given")
         check_settings_size(changes)
+        check_names(changes.get("codec_settings"))
         with self._turn(keys):
             stream = self._fleet.get(keys)
             alive = stream is not None and stream.alive
@@ -144,6 +149,7 @@ class Control:
             asked = {field: wanted[field] for field in changes}
             old = None if current is None else current.model_dump()
             entry = self._store.begin(keys, who, "settings", asked, old, wanted)
+            entered()
             try:
                 applied = self._send(keys, wanted) if alive else None
             except RefusedError as error:
@@ -159,12 +165,16 @@ class Control:
             self._fleet.answered(keys, applied.settings)
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
-    def forget(self, keys: StreamKeys, who: str) -> State:
-        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides."""
+    def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
+        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides.
+
+        entered: called once it stands in the audit log; where nothing was set nothing is entered here
+        """
         with self._turn(keys):
             before = self._store.desired(keys)
             if before:
                 self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
+                entered()
                 self._refusals.pop(keys, None)
                 self._rivals.forget(keys)
         return self.state(keys)
@@ -226,7 +236,7 @@ class Control:
                 if keys is not None and self._due[keys] <= now:
                     del self._due[keys]
                     return keys
-                self._wake.wait(None if keys is None else self._due[keys] - now)
+                self._wake.wait(RARELY_S if keys is None else self._due[keys] - now)
             return None
 
     def _settle(self, keys: StreamKeys) -> bool:

@@ -20,8 +20,15 @@ from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")
+ELSEWHERE = ("cross-site", "same-site")
+"""As browsers say it of a request by a page of another origin; another port of this machine is the `same-site`."""
 SAFE = ("GET", "HEAD", "OPTIONS")
-HEADERS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"), (b"x-frame-options", b"DENY"))
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"DENY"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
 
 
 class Observe:
@@ -86,7 +93,8 @@ class FromHere:
 
     A browser on this machine is let in without a token as long as there are none; a page from elsewhere must not
     use that. It can make the browser change things and open WebSockets, but not lie about `Origin`; and it can have its
-    own name lead to this machine, but not lie about `Host`.
+    own name lead to this machine, but not lie about `Host`. Nor may it show a picture from here. Browsers send no
+    `Origin` for those; they send `Sec-Fetch-Site`, and heed Cross-Origin-Resource-Policy.
     """
 
     def __init__(self, app: ASGIApp, needs_local_host: Callable[[], bool]) -> None:
@@ -105,6 +113,8 @@ class FromHere:
         host = headers.get("host", "")
         if self._needs_local_host() and not is_loopback(_hostname(host)):
             return "as long as there is no token, this server answers to localhost and its addresses only"
+        if headers.get("sec-fetch-site") in ELSEWHERE and headers.get("sec-fetch-mode") != "navigate":
+            return "a page of another origin may not use what is here"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):
             return None

@@ -31,6 +31,9 @@ _sparse = SparseLog(logger)
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:lidarcodec:problem:"
 MAX_ERRORS = 20
+TOLD = "lidarcodec.problem"
+"""Where the scope of a request has what was wrong with it, for the audit log."""
+MAX_REASON = 500
 NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
     (RefusedError, 422, "refused"),
     (SettingsError, 422, "settings"),
@@ -121,6 +124,7 @@ def problem_of(error: Exception, what: str) -> ProblemError:
 async def answer(connection: HTTPConnection, error: Exception) -> Response | None:
     """Answer a request, or refuse a WebSocket, with the problem of an exception."""
     problem = problem_of(error, f"{connection.scope.get('method', 'WS')} {connection.scope['path']}")
+    connection.scope[TOLD] = problem.detail[:MAX_REASON]
     if not isinstance(connection, WebSocket):
         return problem.response()
     if connection.application_state is WebSocketState.CONNECTING:

@@ -80,11 +80,13 @@ class AuditEntry(BaseModel):
     """Who changed what, and when."""
 
     id: int
+    vehicle: str = Field(description="Empty where it concerns no stream, as that a token was made.")
+    sensor: str
     at: datetime
     who: str = Field(
         description="Name of the token; a host where none was needed; `server` for what came back by itself."
     )
-    action: str = Field(description="`settings`, `forget`, `record`, `play` and so on (docs/server.md).")
+    action: str = Field(description="`settings`, `keyframe`, `record`, `play` and so on (docs/server.md).")
     changes: dict[str, Any] = Field(description="What was asked.")
     old: dict[str, Any] | None = Field(description="The settings before, if they were known.")
     new: dict[str, Any] | None = Field(description="The settings in force after it.")

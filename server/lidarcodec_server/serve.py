@@ -101,7 +101,7 @@ def check_open(config: ServerConfig) -> None:
     store = Store(config.database_url)
     try:
         store.open()
-        protected = TokenBook(store).needed
+        protected = TokenBook(store, opened=config.open).needed
     finally:
         store.close()
     if not protected and not config.insecure:

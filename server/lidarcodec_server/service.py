@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING
 
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.transport import Transport, open_transport
@@ -22,6 +22,9 @@ from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
 from lidarcodec_server.store import Store
 from lidarcodec_server.tokens import TokenBook
+
+if TYPE_CHECKING:
+    from lidarcodec_server.operations import Operation
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +47,7 @@ class Service:
         self.fleet = Fleet(config.max_streams, config.max_sensors)
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
         self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
-        self.tokens = TokenBook(self.store)
+        self.tokens = TokenBook(self.store, opened=config.open)
         self.metrics = Metrics(self.fleet, self.ready)
         self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
@@ -82,6 +85,11 @@ class Service:
         self.store.open()
         if not self.tokens.needed:
             logger.info("there is no token: whoever reaches this server may do everything")
+        elif not self.tokens.working:
+            logger.warning(
+                "tokens were needed before and none works now: make one with `lidarcodec token create NAME`, or let "
+                "everybody in with --open"
+            )
         self.control.start()
         self._thread.start()
         self._opened.wait(START_S)
@@ -117,12 +125,15 @@ class Service:
         found += [Stream(keys) for keys in kept if keys not in seen]
         return sorted(found, key=lambda one: (one.keys.vehicle, one.keys.sensor))
 
-    def note(self, keys: StreamKeys, who: str, action: str, about: dict[str, Any]) -> None:
-        """Enter something that was done into the audit log; a log that cannot be written undoes nothing."""
+    def enter(self, operation: Operation, result: str) -> None:
+        """Enter what an operator did into the audit log; a log that cannot be written undoes nothing."""
+        who, action, keys = operation.client.name, operation.action, operation.keys
+        first, reason = operation.first_frame, operation.reason
         try:
-            self.store.note(keys, who, action, about, result="done")
+            self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
-            self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, keys.prefix, who, error)
+            name = "no stream" if keys is None else keys.prefix
+            self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, name, who, error)
 
     # --- the network ------------------------------------------------------------------------------------------------
 

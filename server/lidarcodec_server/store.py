@@ -10,7 +10,6 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import sqlalchemy as sa
@@ -20,15 +19,17 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemy
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import settings_from
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server import database_file
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
-from lidarcodec_server.tables import audit, desired, tokens
+from lidarcodec_server.tables import audit, desired, facts, tokens
 from lidarcodec_server.told import check_settings_size
 
 logger = logging.getLogger(__name__)
 
 BUSY_S = 5.0
 """How long to wait for a lock, a connection or a statement."""
+NEEDED = "tokens-needed"
 PRUNE_EVERY = 256
 """How many entries of the audit log are written between two looks at its length."""
 
@@ -44,9 +45,11 @@ class Token(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """An entry of the audit log."""
+    """An entry of the audit log. vehicle, sensor: empty where it concerns no stream"""
 
     id: int
+    vehicle: str
+    sensor: str
     at_ns: int
     who: str
     action: str
@@ -71,6 +74,7 @@ class Store:
                 parsed = parsed.set(drivername="postgresql+psycopg")
             self.name = parsed.render_as_string(hide_password=True)
             self._engine = _engine(parsed)
+            self._file = database_file.file_of(parsed)
         except ArgumentError:  # its text may hold the password
             raise SettingsError(
                 "the database URL is none: write for example sqlite:///server.db", "database_url"
@@ -83,15 +87,11 @@ class Store:
 
         Raises StoreError.
         """
-        if self._engine.dialect.name == "sqlite" and self._engine.url.database not in (None, "", ":memory:"):
-            file = Path(str(self._engine.url.database)).absolute()
+        file = self._file
+        if file is not None:
             if not create and not file.exists():
                 raise StoreError(f"there is no database {file}: `serve` and `token create` make one")
-            folder = file.parent
-            try:
-                folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            except OSError as error:
-                raise StoreError(f"{folder} cannot be made: {error.strerror}") from None
+            database_file.make(file)
         with self._writing() as connection:
             upgrade(connection)
 
@@ -116,7 +116,7 @@ class Store:
         with self._reading() as connection:
             return [Token(*row) for row in connection.execute(sa.select(*columns).order_by(tokens.c.id))]
 
-    def add_token(self, name: str, role: str, digest: str) -> None:
+    def add_token(self, name: str, role: str, digest: str, who: str = "") -> None:
         """Keep a new token.
 
         Raises SettingsError when the name was used before: the audit log has to stay unambiguous.
@@ -125,14 +125,41 @@ class Store:
         try:
             with self._writing() as connection:
                 connection.execute(sa.insert(tokens).values(values))
+                self._need(connection)
+                self._enter(connection, None, who, "token-create", {"token": name, "role": role}, None, result="done")
         except _TakenError:
             raise SettingsError(f"there was a token '{name}' before: choose another name", "name") from None
 
-    def revoke_token(self, name: str) -> bool:
+    def revoke_token(self, name: str, who: str = "") -> bool:
         """Make a token worthless. False if there is none of that name that still works."""
         change = sa.update(tokens).where(tokens.c.name == name, tokens.c.revoked_ns.is_(None))
         with self._writing() as connection:
-            return connection.execute(change.values(revoked_ns=time.time_ns())).rowcount == 1
+            if connection.execute(change.values(revoked_ns=time.time_ns())).rowcount != 1:
+                return False
+            self._enter(connection, None, who, "token-revoke", {"token": name}, None, result="done")
+            return True
+
+    def tokens_needed(self) -> bool:
+        """Whether a token was ever needed here, also if all tokens are gone: deleted, or with the whole database."""
+        if self._file is not None and database_file.note_of(self._file).exists():
+            return True
+        with self._reading() as connection:
+            return connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is not None
+
+    def need_tokens(self) -> None:
+        """Keep that tokens are needed from now on, whatever becomes of them."""
+        with self._writing() as connection:
+            self._need(connection)
+
+    def forget_needed(self, who: str) -> None:
+        """Let everybody in again as long as no token is made; entered into the audit log."""
+        if not self.tokens_needed():
+            return
+        with self._writing() as connection:
+            connection.execute(sa.delete(facts).where(facts.c.name == NEEDED))
+            self._enter(connection, None, who, "open", {}, None, result="done")
+        if self._file is not None:
+            database_file.remove_note(self._file)
 
     # --- settings that operators want -------------------------------------------------------------------------------
 
@@ -168,7 +195,7 @@ class Store:
 
     def note(
         self,
-        keys: StreamKeys,
+        keys: StreamKeys | None,
         who: str,
         action: str,
         changes: dict[str, Any],
@@ -196,16 +223,25 @@ class Store:
             if restore is not None:
                 self._keep(connection, *restore, time.time_ns())
 
-    def audit(self, keys: StreamKeys, limit: int = 100, before: int | None = None) -> list[Entry]:
-        """Entries of a stream, newest first; `before` goes on behind the last one of the page before."""
+    def audit(self, keys: StreamKeys | None, limit: int = 100, before: int | None = None) -> list[Entry]:
+        """Entries, newest first, of a stream, or of all and of what concerns none; `before` goes on behind the last one
+        of the page before.
+        """
         query = sa.select(*[audit.c[name] for name in Entry._fields])
-        query = query.where(audit.c.vehicle == keys.vehicle, audit.c.sensor == keys.sensor)
+        if keys is not None:
+            query = query.where(audit.c.vehicle == keys.vehicle, audit.c.sensor == keys.sensor)
         if before is not None:
             query = query.where(audit.c.id < before)
         with self._reading() as connection:
             return [Entry(*row) for row in connection.execute(query.order_by(audit.c.id.desc()).limit(limit))]
 
     # --- inside a transaction ---------------------------------------------------------------------------------------
+
+    def _need(self, connection: Connection) -> None:
+        if connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is None:
+            connection.execute(sa.insert(facts).values(name=NEEDED, at_ns=time.time_ns()))
+        if self._file is not None:
+            database_file.write_note(self._file)
 
     def _desired(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
         query = sa.select(desired.c.settings)
@@ -238,7 +274,7 @@ class Store:
     def _enter(
         self,
         connection: Connection,
-        keys: StreamKeys,
+        keys: StreamKeys | None,
         who: str,
         action: str,
         changes: dict[str, Any],
@@ -246,7 +282,8 @@ class Store:
         new: dict[str, Any] | None = None,
         **outcome: Any,
     ) -> int:
-        values = {"vehicle": keys.vehicle, "sensor": keys.sensor, "at_ns": time.time_ns(), "who": who[:64]}
+        vehicle, sensor = ("", "") if keys is None else (keys.vehicle, keys.sensor)
+        values = {"vehicle": vehicle, "sensor": sensor, "at_ns": time.time_ns(), "who": who[:64]}
         values |= {"action": action, "changes": changes, **outcome}
         values |= {"old": sa.null() if old is None else old, "new": sa.null() if new is None else new}
         made = connection.execute(sa.insert(audit).values(values))

@@ -26,6 +26,14 @@ tokens = Table(
 )
 """digest: SHA-256 of the token, hexadecimal."""
 
+facts = Table(
+    "facts",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("at_ns", BigInteger, nullable=False),
+)
+"""What is true of a server since a time: `tokens-needed`."""
+
 desired = Table(
     "desired",
     metadata,

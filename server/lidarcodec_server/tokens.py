@@ -27,8 +27,11 @@ from lidarcodec_server.store import Store, Token
 logger = logging.getLogger(__name__)
 
 PREFIX = "lct_"
-REFRESH_S = 1.0
+REFRESH_S = 0.4
 """So soon a token that was made or revoked elsewhere is known here."""
+
+OPENER = "serve --open"
+"""What the audit log says of a server that was opened again."""
 
 FAILED_S = 5.0
 """Until the store is asked again after it did not answer."""
@@ -51,8 +54,8 @@ def digest_of(token: str) -> str:
     return sha256(token.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def create_token(store: Store, name: str, role: str) -> str:
-    """Make and keep a token; the only time that it is seen.
+def create_token(store: Store, name: str, role: str, who: str = "") -> str:
+    """Make and keep a token; the only time that it is seen. who: makes it, for the audit log
 
     Raises SettingsError for a name that is none or was used, or a role that there is not.
     """
@@ -62,32 +65,36 @@ def create_token(store: Store, name: str, role: str) -> str:
     if name == "server":
         raise SettingsError("the name 'server' is the server's own in the audit log", "name")
     token = new_token()
-    store.add_token(name, role, digest_of(token))
+    store.add_token(name, role, digest_of(token), who)
     return token
 
 
 class TokenBook:
-    """The tokens that work, as of at most a second ago. Thread-safe.
+    """The tokens that work, as of at most half a second ago. Thread-safe.
 
-    While the store does not answer, those that were known go on working.
+    Once a token was needed one always is: whether tokens are revoked, deleted, or gone with the whole database. While
+    the store does not answer, those that were known go on working.
     """
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
+    def __init__(self, store: Store, *, opened: bool = False) -> None:
+        """opened: let everybody in until the next token is made, although tokens were needed before (`serve --open`)"""
+        self._store, self._opened = store, opened
         self._lock = threading.Lock()
         self._tokens: list[Token] = []
+        self._past: frozenset[str] = frozenset()
         self._due = float("-inf")
-        self._loaded = self._failing = False
+        self._loaded = self._failing = self._needed = False
 
     @property
     def needed(self) -> bool:
-        """Whether a token was ever made. Revoking the last one opens nothing."""
-        return bool(self._known())
+        """Whether a token was ever needed. Nothing that becomes of tokens opens a server."""
+        self._known()
+        return self._needed
 
     @property
     def seen(self) -> bool:
         """The same, as it was known last: asks nobody, so that it may be called anywhere."""
-        return bool(self._tokens)
+        return self._needed
 
     @property
     def working(self) -> bool:
@@ -119,7 +126,10 @@ class TokenBook:
 
     def _refresh(self) -> None:
         try:
-            self._tokens = self._store.tokens()
+            found = self._store.tokens()
+            if not self._loaded and self._opened:
+                self._open(found)
+            self._latch(found)
             self._loaded, self._failing, wait_s = True, False, REFRESH_S
         except StoreError as error:
             if not self._loaded:
@@ -128,3 +138,20 @@ class TokenBook:
                 logger.warning("tokens cannot be read, those known go on working: %s", error)
             self._failing, wait_s = True, FAILED_S
         self._due = time.monotonic() + wait_s
+
+    def _open(self, found: list[Token]) -> None:
+        if any(token.revoked_ns is None for token in found):
+            raise SettingsError("--open lets everybody in, and there are tokens that work: revoke them first", "open")
+        self._past = frozenset(token.digest for token in found)
+        self._store.forget_needed(OPENER)
+
+    def _latch(self, found: list[Token]) -> None:
+        if self._tokens and not found:
+            logger.error("the database has no tokens any more: nobody gets in until one is made, or it is put back")
+        self._tokens = found
+        if any(token.digest not in self._past for token in found):
+            if not self._needed and not self._store.tokens_needed():
+                self._store.need_tokens()
+            self._needed = True
+        elif not self._needed:
+            self._needed = self._store.tokens_needed()

@@ -67,7 +67,7 @@ Check = Callable[[_Reader, Any], Any]
 """Gives the value as it is passed on. Raises _OtherError for one of another type or size."""
 
 
-def _unknown(_: _Reader, __: Any) -> None:
+def _unknown(_: _Reader, __: Any) -> Any:
     raise _OtherError
 
 
@@ -270,6 +270,18 @@ def check_settings_size(values: dict[str, Any]) -> None:
         read_object(json.dumps(values), MAX_SETTINGS_BYTES)
     except (ValueError, TypeError, RecursionError) as error:
         raise SettingsError(f"these settings are refused: {error}") from None
+
+
+def check_names(values: Any) -> None:
+    """Check that no setting names a file by its path: nobody elsewhere may find out what files there are here.
+
+    Raises SettingsError, with the same words whether there is such a file or not.
+    """
+    if isinstance(values, str) and (values.startswith((".", "~")) or any(sign in values for sign in "/\\:\0")):
+        raise SettingsError("a setting is a name, not a path of a file", "codec_settings")
+    parts = values.values() if isinstance(values, dict) else values if isinstance(values, list) else ()
+    for part in parts:
+        check_names(part)
 
 
 def first_frame(answer: dict[str, Any]) -> int | None:

@@ -173,6 +173,7 @@ def test_who_recorded_played_and_deleted_is_in_the_audit_log(server, client):
         assert [entry["action"] for entry in entries] == actions
         for entry in entries:
             assert (entry["who"], entry["changes"]) == ("127.0.0.1", {"recording": made["id"]})
+            assert entry["result"] == "done"
 
 
 def test_a_playback_ends_with_its_recording_and_takes_no_name_that_is_in_use(server, client):

@@ -26,6 +26,9 @@ logger = logging.getLogger(__name__)
 LINGER_S: Final = 2.0
 """A receiver stays so long when the last viewer went: a page that is loaded again finds it running."""
 ACK_LIMIT_S: Final = 15.0
+OPEN_S: Final = 20.0
+CLOSE_S: Final = 15.0
+"""How long a stream may take to be opened, and all of them to be closed at the end."""
 PICTURE_AGE_S: Final = 1.0
 MEND_S: Final = 1.0
 PICTURE_WAIT_S: Final = 2.5
@@ -93,10 +96,13 @@ class LiveHub:
         place = self._places.setdefault(keys, _Place())
         place.users += 1
         try:
-            async with place.lock:
-                if self._closed:
-                    raise TransportError("the server is ending")
-                watch = place.watch or await self._open(keys, place)
+            try:
+                async with asyncio.timeout(OPEN_S), place.lock:
+                    if self._closed:
+                        raise TransportError("the server is ending")
+                    watch = place.watch or await self._open(keys, place)
+            except TimeoutError:
+                raise TransportError(f"{keys.vehicle}/{keys.sensor} could not be opened in {OPEN_S:g} s") from None
             watch.decode(+1 if decode else 0)
             try:
                 yield watch
@@ -181,13 +187,21 @@ class LiveHub:
     async def close(self) -> None:
         """End everything, within the limits of the receivers."""
         self._closed = True
-        await asyncio.gather(*(self._close(keys, place) for keys, place in list(self._places.items())))
+        closing = [self._loop.create_task(self._close(keys, place)) for keys, place in list(self._places.items())]
+        if closing:
+            _, late = await asyncio.wait(closing, timeout=CLOSE_S)
+            if late:
+                logger.warning("%d streams could not be closed within %g s", len(late), CLOSE_S)
         for pool in (self._workers, self._painter, self._openers):
             pool.shutdown(wait=False, cancel_futures=True)
 
     async def _open(self, keys: StreamKeys, place: _Place) -> Watch:
         watch = Watch(keys, self._transport(), self._loop)
-        await self._loop.run_in_executor(self._openers, watch.receiver.start)
+        try:
+            await self._loop.run_in_executor(self._openers, watch.receiver.start)
+        except BaseException:  # nobody waits for it any more
+            self._loop.run_in_executor(self._openers, watch.receiver.close)
+            raise
         logger.info("%s is watched", keys.prefix)
         place.watch, place.ticker = watch, self._loop.create_task(self._tick(watch))
         return watch

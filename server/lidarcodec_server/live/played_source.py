@@ -122,7 +122,7 @@ class PlayedSource(PacketSource):
                 return False
             waited = False
             while self._paused and not self.closed and self._wanted_ns is None:
-                self._changed.wait()
+                self._changed.wait(LONGEST_WAIT_S)
                 waited = True
             return waited
 

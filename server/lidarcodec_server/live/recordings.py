@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 LOOK_S: Final = 0.5
 """How often limits are looked at: at 10 Hz and 25 Mbit/s a recording may be 2 MB over its limit."""
+END_S: Final = 30.0
+"""How long the end of a recording or a playback is waited for: a disk may stand still."""
 MAX_PLAYING: Final = 4
 MAX_RECORDING: Final = 64
 _FOREVER_BYTES: Final = 2**62
@@ -39,6 +41,17 @@ class Limits:
 
     max_seconds: float = 3600.0
     max_bytes: int = 4 * 2**30
+
+
+async def _in_time(task: asyncio.Task[T], what: str) -> T:
+    """What a task gives, which goes on if that takes too long.
+
+    Raises StorageError then.
+    """
+    try:
+        return await asyncio.wait_for(asyncio.shield(task), END_S)
+    except TimeoutError:
+        raise StorageError(f"{what} has not ended within {END_S:g} s: the disk stands still") from None
 
 
 class _Active:
@@ -119,12 +132,12 @@ class Recordings:
         return active.now()
 
     async def stop(self, keys: StreamKeys) -> Recording:
-        """End the recording of a stream. Raises MissingRecordingError."""
+        """End the recording of a stream. Raises MissingRecordingError, StorageError when that takes too long."""
         active = self._active.get(keys)
         if active is None or active.task is None:
             raise MissingRecordingError(f"{keys.vehicle}/{keys.sensor} is not being recorded")
         active.stop.set()
-        return await asyncio.shield(active.task)
+        return await _in_time(active.task, f"the recording of {keys.vehicle}/{keys.sensor}")
 
     @property
     def running(self) -> int:
@@ -195,12 +208,12 @@ class Recordings:
         return playback.state()
 
     async def stop_playing(self, name: str) -> None:
-        """End a playback. Raises MissingRecordingError."""
+        """End a playback. Raises MissingRecordingError, StorageError when that takes too long."""
         playback = self._playing.get(name)
         if playback is None or playback.task is None:
             raise MissingRecordingError(f"recording {name[:64]} is not being played")
         playback.ended.set()
-        await asyncio.shield(playback.task)
+        await _in_time(playback.task, f"the playback of {name[:64]}")
 
     def steer(self, name: str, **wanted: Any) -> dict[str, Any]:
         """Hold a playback, or have it go on elsewhere; what it does now. wanted: as `Playback.steer` takes it.
@@ -225,7 +238,11 @@ class Recordings:
         for playback in self._playing.values():
             playback.ended.set()
         tasks = [*(one.task for one in self._active.values()), *(one.task for one in self._playing.values())]
-        await asyncio.gather(*(task for task in tasks if task is not None), return_exceptions=True)
+        running = [task for task in tasks if task is not None]
+        if running:
+            _, late = await asyncio.wait(running, timeout=END_S)
+            if late:
+                logger.warning("%d recordings or playbacks did not end within %g s", len(late), END_S)
         self._disk.shutdown(wait=False)
 
     # --- tasks ------------------------------------------------------------------------------------------------------

@@ -28,7 +28,8 @@ MAX_CLIENT_RATE: Final = 200
 """Messages a second that a viewer may send, over two seconds."""
 CLOSE_LIMIT_S: Final = 2.0
 WATCHDOG_S: Final = 0.25
-CHECK_S: Final = 5.0
+CHECK_S: Final = 0.3
+"""How often it is asked whether a viewer may still look."""
 
 GOING_AWAY, NOT_UNDERSTOOD, TOO_LONG, FAILED = 1001, 1008, 1009, 1011
 NOT_ALLOWED: Final = 4401
@@ -56,7 +57,7 @@ async def run(
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
-    client: who looks; allowed: whether it may still look; asked in a thread, every few seconds
+    client: who looks; allowed: whether it may still look; asked in a thread, a few times a second
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))

@@ -146,7 +146,7 @@ class Shelf:
         stamp = datetime.fromtimestamp(started_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
         made = Recording(f"{stamp}-{secrets.token_hex(3)}", keys.vehicle, keys.sensor, started_ns, "recording", by)
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             full = self.full()
             if full is not None:
                 raise StorageError(full)

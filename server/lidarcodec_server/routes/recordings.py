@@ -9,12 +9,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Path
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.concurrency import run_in_threadpool
 
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, settings_from
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.auth import Operator, Viewer
+from lidarcodec_server.auth import Viewer
 from lidarcodec_server.live.playback import PlayRequest
 from lidarcodec_server.live.recordings import Limits
 from lidarcodec_server.live.shelf import (
@@ -25,18 +24,20 @@ from lidarcodec_server.live.shelf import (
     State,
     StorageError,
 )
+from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import TheService, TheStream
 from lidarcodec_server.routes.live import Known, TheRecordings
-from lidarcodec_server.service import Service
-from lidarcodec_server.tokens import Client
+from lidarcodec_server.told import check_names, check_settings_size
 
 router = APIRouter(prefix="/api/v1", tags=["recordings"])
 
 Id = Annotated[str, Path(max_length=64, examples=["20261121T101500Z-3fa2c9"])]
 NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, or no such recording."}}
 BUSY: dict[int | str, dict[str, Any]] = {409: {"description": "It is being recorded or played, or a name is taken."}}
-FULL: dict[int | str, dict[str, Any]] = {507: {"description": "The folder is full or cannot be written."}}
+FULL: dict[int | str, dict[str, Any]] = {
+    507: {"description": "The folder is full, cannot be written, or the disk stands still."}
+}
 
 
 class RecordBody(BaseModel):
@@ -137,17 +138,16 @@ class RecordingAnswer(BaseModel):
 
 @router.post("/streams/{vehicle}/{sensor}/recording", status_code=201, responses={**NO_SUCH, **BUSY, **FULL})
 async def start(
-    service: TheService,
+    operation: Annotated[Operation, operates("record")],
     known: Known,
     recordings: TheRecordings,
-    client: Operator,
     body: Annotated[RecordBody | None, Body()] = None,
 ) -> RecordingAnswer:
     """Record a stream on the server, as the vehicle sends it, until it is stopped or a limit is reached."""
     limits = None if body is None else Limits(body.max_seconds, body.max_bytes)
     with _problems():
-        started = await recordings.start(known.keys, client.name, limits)
-    await _note(service, known.keys, client, "record", started.id)
+        started = await recordings.start(known.keys, operation.client.name, limits)
+    operation.about = {"recording": started.id}
     return RecordingAnswer.of(started, None)
 
 
@@ -160,12 +160,14 @@ async def running(recordings: TheRecordings, keys: TheStream, client: Viewer) ->
     return RecordingAnswer.of(found, None)
 
 
-@router.delete("/streams/{vehicle}/{sensor}/recording", responses=NO_SUCH)
-async def stop(service: TheService, recordings: TheRecordings, keys: TheStream, client: Operator) -> RecordingAnswer:
+@router.delete("/streams/{vehicle}/{sensor}/recording", responses={**NO_SUCH, **FULL})
+async def stop(
+    recordings: TheRecordings, keys: TheStream, operation: Annotated[Operation, operates("record-stop")]
+) -> RecordingAnswer:
     """End the recording of a stream; answered when everything is on the disk."""
     with _problems():
         ended = await recordings.stop(keys)
-    await _note(service, keys, client, "record-stop", ended.id)
+    operation.about = {"recording": ended.id}
     return RecordingAnswer.of(ended, None)
 
 
@@ -184,12 +186,12 @@ async def one_recording(recordings: TheRecordings, id: Id, client: Viewer) -> Re
 
 
 @router.delete("/recordings/{id}", status_code=204, responses={**NO_SUCH, **BUSY, **FULL})
-async def remove(service: TheService, recordings: TheRecordings, id: Id, client: Operator) -> None:
+async def remove(recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("record-delete")]) -> None:
     """Delete a recording for good."""
     with _problems():
         gone = await recordings.one(id)
+        operation.keys = StreamKeys(gone.vehicle, gone.sensor)
         await recordings.remove(id)
-    await _note(service, StreamKeys(gone.vehicle, gone.sensor), client, "record-delete", id)
 
 
 @router.post("/recordings/{id}/play", status_code=201, responses={**NO_SUCH, **BUSY})
@@ -197,43 +199,47 @@ async def play(
     service: TheService,
     recordings: TheRecordings,
     id: Id,
-    client: Operator,
+    operation: Annotated[Operation, operates("play")],
     body: Annotated[PlayBody | None, Body()] = None,
 ) -> PlayingAnswer:
     """Play a recording as a stream of its own, which is then seen and changed as any other."""
     wanted = body or PlayBody()
+    check_settings_size(wanted.settings)
+    check_names(wanted.settings.get("codec_settings"))
     with _problems():
         recording = await recordings.one(id)
         keys = StreamKeys(wanted.vehicle or f"playback-{recording.id}", wanted.sensor or recording.sensor)
+        operation.keys = keys
         there = service.fleet.get(keys)
         if there is not None and there.alive:
             raise BusyRecordingError(f"there is a stream {keys.vehicle}/{keys.sensor}: give another name")
         request = PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
         playing = await recordings.play(id, request)
-    await _note(service, keys, client, "play", id)
     return PlayingAnswer.of(playing)
 
 
 @router.patch("/recordings/{id}/play", responses=NO_SUCH)
-async def steer(recordings: TheRecordings, id: Id, client: Operator, body: SteerBody) -> PlayingAnswer:
+async def steer(
+    recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("play-steer")], body: SteerBody
+) -> PlayingAnswer:
     """Hold a playback, have it go on from another place, faster, or in a loop; from its next frame on."""
+    operation.about |= body.model_dump(exclude_none=True)
     with _problems():
-        return PlayingAnswer.of(recordings.steer(id, **body.model_dump()))
+        playing = recordings.steer(id, **body.model_dump())
+    operation.keys = StreamKeys(playing["vehicle"], playing["sensor"])
+    return PlayingAnswer.of(playing)
 
 
-@router.delete("/recordings/{id}/play", status_code=204, responses=NO_SUCH)
-async def stop_playing(service: TheService, recordings: TheRecordings, id: Id, client: Operator) -> None:
+@router.delete("/recordings/{id}/play", status_code=204, responses={**NO_SUCH, **FULL})
+async def stop_playing(
+    recordings: TheRecordings, id: Id, operation: Annotated[Operation, operates("play-stop")]
+) -> None:
     """End a playback."""
     with _problems():
         played = recordings.playing(id)
         await recordings.stop_playing(id)
     if played is not None:
-        await _note(service, StreamKeys(played["vehicle"], played["sensor"]), client, "play-stop", id)
-
-
-async def _note(service: Service, keys: StreamKeys, client: Client, action: str, recording: str) -> None:
-    """Enter what was done into the audit log of the stream."""
-    await run_in_threadpool(service.note, keys, client.name, action, {"recording": recording})
+        operation.keys = StreamKeys(played["vehicle"], played["sensor"])
 
 
 @contextmanager

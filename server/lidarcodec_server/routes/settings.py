@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Response
 from starlette.concurrency import run_in_threadpool
 
 from lidarcodec.settings import StreamSettings
-from lidarcodec_server.auth import Operator, Viewer
+from lidarcodec_server.auth import Viewer
 from lidarcodec_server.control import State
+from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.routes.common import JsonObject, TheService, TheStream, known_stream
 from lidarcodec_server.schemas import ChangeAnswer, KeyFrameAnswer, SettingsAnswer
 
@@ -49,13 +50,17 @@ def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAn
     },
 )
 async def change(
-    service: TheService, keys: TheStream, client: Operator, changes: JsonObject, response: Response
+    service: TheService,
+    keys: TheStream,
+    operation: Annotated[Operation, operates("settings")],
+    changes: JsonObject,
+    response: Response,
 ) -> ChangeAnswer:
     """Change some settings, all or none, between two frames. What is set here wins over the vehicle's command line."""
 
     def work() -> State:
-        with service.limits.slot(client.name):
-            return service.control.change(keys, changes, client.name)
+        with service.limits.slot(operation.client.name):
+            return service.control.change(keys, changes, operation.client.name, operation.entered)
 
     state = await run_in_threadpool(work)
     if state.applied is None:
@@ -64,16 +69,20 @@ async def change(
 
 
 @router.delete("/settings")
-def forget(service: TheService, keys: TheStream, client: Operator) -> SettingsAnswer:
+def forget(service: TheService, keys: TheStream, operation: Annotated[Operation, operates("forget")]) -> SettingsAnswer:
     """Forget what operators set. The vehicle keeps what it has; when it starts again, its command line decides."""
     known_stream(service, keys)
-    with service.limits.slot(client.name):
-        return SettingsAnswer.of(service.control.forget(keys, client.name))
+    with service.limits.slot(operation.client.name):
+        return SettingsAnswer.of(service.control.forget(keys, operation.client.name, operation.entered))
 
 
 @router.post("/keyframe")
-def keyframe(service: TheService, keys: TheStream, client: Operator) -> KeyFrameAnswer:
+def keyframe(
+    service: TheService, keys: TheStream, operation: Annotated[Operation, operates("keyframe")]
+) -> KeyFrameAnswer:
     """Have the next message be a key frame. Requests within half a second are one."""
     known_stream(service, keys)
-    with service.limits.slot(client.name):
-        return KeyFrameAnswer(**service.control.key_frame(keys))
+    with service.limits.slot(operation.client.name):
+        answer = KeyFrameAnswer(**service.control.key_frame(keys))
+    operation.first_frame = answer.first_frame
+    return answer

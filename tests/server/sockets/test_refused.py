@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 import json
 import socket as plain_socket
+import time
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from lidarcodec_server.tokens import create_token
+from lidarcodec_server.live.session import CHECK_S
+from lidarcodec_server.tokens import REFRESH_S, create_token
 from tests.server.live import frame, running
 from tests.transport.test_contract import eventually
 
@@ -138,8 +140,8 @@ async def test_the_subprotocol_that_carries_a_token_is_answered(server, vehicle)
         assert socket.subprotocol == "lidarcodec", "a token would stand in the answer"
 
 
-async def test_a_token_that_is_revoked_ends_its_sockets(tmp_path, monkeypatch):
-    monkeypatch.setattr("lidarcodec_server.live.session.CHECK_S", 0.2)
+async def test_a_token_that_is_revoked_ends_its_sockets_within_a_second(tmp_path):
+    assert CHECK_S + REFRESH_S <= 0.8, "the rest of the second is for a busy machine"
     with running(tmp_path) as server, server.publisher():
         assert server.seen()
         store = server.app.state.service.store
@@ -153,4 +155,6 @@ async def test_a_token_that_is_revoked_ends_its_sockets(tmp_path, monkeypatch):
         async with server.socket(f"{STREAM}/cloud?max_points=10", subprotocols=protocols) as socket:
             await frame(socket)
             store.revoke_token("screen")
+            begin = time.monotonic()
             assert (await ending(socket))[0] == 4401
+            assert time.monotonic() - begin < 3.0

@@ -1,0 +1,81 @@
+"""The file of an SQLite database: nobody else's to read, and a note beside it that tokens were needed.
+
+The note survives when the database is deleted under a running server, or restored from a copy without tokens. A server
+that finds it lets nobody in without a token: `serve --open` removes it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+from pathlib import Path
+from typing import Final
+
+import sqlalchemy as sa
+
+from lidarcodec_server.migrations import StoreError
+
+logger = logging.getLogger(__name__)
+
+PRIVATE: Final = 0o600
+BESIDE: Final = ("", "-wal", "-shm", "-journal")
+NOTE: Final = "Tokens were needed here. Without this file, and without tokens in the database, everybody is let in.\n"
+
+
+def file_of(url: sa.URL) -> Path | None:
+    """The file of a database; None for one that is no file."""
+    if url.get_backend_name() != "sqlite" or url.database in (None, "", ":memory:"):
+        return None
+    return Path(str(url.database)).absolute()
+
+
+def make(file: Path) -> None:
+    """Make the file and its folder if they are not there, and close the file to others.
+
+    Raises StoreError.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise StoreError(f"{file.parent} cannot be made: {error.strerror}") from None
+    try:
+        os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE))
+    except OSError as error:
+        raise StoreError(f"{file} cannot be opened: {error.strerror}") from None
+    for name in BESIDE:
+        close_to_others(Path(f"{file}{name}"))
+
+
+def close_to_others(file: Path) -> None:
+    """Let only its owner read a file; one that belongs to somebody else is left as it is."""
+    with contextlib.suppress(OSError):
+        if file.stat().st_mode & 0o077:
+            file.chmod(PRIVATE)
+            logger.info("%s is closed to others from now on", file)
+
+
+def note_of(file: Path) -> Path:
+    """The note beside a database."""
+    return file.with_name(f"{file.stem}.needs-tokens")
+
+
+def write_note(file: Path) -> None:
+    """Write the note; where it cannot be written, the database alone says so."""
+    note = note_of(file)
+    try:
+        if not note.exists():
+            note.write_text(NOTE, encoding="utf-8")
+    except OSError as error:
+        logger.warning("%s cannot be written: %s", note, error.strerror)
+
+
+def remove_note(file: Path) -> None:
+    """Remove the note.
+
+    Raises StoreError.
+    """
+    try:
+        note_of(file).unlink(missing_ok=True)
+    except OSError as error:
+        raise StoreError(f"{note_of(file)} cannot be removed: {error.strerror}") from None

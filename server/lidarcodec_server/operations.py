@@ -1,0 +1,107 @@
+"""What operators do, each thing in the audit log exactly once.
+
+A route that changes something takes `Annotated[Operation, operates("keyframe")]`: it is for operators, and by the time
+its answer begins to be sent, `Audit` has entered it, done or refused. A route, or what it calls, that writes an entry
+of its own says so with `entered`. Requests without the right to change anything are counted and logged, not entered:
+they would fill the log.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from fastapi import Depends
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import valid_name
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.auth import require_operator
+from lidarcodec_server.problems import TOLD
+from lidarcodec_server.tokens import Client
+
+logger = logging.getLogger(__name__)
+
+KEY = "lidarcodec.operations"
+
+
+@dataclass
+class Operation:
+    """What an operator asks.
+
+    keys:    of the stream that it concerns, None for none;  about: what was asked, for the log
+    reason:  why it was refused;  first_frame: from which frame on it shows
+    is_entered: whether an entry of it stands in the log
+    """
+
+    client: Client
+    action: str
+    keys: StreamKeys | None = None
+    about: dict[str, Any] = field(default_factory=dict)
+    reason: str | None = None
+    first_frame: int | None = None
+    is_entered: bool = False
+
+    def entered(self) -> None:
+        """An entry was written."""
+        self.is_entered = True
+
+
+def operates(action: str) -> Any:
+    """A dependency of routes that only operators may ask: what is asked, to be entered as `action`."""
+
+    def operation(connection: HTTPConnection) -> Operation:
+        made = Operation(require_operator(connection), action, *_concerns(connection.path_params))
+        connection.scope[KEY].append(made)
+        return made
+
+    return Depends(operation)
+
+
+class Audit:
+    """Enters what operators do before it is answered, unless it was entered."""
+
+    def __init__(self, app: ASGIApp, enter: Callable[[Operation, str], object]) -> None:
+        """enter: writes an entry with a result; blocks, and raises nothing of ours"""
+        self._app, self._enter = app, enter
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        operations: list[Operation] = []
+        scope[KEY] = operations
+
+        async def entering(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                for operation in operations:
+                    operation.reason = scope.get(TOLD)
+                await self._all(operations, _result(message["status"]))
+            await send(message)
+
+        try:
+            await self._app(scope, receive, entering)
+        finally:
+            await self._all(operations, "sent")  # there was no answer: what became of it is not known
+
+    async def _all(self, operations: list[Operation], result: str) -> None:
+        for operation in operations:
+            if not operation.is_entered:
+                operation.entered()
+                await run_in_threadpool(self._enter, operation, result)
+
+
+def _result(status: int) -> str:
+    return "done" if status < 400 else "refused" if status < 500 else "failed"
+
+
+def _concerns(path: dict[str, str]) -> tuple[StreamKeys | None, dict[str, Any]]:
+    """The stream and the recording that a path names."""
+    about = {"recording": path["id"][:64]} if "id" in path else {}
+    try:
+        keys = StreamKeys(valid_name(path["vehicle"], "vehicle"), valid_name(path["sensor"], "sensor"))
+    except (KeyError, SettingsError):
+        return None, about
+    return keys, about
