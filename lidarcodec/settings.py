@@ -17,7 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
-NAME_PATTERN = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+NAME_PATTERN = re.compile(r"\.{0,63}[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
+MAX_NAME = 64
+"""Characters of a name. Names become parts of keys and of paths, so those of dots alone are none."""
 MAX_BOUND_M = 20.0
 MAX_KBPS = 1e6
 AUTO: Literal["auto"] = "auto"
@@ -100,7 +102,7 @@ class StreamSettings(BaseModel):
     @field_validator("follow")
     @classmethod
     def _follow(cls, value: str | None) -> str | None:
-        if value is not None and not NAME_PATTERN.fullmatch(value):
+        if value is not None and not is_name(value):
             raise ValueError("follow is a receiver's name: 1 to 64 of A-Z a-z 0-9 _ . -")
         return value
 
@@ -156,11 +158,16 @@ def settings_from(values: dict[str, Any]) -> StreamSettings:
         raise SettingsError(f"{field or 'settings'}: {reason}", field) from None
 
 
+def is_name(text: str) -> bool:
+    """Whether a text may be the name of a vehicle, a sensor or a receiver."""
+    return len(text) <= MAX_NAME and NAME_PATTERN.fullmatch(text) is not None
+
+
 def valid_name(name: str, what: str) -> str:
     """The name itself, if it may stand in a key expression.
 
     Raises SettingsError otherwise.
     """
-    if not NAME_PATTERN.fullmatch(name):
-        raise SettingsError(f"{what} '{name}' is not a name: 1 to 64 of A-Z a-z 0-9 _ . -", what)
+    if not is_name(name):
+        raise SettingsError(f"{what} '{name[:80]}' is not a name: 1 to 64 of A-Z a-z 0-9 _ . -, not dots alone", what)
     return name

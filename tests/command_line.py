@@ -26,14 +26,14 @@ def environment(**more):
     return clean | {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"} | more
 
 
-def start(*words, **options):
+def start(*words, variables=None, **options):
     """A command that runs; its output comes as text through pipes."""
     return subprocess.Popen(
         [*COMMAND, *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=environment(),
+        env=environment(**(variables or {})),
         **options,
     )
 

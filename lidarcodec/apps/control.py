@@ -1,6 +1,7 @@
 """What a publisher answers on its control keys: JSON in, JSON out, and never an exception.
 
-An error is `{"error": what is wrong and what would be right, "field": the setting or null}`.
+An error is `{"error": what is wrong and what would be right, "field": the setting or null}`, with `retry_s` where the
+same query may be answered later.
 """
 
 from __future__ import annotations
@@ -10,14 +11,20 @@ import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from lidarcodec.apps.reports import finite, refuse_constant
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 
-MAX_QUERY_BYTES = 64 * 1024
+
+class TooOftenError(SettingsError):
+    """Something is asked too often; retry_s: when it may be asked again."""
+
+    def __init__(self, what: str, retry_s: float) -> None:
+        super().__init__(f"{what} too often: try again in {retry_s:.2f} s")
+        self.retry_s = retry_s
 
 
 class Applied(NamedTuple):
@@ -52,15 +59,10 @@ def object_of(data: bytes) -> dict[str, Any]:
 
     Raises SettingsError.
     """
-    if len(data) > MAX_QUERY_BYTES:
-        raise SettingsError(f"a query of {len(data)} bytes: at most {MAX_QUERY_BYTES}")
     try:
-        values = json.loads(data or b"{}", parse_constant=refuse_constant, parse_float=finite)
-    except (ValueError, RecursionError):
-        raise SettingsError("the query is no JSON, or holds a number that is none") from None
-    if not isinstance(values, dict):
-        raise SettingsError("the query is no JSON object")
-    return values
+        return read_object(data or b"{}")
+    except JsonRefusedError as error:
+        raise SettingsError(f"the query is refused: {error}") from None
 
 
 def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[bytes], bytes]:
@@ -70,7 +72,9 @@ def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[by
         try:
             return json.dumps(answer(object_of(data)), allow_nan=False).encode()
         except LidarCodecError as error:
-            out = {"error": str(error), "field": field_of(error)}
+            out: dict[str, Any] = {"error": str(error), "field": field_of(error)}
+            if isinstance(error, TooOftenError):
+                out["retry_s"] = round(error.retry_s, 3)
         except Exception:
             logger.exception("a control query failed")
             out = {"error": "internal error; the publisher's log has the details", "field": None}

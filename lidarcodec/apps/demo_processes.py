@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import re
@@ -150,6 +151,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait(max(0.0, end - time.monotonic()))
     except subprocess.TimeoutExpired:
         process.kill()
-        process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):  # a process in the kernel's hands ends when it can
+            process.wait(END_S)
     if process.stdin is not None:
         process.stdin.close()

@@ -3,19 +3,25 @@
 Measured, nothing bounds latency better than one message in flight until its receiver reports arrival: it sees the
 buffers of every modem and router further along, which no setting of ours does (ECOSYSTEM 1.4). With a long round trip
 one leaves the link idle, so the number is 1 + round(round-trip time / time to send one).
+
+Who is followed is told by `Followed`. A report counts once for each receiver and message, and only when the receiver
+shows a token, the message was sent lately, and the report repeats its checksum.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from lidarcodec.apps.followed import FORGET_S, Followed, Standing, clearly_slower
 from lidarcodec.apps.timings import Timings, percentile
 from lidarcodec.ratecontrol.adaptive import Landing
-from lidarcodec.transport.keys import SERVER_RECEIVER
+
+logger = logging.getLogger(__name__)
 
 LIMIT_S = 1.0
 """How long a receiver may leave a message without a report before the next one goes all the same, and another receiver
@@ -24,8 +30,6 @@ SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
 """Where so many reports came in less than a quarter of it, a message without one is given up after so long already: a
 lost message, or report, then costs three frames and not ten. Each further one in a row doubles it. Not so where
 messages need others: a busy receiver would lose what later ones refer to."""
-FORGET_S = 10.0
-"""A receiver without a liveliness token that reported nothing for so long is gone."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
 """The same for the first messages of another codec, whose decoder may have to be started: the report of the second one
 waits for that, and what went meanwhile would be replaced on the receiver's side, though later messages may need it."""
@@ -33,7 +37,12 @@ MAX_IN_FLIGHT = 4
 SHORT_PATH_S = 0.010
 """Below this round trip one message in flight leaves no link idle that matters."""
 REMEMBERED = 16
-MAX_RECEIVERS = 64
+PROOFS = 64
+"""Messages that can be reported: those of some seconds, which may wait in front of a slow link."""
+WARNED_OF = 64
+"""Receivers of which a warning is given that they slow the stream down."""
+REFUSED = ("no_token", "not_sent", "wrong_checksum", "repeated")
+"""Why a report does not count."""
 
 
 class Sent(NamedTuple):
@@ -43,45 +52,62 @@ class Sent(NamedTuple):
     at_s: float
     size: int
     key: bool
-    alone: bool = True
-    frames: int = 1
-    to: str | None = None
+    alone: bool
+    frames: int
+    to: str | None
+
+
+class Proof(NamedTuple):
+    """What proves that a message was received: its checksum; with it when it was put, and who has reported it."""
+
+    at_s: float
+    checksum: int
+    by: set[str]
 
 
 class Flight:
-    """Messages under way to the receiver that is followed: the one that is named, else the server, else the first that
-    came; another one while that one is silent. Thread-safe.
+    """Messages under way to the receiver that is followed. Thread-safe.
 
     timeouts: messages that went without the report of the one before; arrive_ms: put to report
     unreported: frames of messages that who was followed never reported, though a later one; they were lost on the way,
                 or a later one took their place in the receiver's ring
     switches: how often another receiver was followed: what was measured before is of another path
+    refused: reports that did not count, by why
     """
 
     def __init__(
-        self, follow: str | None = None, clock: Callable[[], float] = time.monotonic, limit_s: float = LIMIT_S
+        self,
+        follow: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        limit_s: float = LIMIT_S,
+        *,
+        slow_server: bool = True,
     ) -> None:
+        """limit_s: how long a message may go without a report;  slow_server: as for `Followed`"""
         self._condition = threading.Condition()
         self._clock = clock
-        self._follow, self._limit_s, self._lossless = follow, limit_s, limit_s > LIMIT_S
-        self._alive: OrderedDict[str, float | None] = OrderedDict()  # None: has a token; else time of the last report
+        self._limit_s, self._lossless = limit_s, limit_s > LIMIT_S
+        self._followed = Followed(follow, clock, max(1.0, 3 * limit_s / FORGET_S), slow_server=slow_server)
+        self._since_s = clock()
+        self._before: tuple[str, float] | None = None  # who was followed before, and how long its reports took
+        self._warned: set[str] = set()
         self._sent: OrderedDict[int, Sent] = OrderedDict()
+        self._proofs: OrderedDict[int, Proof] = OrderedDict()
         self._late: set[int] = set()  # were given up: when they arrive after all they say nothing of the path
         self._landings: deque[Landing] = deque(maxlen=REMEMBERED)
         self._given_up_lately: deque[Sent] = deque(maxlen=REMEMBERED)
         self._open: set[int] = set()
-        self._silent: set[str] = set()  # did not report in time; followed again when they report
         self._last_free = self._last_landing = float("-inf")
         self._send_s: list[float] = []
-        self._rtt_s: dict[str, float] = {}
         self._patient = self._given_up = 0
         self._took_s: deque[float] = deque(maxlen=REMEMBERED)  # from put to report
         self.timeouts = self.switches = self.unreported = 0
+        self.refused: Counter[str] = Counter(dict.fromkeys(REFUSED, 0))
         self.arrive_ms = Timings()
 
     @property
     def following(self) -> str | None:
-        """The receiver whose reports count: the one that was named, else the server, else the first that came."""
+        """The receiver whose reports count."""
         with self._condition:
             return self._following()
 
@@ -92,33 +118,35 @@ class Flight:
 
     @property
     def receivers(self) -> list[str]:
-        """Those that report."""
+        """Those that have proved that they receive."""
         with self._condition:
-            return list(self._alive)
+            return self._followed.names()
+
+    def standing(self, name: str) -> Standing:
+        """How much is to be given on what somebody says under a name."""
+        with self._condition:
+            return self._followed.standing(name)
 
     def follow(self, name: str | None) -> None:
         """Follow this receiver when it is there; None: the server, else the first."""
         with self._condition:
-            self._switch(lambda: setattr(self, "_follow", name))
+            self._switch(lambda: setattr(self._followed, "named", name))
 
     def came(self, name: str) -> None:
         """A receiver that will report is there."""
         with self._condition:
-            if name in self._alive or len(self._alive) < MAX_RECEIVERS:
-                self._switch(lambda: self._alive.__setitem__(name, None))
+            self._switch(lambda: self._followed.came(name))
 
     def went(self, name: str) -> None:
         """A receiver is gone."""
         with self._condition:
-            self._rtt_s.pop(name, None)
-            self._silent.discard(name)
-            self._switch(lambda: self._alive.pop(name, None))
+            self._switch(lambda: self._followed.went(name))
 
     def round_trip(self, name: str, rtt_s: float) -> None:
-        """What a receiver measured as the round trip."""
+        """What a receiver measured as the round trip; no report of its can have come sooner."""
         with self._condition:
-            if name in self._alive and 0.0 <= rtt_s <= 10.0:
-                self._rtt_s[name] = rtt_s
+            if name in self._followed and 0.0 <= rtt_s <= 10.0:
+                self._followed[name].rtt_s = rtt_s
                 self._condition.notify_all()
 
     def new_codec(self) -> None:
@@ -126,35 +154,45 @@ class Flight:
         with self._condition:
             self._patient = NEW_CODEC_MESSAGES
 
-    def sent(self, index: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True) -> None:
+    def sent(
+        self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True
+    ) -> None:
         """A message of so many bytes and frames is put now. alone: it needs no other."""
         with self._condition:
-            to = self._following()
-            self._sent[index] = Sent(self._clock(), size, key, alone, frames, to)
+            to, now = self._following(), self._clock()
+            self._sent[index] = Sent(now, size, key, alone, frames, to)
+            self._proofs[index] = Proof(now, checksum, set())
             while len(self._sent) > REMEMBERED:
-                self._forget(next(iter(self._sent)), to)
+                oldest, sent = next(iter(self._sent.items()))
+                self._forget(oldest, to or (sent.to if sent.to in self._followed else None))
+            while len(self._proofs) > PROOFS:
+                self._proofs.popitem(last=False)
             if to is not None:
                 self._open.add(index)
 
-    def reported(self, name: str, index: int, held_s: float = 0.0) -> None:
+    def reported(self, name: str, index: int, checksum: int | None, held_s: float = 0.0) -> None:
         """A receiver has the message, and with it none of those before is under way any more.
 
+        checksum: of the message, as the receiver says; None when it does not
         held_s: how long it kept the report back because its decoder was busy; the path is not to blame for that.
         """
         now = self._clock()
         with self._condition:
-            self._switch(lambda: self._silent.discard(name))
-            if self._alive.get(name, now) is not None:  # no token: known by its reports only
-                if name not in self._alive and len(self._alive) >= MAX_RECEIVERS:
-                    return
-                self._alive[name] = now
+            refused = self._why_not(name, index, checksum)
+            if refused is not None:
+                self.refused[refused] += 1
+                return
+            self._proofs[index].by.add(name)
+            self._switch(lambda: self._followed.proved(name, now - self._proofs[index].at_s))
             if name != self._following() or index not in self._sent:
                 return
-            sent, self._patient = self._sent[index], max(self._patient - 1, 0)
+            sent = self._sent[index]
+            self._warn_if_slower(name)
+            self._patient = max(self._patient - 1, 0)
             self._given_up = 0
             self._took_s.append(now - sent.at_s)
             self.arrive_ms.add(1e3 * (now - sent.at_s))
-            rtt = self._rtt_s.get(name, 0.0)
+            rtt = self._rtt(name)
             held_s = min(max(held_s, 0.0), now - sent.at_s)
             free = now - rtt - held_s  # when the path was free again, on the publisher's side
             send_s = max(0.0, free - max(sent.at_s, self._last_free))
@@ -213,17 +251,53 @@ class Flight:
             self._condition.notify_all()
 
     def state(self) -> dict[str, Any]:
-        """For the status: who reports, who is followed, and what is under way."""
+        """For the status: who reports, who is followed and why, and what is under way."""
         with self._condition:
+            following, why = self._followed.current()
             return {
-                "receivers": list(self._alive),
-                "following": self._following(),
+                **self._followed.state(),
+                "following": following,
+                "because": None if following is None else why,
+                "for_s": None if following is None else round(self._clock() - self._since_s, 1),
                 "window": self._window(),
                 "in_flight": len(self._open),
                 "timeouts": self.timeouts,
                 "unreported": self.unreported,
+                "refused": dict(self.refused),
                 "arrive_ms": self.arrive_ms.summary(),
             }
+
+    def _why_not(self, name: str, index: int, checksum: int | None) -> str | None:
+        """Why a report does not count; None: it does."""
+        if name not in self._followed:
+            return "no_token"
+        proof = self._proofs.get(index)
+        if proof is None:
+            return "not_sent"
+        if checksum != proof.checksum:
+            return "wrong_checksum"
+        return "repeated" if name in proof.by else None
+
+    def _rtt(self, name: str) -> float:
+        """The round trip to a receiver: as it says, but no longer than its quickest report took."""
+        known = self._followed[name]
+        return min(known.rtt_s, *known.took_s) if known.took_s else 0.0
+
+    def _warn_if_slower(self, name: str) -> None:
+        """One line when somebody slows the stream down for those who were followed before."""
+        usual_s = self._followed[name].usual_s
+        if usual_s is None or self._before is None:
+            return
+        before, before_s = self._before
+        self._before = None
+        if name in self._warned or len(self._warned) >= WARNED_OF or not clearly_slower(usual_s, before_s):
+            return
+        self._warned.add(name)
+        logger.warning(
+            "receiver %s is followed now and slows the stream down: its reports take %.2f s, those of %s took %.2f s; "
+            "the setting follow=%s leaves it",
+            *(name, usual_s, before, before_s, before),
+        )
 
     def _forget(self, index: int, missed_by: str | None) -> None:
         """A message is not waited for any more; missed_by: who did not report it, though a later one."""
@@ -234,20 +308,17 @@ class Flight:
             self.unreported += sent.frames
 
     def _following(self) -> str | None:
-        now = self._clock()
-        for name in [n for n, last in self._alive.items() if last is not None and now - last > FORGET_S]:
-            del self._alive[name]
-        heard = [name for name in self._alive if name not in self._silent] or list(self._alive)
-        for wanted in (self._follow, SERVER_RECEIVER):
-            if wanted in heard:
-                return wanted
-        return heard[0] if heard else None
+        return self._followed.current()[0]
 
     def _switch(self, change: Callable[[], object]) -> None:
         """Make a change; what is under way to a receiver that is not followed any more is not waited for."""
         before = self._following()
+        usual_s = None if before is None else self._followed[before].usual_s
         change()
         if self._following() != before:
+            self._since_s = self._clock()
+            if before is not None and usual_s is not None:
+                self._before = before, usual_s
             self._open.clear()
             self._send_s.clear()
             self._took_s.clear()
@@ -277,11 +348,12 @@ class Flight:
         self._given_up_lately += waiting
         self._late.update(self._open)
         if silent is not None:
-            self._switch(lambda: self._silent.add(silent))
+            self._switch(lambda: self._followed.silenced(silent))
         self._open.clear()
 
     def _window(self) -> int:
-        rtt = self._rtt_s.get(self._following() or "", 0.0)
+        following = self._following()
+        rtt = 0.0 if following is None else self._rtt(following)
         send = percentile(sorted(self._send_s), 0.5)
         if self._lossless or rtt < SHORT_PATH_S or not send:
             return 1  # of two, one may take the other's place in a receiver's ring

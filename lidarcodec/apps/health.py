@@ -20,7 +20,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.whole_files import written_whole
 
 logger = logging.getLogger(__name__)
@@ -75,7 +77,7 @@ class HealthFile:
 
     def __exit__(self, *exc: object) -> None:
         self._stop.set()
-        self._thread.join()
+        ended([self._thread])
         self._path.unlink(missing_ok=True)
 
     def _run(self) -> None:
@@ -151,11 +153,8 @@ def read(path: Path) -> dict[str, Any]:
     """
     try:
         with path.open("rb") as file:
-            told = json.loads(file.read(MAX_FILE_BYTES))
+            return read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
     except OSError as error:
         raise SourceError(f"{path}: {error.strerror}; is `lidarcodec publish --health-file {path}` running?") from None
-    except (ValueError, RecursionError):
-        raise SourceError(f"{path} is no health file") from None
-    if not isinstance(told, dict):
-        raise SourceError(f"{path} is no health file")
-    return told
+    except JsonRefusedError as error:
+        raise SourceError(f"{path} is no health file: {error}") from None

@@ -14,6 +14,7 @@ import threading
 import time
 from typing import Any, Final
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
 from lidarcodec.pipeline import StreamEncoder
 
@@ -60,7 +61,7 @@ class SpareLearning:
             self._closed = True
             self._condition.notify_all()
         if self._thread is not None:
-            self._thread.join()
+            ended([self._thread])
 
     def _run(self) -> None:
         with contextlib.suppress(OSError):  # threads have priorities of their own on Linux

@@ -63,8 +63,8 @@ class Publisher:
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
     endpoints: where to listen and connect; by default nothing leaves the machine
-    transport: instead of endpoints; one that is open, or a function that opens one, given the event that stops it. It
-               stays the caller's
+    transport: one that is open, or a function that opens one, given the event that stops it. It stays the caller's;
+               endpoints then only say where it leads
     poses:     where the sensor was, sent with each frame
     original:  send frames as they were before coding, too, to who compares on this machine and only while somebody does
     record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
@@ -126,7 +126,10 @@ class Publisher:
             poses,
             clock,
         )
-        self._flight = Flight(self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S)
+        one_machine = (endpoints or Endpoints()).local and (endpoints is not None or transport is None)
+        self._flight = Flight(
+            self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S, slow_server=not one_machine
+        )
         self._originals: Originals | None = None
         if original:
             check_local(endpoints or Endpoints())
@@ -147,7 +150,7 @@ class Publisher:
             originals=self._originals,
             recorder=self._recorder,
         )
-        self._desk = Desk(self, self.keys, self._flight, self._board, clock)
+        self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
         self._tell_now = threading.Event()
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),

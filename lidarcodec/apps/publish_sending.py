@@ -21,7 +21,7 @@ from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Sender
-from lidarcodec.wire import pack
+from lidarcodec.wire import checksum_of, pack
 
 KEY_INTERVAL_S = 0.5
 """Requests for a key frame are merged: at most one in this time."""
@@ -151,7 +151,8 @@ class Sending:
     def _put(self, sender: Sender, message: Message, data: bytes) -> None:
         index = message.frame_index
         self._refers = self._refers or message.needs is not None
-        self._flight.sent(index, len(data), message.frame_count, key=message.key, alone=message.needs is None)
+        alone = message.needs is None
+        self._flight.sent(index, checksum_of(data), len(data), message.frame_count, key=message.key, alone=alone)
         start = time.perf_counter()
         try:
             sender.put(data)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections import Counter, OrderedDict, deque
+from collections import Counter, deque
 from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.followed import Standing
 from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.reports import Report, read_report
 from lidarcodec.apps.timings import Timings
-from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 
 MAX_REPORTS = 16
-"""Receivers whose last report is passed on; the oldest give way."""
+"""Receivers whose last report is passed on; those with the least standing give way first, then the oldest."""
 REPORT_S = 5.0
 """A report older than this is not passed on."""
 RATE_WINDOW_S = 5.0
@@ -29,7 +30,7 @@ class StatusBoard:
         self._keys, self._stream_id, self._clock = keys, stream_id, clock
         self._lock = threading.Lock()
         self._recent: deque[tuple[float, int, int]] = deque(maxlen=4096)
-        self._reports: OrderedDict[str, tuple[float, Report]] = OrderedDict()
+        self._reports: dict[str, tuple[Standing, float, Report]] = {}
         self._frames = self._messages = self._bytes = self._key_frames = 0
         self._last_index: int | None = None
         self.no_receiver = 0
@@ -47,16 +48,18 @@ class StatusBoard:
             self._key_frames += key
             self._last_index = index + frames - 1
 
-    def report(self, name: str, data: bytes) -> float | None:
-        """Keep a receiver's report; the round trip that it measured, in ms, if it did. What is no report is ignored."""
-        values = read_report(data) if NAME_PATTERN.fullmatch(name) else None
+    def report(self, name: str, data: bytes, standing: Standing) -> float | None:
+        """Keep a receiver's report; the round trip that it measured, in ms, if it did.
+
+        What is no report is ignored, and so is what is said under a name without a token.
+        """
+        values = read_report(data) if standing > 0 else None
         if values is None:
             return None
         with self._lock:
-            self._reports[name] = (time.monotonic(), values)
-            self._reports.move_to_end(name)
+            self._reports[name] = (standing, time.monotonic(), values)
             while len(self._reports) > MAX_REPORTS:
-                self._reports.popitem(last=False)
+                del self._reports[min(self._reports, key=lambda one: self._reports[one][:2])]
         rtt_ms = values.get("rtt_ms")
         return float(rtt_ms) if isinstance(rtt_ms, int | float) else None
 
@@ -86,9 +89,9 @@ class StatusBoard:
             span = max(now - self._recent[0][0], 0.1) if len(self._recent) > 1 else None
             sizes = [size for _, size, _ in self._recent][:-1]
             frames = sum(count for *_, count in list(self._recent)[:-1])
-            for name in [name for name, (at, _) in self._reports.items() if now - at > REPORT_S]:
+            for name in [name for name, (_, at, _) in self._reports.items() if now - at > REPORT_S]:
                 del self._reports[name]
-            reports = {name: values for name, (_, values) in self._reports.items()}
+            reports = {name: values for name, (*_, values) in self._reports.items()}
             totals = {
                 "frames": self._frames,
                 "messages": self._messages,

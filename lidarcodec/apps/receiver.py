@@ -24,7 +24,7 @@ from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.reports import Arrival, pack_arrival
+from lidarcodec.apps.reports import Arrival, pack_arrival, read_status
 from lidarcodec.apps.round_trips import RoundTrips
 from lidarcodec.codecs import table
 from lidarcodec.errors import (
@@ -41,7 +41,8 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Inbox, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.wire import unpack
+from lidarcodec.untrusted_json import JsonRefusedError
+from lidarcodec.wire import checksum_of, unpack
 
 logger = logging.getLogger(__name__)
 
@@ -234,7 +235,8 @@ class Receiver:
                     return
             try:
                 held_ns = time.monotonic_ns() - came_ns
-                arrivals.put(pack_arrival(Arrival(message.frame_index, self._clock.wall_ns(), held_ns)))
+                now_ns, checksum = self._clock.wall_ns(), checksum_of(data)
+                arrivals.put(pack_arrival(Arrival(message.frame_index, now_ns, held_ns, checksum)))
             except TransportError as error:
                 self._once.add("arrival_errors", error)
             self._on_message(data)
@@ -344,15 +346,13 @@ class Receiver:
 
     def _status_came(self, key: str, data: bytes) -> None:
         try:
-            status = json.loads(data)
-        except (ValueError, RecursionError) as error:
+            self.status = status = read_status(data)
+        except JsonRefusedError as error:
             self._once.add("status_errors", error)
             return
-        if isinstance(status, dict):
-            self.status = status
-            # Have a process ready when its first message comes.
-            if self.decoding and status.get("preparing") in table.names():
-                self._isolation.start(status["preparing"])
+        preparing = status.get("preparing")  # have a process ready when its first message comes
+        if self.decoding and isinstance(preparing, str) and preparing in table.names():
+            self._isolation.start(preparing)
 
     def _publisher_changed(self, key: str, alive: bool) -> None:
         logger.info("%s: %s", self.keys.prefix, "the publisher is there" if alive else "the publisher is gone")

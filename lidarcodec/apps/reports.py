@@ -1,22 +1,20 @@
 """What a receiver says: an arrival report for each message, and a report once a second.
 
-An arrival report is 24 bytes: index of the message's first frame (u64), the receiver's host time in ns since the Unix
-epoch (i64), and for how many ns it kept the report back while its decoder was busy (u64), little endian; the last may
-be missing, and of longer ones the rest is skipped. A report is a JSON object of which a few fields are known; nothing
-else is passed on.
+An arrival report is 28 bytes, little endian: index of the message's first frame (u64), the receiver's host time in ns
+since the Unix epoch (i64), for how many ns it kept the report back while its decoder was busy (u64), and the message's
+checksum (u32), which proves that it was received. Of longer ones the rest is skipped. A report is a JSON object of
+which a few fields are known; nothing else is passed on.
 """
 
 from __future__ import annotations
 
-import json
-import math
 import struct
 from typing import Any, NamedTuple
 
 from lidarcodec.apps.timings import BOUNDS_MS
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
-_ARRIVAL = struct.Struct("<Qq")
-_HELD = struct.Struct("<Q")
+_ARRIVAL = struct.Struct("<QqQI")
 MAX_REPORT_BYTES = 4096
 COUNTED = (
     "frames",
@@ -47,60 +45,84 @@ COUNTED_TIMES = ("latency_buckets", "decode_buckets")
 """Histograms since the receiver's start: counts for the bounds of `timings.BOUNDS_MS` and for what is longer."""
 
 
+STATUS_FIELDS = frozenset(
+    (
+        "vehicle",
+        "sensor",
+        "stream_id",
+        "stamp_ns",
+        "settings",
+        "sensor_model",
+        "matching",
+        "ended",
+        "time_source",
+        "packets",
+        "assembled",
+        "replaced",
+        "no_receiver",
+        "frames",
+        "messages",
+        "bytes",
+        "key_frames",
+        "frame_index",
+        "fps",
+        "kbps",
+        "rate",
+        "reduction",
+        "learning",
+        "path",
+        "encode_ms",
+        "put_ms",
+        "flight",
+        "errors",
+        "preparing",
+        "worker",
+        "worker_restarts",
+        "source",
+        "recording",
+        "reports",
+    )
+)
+"""What is taken of a publisher's status; the rest is left out."""
+
+
 Report = dict[str, int | float | list[int] | None]
 """The known fields of a receiver's report."""
 
 
 class Arrival(NamedTuple):
-    """frame_index: of the message's first frame; now_ns: the receiver's host time; held_ns: 0 when not said."""
+    """frame_index: of the message's first frame; now_ns: the receiver's host time; held_ns: how long the report was
+    kept back; checksum: of the message."""
 
     frame_index: int
     now_ns: int
-    held_ns: int = 0
+    held_ns: int
+    checksum: int
 
 
 def pack_arrival(arrival: Arrival) -> bytes:
     """Bytes of an arrival report."""
-    return _ARRIVAL.pack(arrival.frame_index, arrival.now_ns) + _HELD.pack(arrival.held_ns)
+    return _ARRIVAL.pack(*arrival)
 
 
 def read_arrival(data: bytes) -> Arrival | None:
     """An arrival report; None for what is none."""
-    if len(data) < _ARRIVAL.size:
-        return None
-    held = _HELD.unpack_from(data, _ARRIVAL.size)[0] if len(data) >= _ARRIVAL.size + _HELD.size else 0
-    frame_index, now_ns = _ARRIVAL.unpack_from(data)
-    return Arrival(frame_index, now_ns, held)
+    return Arrival(*_ARRIVAL.unpack_from(data)) if len(data) >= _ARRIVAL.size else None
 
 
-def finite(text: str) -> float:
-    """For `json.loads`: a number that a float can hold.
+def read_status(data: bytes) -> dict[str, Any]:
+    """The known fields of a publisher's status.
 
-    Raises ValueError for others, such as 1e999.
+    Raises JsonRefusedError.
     """
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text} is out of range")
-    return value
-
-
-def refuse_constant(constant: str) -> None:
-    """For `json.loads`: NaN and Infinity are no JSON.
-
-    Raises ValueError.
-    """
-    raise ValueError(f"{constant} is no JSON")
+    return {name: value for name, value in read_object(data).items() if name in STATUS_FIELDS}
 
 
 def read_report(data: bytes) -> Report | None:
     """The known fields of a report; None for what is no report."""
-    if len(data) > MAX_REPORT_BYTES:
-        return None
     try:
-        values: Any = json.loads(data, parse_constant=refuse_constant)
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(values, dict):
+        values = read_object(data, MAX_REPORT_BYTES)
+    except JsonRefusedError:
         return None
     report: Report = {}
     for name in COUNTED + MEASURED + SUMMED:

@@ -6,12 +6,12 @@ then tells little, and is asked again soon.
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Callable
 from typing import Final
 
 from lidarcodec.apps.clocks import Clock, LatencyClock
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 EVERY_S: Final = 1.0
 AGAIN_S: Final = 0.3
@@ -64,10 +64,8 @@ class RoundTrips:
 def _read(answer: bytes) -> tuple[bool, int | None]:
     """Whether a message was under way, and the publisher's time in ns; of an older publisher only that it answered."""
     try:
-        values = json.loads(answer)
-    except (ValueError, RecursionError):
-        return True, None
-    if not isinstance(values, dict):
+        values = read_object(answer)
+    except JsonRefusedError:
         return True, None
     told_ns = values.get("time_ns")
     known = isinstance(told_ns, int) and not isinstance(told_ns, bool) and abs(told_ns) < 2**63

@@ -14,6 +14,7 @@ import time
 from typing import Any
 
 from lidarcodec.apps.control import answered
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.swarm import NOMINAL_HZ
 from lidarcodec.errors import SettingsError
 from lidarcodec.message import Message
@@ -146,8 +147,7 @@ class SharedSwarm:
     def stop(self) -> None:
         """End everything; harmless when called twice."""
         self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join()
+        ended([self._thread])
         for vehicle in self._vehicles:
             vehicle.close()
         if self._transport is not None:

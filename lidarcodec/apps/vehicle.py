@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.originals import check_local
 from lidarcodec.apps.publish import Publisher, Rate
@@ -65,7 +66,9 @@ class Vehicle:
         self._stop = threading.Event()
         self._interrupted = False
         self._failure: TransportError | None = None
-        self._sensors = [_Sensor(StreamKeys(name, plan.name), plan, self._open, self._stop) for plan in sensors]
+        self._sensors = [
+            _Sensor(StreamKeys(name, plan.name), plan, self._open, self._stop, self._endpoints) for plan in sensors
+        ]
 
     def start(self) -> None:
         """Begin with all sensors."""
@@ -89,9 +92,7 @@ class Vehicle:
     def stop(self) -> None:
         """End everything; harmless when called twice."""
         self._stop.set()
-        for sensor in self._sensors:
-            if sensor.thread.ident is not None:
-                sensor.thread.join()
+        ended(sensor.thread for sensor in self._sensors)
         if self._transport is not None:
             self._transport.close()
 
@@ -136,7 +137,9 @@ class _Sensor:
         plan: SensorPlan,
         network: Callable[[threading.Event], Transport],
         stop: threading.Event,
+        endpoints: Endpoints | None,
     ) -> None:
+        self._endpoints = endpoints or Endpoints()
         self.keys, self.plan = keys, plan
         self.status: dict[str, Any] | None = None
         self.failure: LidarCodecError | OSError | None = None
@@ -182,6 +185,7 @@ class _Sensor:
                 vehicle=self.keys.vehicle,
                 sensor=self.keys.sensor,
                 rate=plan.rate,
+                endpoints=self._endpoints,
                 transport=self._network,
                 record=plan.record,
                 record_as=plan.record_as,

@@ -17,7 +17,6 @@ if __name__ == "__main__":  # before anything slow is imported, and never in the
     signal.setitimer(signal.ITIMER_REAL, 60.0)
 
 import contextlib
-import json
 import os
 import resource
 import socket
@@ -25,13 +24,14 @@ import sys
 from typing import Final, TypeVar
 
 from lidarcodec.apps.worker_frames import FrameReader, FrameWriter
-from lidarcodec.apps.worker_wire import Channel, GarbledError, Head, Kind, error_bytes, message_parts
+from lidarcodec.apps.worker_wire import MAX_TEXT, Channel, GarbledError, Head, Kind, error_bytes, message_parts
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.untrusted_json import read_object
 from lidarcodec.wire import pack, unpack
 
 MEMORY_BYTES: Final = 2 * 2**30
@@ -65,7 +65,7 @@ class Session:
         elif head.kind == Kind.FLUSH:
             self._say_frames(_opened(self._decoder).flush())
         else:
-            given = json.loads(channel.take(head.size))
+            given = read_object(channel.take(head.size), MAX_TEXT)
             channel.say(Kind.DONE, flag=self._set_up(Kind(head.kind), given))
 
     def _set_up(self, kind: Kind, given: dict[str, object]) -> bool:

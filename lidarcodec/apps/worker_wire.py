@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 
 from lidarcodec import errors
 from lidarcodec.errors import LidarCodecError
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.wire import MAX_MESSAGE
 
 HEAD: Final = struct.Struct("<BB2xIQ")
@@ -184,9 +185,9 @@ def read_error(data: bytes) -> LidarCodecError | str:
     Raises GarbledError.
     """
     try:
-        said = json.loads(data)
+        said = read_object(data, MAX_TEXT)
         kind, text = str(said["type"]), str(said["text"])
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (JsonRefusedError, KeyError):
         raise GarbledError("an error that is none") from None
     cls = _TREE.get(kind)
     if cls is None:

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import MissingExtraError, TransportError
@@ -165,8 +166,7 @@ class FoxgloveBridge:
         """End everything, viewers' connections included; harmless when called twice."""
         self._stop.set()
         self._streams.close()
-        if self._thread.ident is not None:
-            self._thread.join()
+        ended([self._thread])
         for channels in self._channels.values():
             channels.close()
         server, self._server = self._server, None

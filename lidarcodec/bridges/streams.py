@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.frame import Frame
@@ -80,9 +81,7 @@ class Streams:
     def close(self) -> None:
         """End all streams; harmless when called twice."""
         self.interrupt()
-        for thread in self._threads:
-            if thread.ident is not None:
-                thread.join()
+        ended(self._threads)
 
     def _run(self, key: StreamKeys) -> None:
         live = self.live[key]

@@ -94,6 +94,9 @@ def serve(
     ] = False,
     metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
     max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    max_sensors: Annotated[
+        int | None, _option("--max-sensors", min=1, metavar="N", help="Streams of one vehicle. Default: 16.")
+    ] = None,
     max_viewers: Annotated[
         int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
     ] = None,
@@ -153,8 +156,9 @@ def serve(
         (connect or [], listen or [], zenoh_config),
         host=host, port=port, database_url=database_url, database_password_file=database_password_file,
         tls_certificate=tls_certificate, tls_key=tls_key,
-        insecure=insecure, open=open_again, metrics_open=metrics_open, max_streams=max_streams, max_viewers=max_viewers,
-        max_viewers_a_client=max_viewers_a_client, max_connections=max_connections,
+        insecure=insecure, open=open_again, metrics_open=metrics_open, max_streams=max_streams,
+        max_sensors=max_sensors,
+        max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, max_connections=max_connections,
         max_connections_a_host=max_connections_a_host, reserved_connections=reserved_connections,
         max_requests_a_host=max_requests_a_host, proxies=tuple(proxy) if proxy else None, request_s=request_seconds,
         body_s=request_seconds,

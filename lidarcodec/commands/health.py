@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import json
 import ssl
 import sys
 import time
@@ -15,6 +14,7 @@ from urllib.parse import urlsplit
 
 from lidarcodec.apps import health
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 ANSWER_S = 5.0
 MAX_ANSWER_BYTES = 4096
@@ -54,9 +54,8 @@ def _of_server(url: str) -> list[str]:
 def _away(body: bytes) -> str:
     """The parts that are not ready, as `/readyz` lists them; empty when it is another answer."""
     try:
-        parts = json.loads(body)
-        return ", ".join(str(name) for name, ready in parts.items() if ready is False)
-    except (ValueError, AttributeError):
+        return ", ".join(name for name, ready in read_object(body, MAX_ANSWER_BYTES).items() if ready is False)
+    except JsonRefusedError:
         return ""
 
 

@@ -25,12 +25,12 @@ from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
 from lidarcodec.commands.settings import settings_of
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
-from lidarcodec.settings import NAME_PATTERN, StreamSettings
+from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse as parse_source
 
 MAX_FILE_BYTES = 1 << 20
-Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$")]
+Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME)]
 
 
 class _Strict(BaseModel):

@@ -19,7 +19,7 @@ from typing import Any, Self
 import zenoh
 
 from lidarcodec.errors import TransportError
-from lidarcodec.settings import NAME_PATTERN
+from lidarcodec.settings import is_name
 from lidarcodec.transport.base import (
     AliveHandler,
     Closeable,
@@ -357,7 +357,7 @@ def party_in(path: Path) -> Party | None:
     """
     about = json.loads(_read(path).get_json("metadata") or "null")
     ours = about.get("lidarcodec") if isinstance(about, dict) else None
-    if not isinstance(ours, dict) or not NAME_PATTERN.fullmatch(str(ours.get("name"))):
+    if not isinstance(ours, dict) or not is_name(str(ours.get("name"))):
         return None
     return Party(str(ours.get("role")), str(ours["name"]))
 

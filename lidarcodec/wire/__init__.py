@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from lidarcodec.errors import HeaderError, TruncatedError
 from lidarcodec.message import Message
-from lidarcodec.wire.checksum import checked_body, with_checksum
+from lidarcodec.wire.checksum import checked_body, checksum_of, with_checksum
 from lidarcodec.wire.header import (
     CHECKSUM_BYTES,
     HEADER_BYTES,
@@ -24,7 +24,7 @@ from lidarcodec.wire.header import (
 )
 from lidarcodec.wire.sections import SECTION_HEAD, read_sections, section_bytes
 
-__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "pack", "peek", "size_of", "unpack"]
+__all__ = ["HEADER_BYTES", "MAX_MESSAGE", "Header", "checksum_of", "pack", "peek", "size_of", "unpack"]
 
 
 def pack(message: Message) -> bytes:

@@ -22,3 +22,8 @@ def checked_body(data: bytes) -> bytes:
     if stored != computed:
         raise ChecksumError(f"message checksum is {computed:08x}, it says {stored:08x}", len(body))
     return body
+
+
+def checksum_of(data: bytes) -> int:
+    """The checksum that a whole message says it has."""
+    return int.from_bytes(data[-CHECKSUM_BYTES:], "little")

@@ -38,6 +38,7 @@ class ServerConfig(BaseModel):
     open:                let everybody in again, although tokens were needed before and none works now
     metrics_open:        answer `/metrics` without a token
     max_streams:         streams that are known at once; further ones are counted and left out
+    max_sensors:         streams of one vehicle that are known at once
     max_body_bytes:      longest body of a request
     max_message_bytes:   longest WebSocket message of a client
     max_connections:     connections at once, of all hosts;  max_connections_a_host: of one
@@ -68,6 +69,7 @@ class ServerConfig(BaseModel):
     open: bool = False
     metrics_open: bool = False
     max_streams: int = Field(default=256, ge=1, le=10_000)
+    max_sensors: int = Field(default=16, ge=1, le=10_000)
     max_body_bytes: int = Field(default=64 * 1024, ge=1024)
     max_message_bytes: int = Field(default=64 * 1024, ge=1024)
     max_connections: int = Field(default=1000, ge=1)

@@ -22,11 +22,14 @@ from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.desired import in_step, overlaid, wanted_with
 from lidarcodec_server.fleet import Fleet
 from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.rivals import Override, Rivals
 from lidarcodec_server.store import Store
 from lidarcodec_server.told import check_names, check_settings_size, first_frame, known_settings, read_answer
 
 logger = logging.getLogger(__name__)
 
+OTHERS = "somebody else"
+"""Who the audit log says it was when a vehicle has other settings than this server sent."""
 SERVER = "server"
 """Who the audit log says it was when a vehicle that came back was told what operators want."""
 TURN_S = 10.0
@@ -87,6 +90,7 @@ class Control:
         self._wake = threading.Condition()
         self._stopped = False
         self._refusals: dict[StreamKeys, str] = {}
+        self._rivals = Rivals()
         self._tries: dict[StreamKeys, int] = {}
         self._warnings = SparseLog(logger)
         self._threads = [
@@ -152,10 +156,12 @@ class Control:
                 self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
                 raise
             self._refusals.pop(keys, None)
+            self._rivals.forget(keys)
             self._finish(keys, entry, applied)
             if applied is None:
                 self.look_after(keys, AGAIN_S)
                 return State(None, overlaid(wanted, current), wanted)
+            self._rivals.sent(keys, wanted)
             self._fleet.answered(keys, applied.settings)
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
@@ -170,6 +176,7 @@ class Control:
                 self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
                 entered()
                 self._refusals.pop(keys, None)
+                self._rivals.forget(keys)
         return self.state(keys)
 
     def key_frame(self, keys: StreamKeys) -> dict[str, Any]:
@@ -190,6 +197,16 @@ class Control:
         """See soon whether a vehicle follows what is wanted, and send it if not."""
         if not in_s:
             self._tries.pop(keys, None)
+            self._rivals.returned(keys)
+        self._look_soon(keys, in_s)
+
+    def told(self, keys: StreamKeys) -> None:
+        """A vehicle told a status: see whether somebody else changed what was sent to it."""
+        stream = self._fleet.get(keys)
+        if stream is not None and stream.settings is not None and self._rivals.told(keys, stream.settings):
+            self._look_soon(keys)
+
+    def _look_soon(self, keys: StreamKeys, in_s: float = 0.0) -> None:
         with self._wake:
             due = time.monotonic() + in_s
             self._due[keys] = min(due, self._due.get(keys, due))
@@ -229,11 +246,16 @@ class Control:
             wanted = self._store.desired(keys)
             if not wanted or stream is None or not stream.alive:
                 return True
+            changed = self._rivals.to_tell(keys)
+            if changed is not None or self._rivals.leave_it(keys):
+                self._leave_to_others(keys, wanted, changed)
+                return True
             current = self._ask_settings(keys)
             if current is None:
                 return False
             if in_step(wanted, current):
                 self._refusals.pop(keys, None)
+                self._rivals.sent(keys, wanted)
                 return True
             old = current.model_dump()
             try:
@@ -250,7 +272,20 @@ class Control:
             outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}
             self._store.note(keys, SERVER, "settings", wanted, old, **outcome)
             self._fleet.answered(keys, applied.settings)  # now: what can be seen stands in the audit log
+            self._rivals.sent(keys, wanted)
             return True
+
+    def _leave_to_others(self, keys: StreamKeys, wanted: dict[str, Any], changed: Override | None) -> None:
+        """Say that somebody else sets a vehicle. Nothing is sent: two servers would go on for ever."""
+        why = "another server, or another program, sets this vehicle"
+        if changed is not None:
+            why += f": {changed.text}"
+        if self._rivals.leave_it(keys):
+            why += "; nothing is sent to it any more until somebody changes its settings here"
+        self._refusals[keys] = why
+        if changed is not None and changed.new:
+            logger.warning("%s: %s", keys.prefix, why)
+            self._store.note(keys, OTHERS, "settings", wanted, result="overridden", reason=why)
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
         """Enter what came of a change. What the vehicle did stays done, should the store fail now."""
@@ -271,6 +306,9 @@ class Control:
         """
         answer = self._ask(keys.control_set, wanted, self._answer_s)
         if answer is None:
+            return None
+        if "retry_s" in answer:
+            self._warnings.warning("%s takes no more changes for now: %s", keys.prefix, _told(answer.get("error")))
             return None
         if "error" in answer:
             field = answer.get("field")

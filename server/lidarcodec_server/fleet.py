@@ -12,19 +12,18 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.places import Places
 from lidarcodec_server.told import known_settings, read_status
 
 logger = logging.getLogger(__name__)
 
-MAX_WAITING = 1024
-"""Streams left out that are taken when there is room."""
 MINUTE = 60
 """Statuses in a minute."""
 LARGEST = 1e15
@@ -38,7 +37,8 @@ class Stream:
     """What is known of one stream.
 
     settings: those in force, None before the vehicle said;  status: its last status
-    status_s, answer_s: monotonic times of the last status, and of the last answer to a change
+    came_s, status_s, answer_s: monotonic times at which it was taken, of the last status, and of the last answer to a
+                                change
     kbps: what was sent, in kbit/s, as the last minute's statuses told it, one a second, oldest first
     """
 
@@ -46,6 +46,7 @@ class Stream:
     alive: bool = False
     settings: StreamSettings | None = None
     status: dict[str, Any] | None = None
+    came_s: float = field(default_factory=time.monotonic)
     status_s: float = float("-inf")
     answer_s: float = float("-inf")
     kbps: tuple[float | None, ...] = ()
@@ -68,13 +69,11 @@ def number_in(values: Any, name: str) -> float | None:
 class Fleet:
     """The streams, by name. Thread-safe; every `Stream` handed out is a value of its own."""
 
-    def __init__(self, max_streams: int = 256) -> None:
-        self._max = max_streams
+    def __init__(self, max_streams: int = 256, max_sensors: int = 16) -> None:
+        """max_streams: that are known at once;  max_sensors: of one vehicle"""
         self._lock = threading.Lock()
         self._streams: dict[StreamKeys, Stream] = {}
-        self._waiting: dict[StreamKeys, None] = {}  # left out, and still there as far as is known; oldest first
-        self.left_out = 0
-        """Times that a stream was not taken, because there were too many."""
+        self._places = Places(max_streams, max_sensors)
         self.refused = self.dropped = 0
         """Statuses that are none, and fields of others that are not known or not what they should be."""
         self._warnings = SparseLog(logger)
@@ -89,23 +88,33 @@ class Fleet:
         with self._lock:
             return self._streams.get(keys)
 
+    def left_out(self) -> tuple[int, dict[str, int]]:
+        """Times that a stream was not taken, because there were too many; and of which vehicles, for some of them."""
+        with self._lock:
+            return self._places.left_out, dict(self._places.by_vehicle)
+
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
         """A publisher came or went. False if there is no room: then its statuses are looked at until there is."""
         with self._lock:
             if not alive:
-                self._waiting.pop(keys, None)
-            if keys not in self._streams and not (alive and self._room()):
-                if alive:
-                    self._wait(keys)
-                return False
-            self._waiting.pop(keys, None)
-            self._streams[keys] = replace(self._streams.get(keys, Stream(keys)), alive=alive)
+                self._places.waiting.pop(keys, None)
+            if keys not in self._streams:
+                if not alive:
+                    return False
+                if not self._places.take(keys, self._streams, tells=False):
+                    self._places.leave_out(keys, len(self._streams))
+                    return False
+            self._places.waiting.pop(keys, None)
+            self._streams[keys] = replace(self._streams.get(keys) or Stream(keys), alive=alive)
             return True
 
     def told(self, keys: StreamKeys, data: bytes) -> bool:
         """A status came. True if it is the first one of another start of a publisher that was known, or of one for
         which there was no room before.
         """
+        with self._lock:
+            if keys not in self._streams and keys not in self._places:
+                return False  # only a token makes a stream: a status may be anybody's last word
         try:
             status, dropped = read_status(data)
         except JsonRefusedError as error:
@@ -116,11 +125,11 @@ class Fleet:
         with self._lock:
             self.dropped += dropped
             stream = self._streams.get(keys)
-            waited = stream is None and keys in self._waiting and self._has_room()
+            waited = stream is None and keys in self._places and self._places.take(keys, self._streams, tells=True)
             if waited:
-                del self._waiting[keys]
-                stream = Stream(keys, alive=self._room())
-            if stream is None:  # only a token makes a stream: a status may be anybody's last word
+                del self._places.waiting[keys]
+                stream = Stream(keys, alive=True)
+            if stream is None:
                 return False
             settings = known_settings(status.get("settings"))
             if settings is None or now - stream.answer_s < ANSWER_HOLDS_S:
@@ -135,23 +144,3 @@ class Fleet:
         with self._lock:
             if keys in self._streams:
                 self._streams[keys] = replace(self._streams[keys], settings=settings, answer_s=time.monotonic())
-
-    def _wait(self, keys: StreamKeys) -> None:
-        self._waiting[keys] = None
-        if len(self._waiting) > MAX_WAITING:
-            del self._waiting[next(iter(self._waiting))]
-
-    def _has_room(self) -> bool:
-        return len(self._streams) < self._max or not all(one.alive for one in self._streams.values())
-
-    def _room(self) -> bool:
-        if len(self._streams) < self._max:
-            return True
-        gone = [one for one in self._streams.values() if not one.alive]
-        if gone:
-            del self._streams[min(gone, key=lambda one: one.status_s).keys]
-            return True
-        self.left_out += 1
-        if self.left_out == 1:
-            logger.warning("more than %d streams: further ones are left out", self._max)
-        return False

@@ -124,8 +124,15 @@ class Metrics:
             ready.add_metric([part], float(answers))
         yield ready
         fleet = self._fleet
+        left_out, by_vehicle = fleet.left_out()
+        of_vehicles = CounterMetricFamily(
+            "lidarcodec_vehicle_streams_left_out", "Times that there was no room, by vehicle.", labels=["vehicle"]
+        )
+        for vehicle, times in by_vehicle.items():
+            of_vehicles.add_metric([vehicle], times)
+        yield of_vehicles
         for name, text, value in (
-            ("streams_left_out", "Times that there was no room.", fleet.left_out),
+            ("streams_left_out", "Times that there was no room.", left_out),
             ("statuses_refused", "Statuses that are no JSON, or beyond its limits.", fleet.refused),
             ("status_fields_dropped", "Fields of statuses that are not known, or of another type.", fleet.dropped),
         ):

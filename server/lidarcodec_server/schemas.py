@@ -44,7 +44,7 @@ class SettingsAnswer(BaseModel):
         description="All settings once the vehicle follows what operators set; null when they set nothing."
     )
     operator: dict[str, Any] = Field(description="What operators set, and the codec that they set it for.")
-    refused: str | None = Field(description="Why the vehicle does not follow, if it refused when it came back.")
+    refused: str | None = Field(description="Why the vehicle does not follow: it refused, or somebody else sets it.")
 
     @classmethod
     def of(cls, state: State) -> SettingsAnswer:
@@ -90,7 +90,10 @@ class AuditEntry(BaseModel):
     changes: dict[str, Any] = Field(description="What was asked.")
     old: dict[str, Any] | None = Field(description="The settings before, if they were known.")
     new: dict[str, Any] | None = Field(description="The settings in force after it.")
-    result: str = Field(description="`applied`; `stored`: the vehicle was away; `refused`; `done`; `sent`: not known.")
+    result: str = Field(
+        description="`applied`; `stored`: the vehicle was away; `refused`; `overridden`: somebody else set it; `done`; "
+        "`sent`: not known."
+    )
     reason: str | None
     first_frame: int | None
 

@@ -44,7 +44,7 @@ class Service:
     def __init__(self, config: ServerConfig, transport: Transport | None = None) -> None:
         """transport: one that is open, and stays the caller's; by default the service opens one of its own."""
         self.config = config
-        self.fleet = Fleet(config.max_streams)
+        self.fleet = Fleet(config.max_streams, config.max_sensors)
         self.store = Store(config.database_url, max_streams=config.max_streams, audit_rows=config.audit_rows)
         self.control = Control(self.fleet, self.store, lambda: self.transport, config.answer_s)
         self.tokens = TokenBook(self.store, opened=config.open)
@@ -168,6 +168,8 @@ class Service:
             self.metrics.told(keys)
             if again:
                 self.control.look_after(keys)
+            else:
+                self.control.told(keys)
 
 
 def _keys_of(key: str) -> StreamKeys | None:

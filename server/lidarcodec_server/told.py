@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from lidarcodec.apps.reports import COUNTED, COUNTED_TIMES, MEASURED, SUMMED
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.errors import SettingsError
-from lidarcodec.settings import NAME_PATTERN, StreamSettings, settings_from
+from lidarcodec.settings import StreamSettings, is_name, settings_from
 from lidarcodec.untrusted_json import read_object
 
 MAX_STATUS_BYTES: Final = 64 * 1024
@@ -146,7 +146,7 @@ def _settings(_: _Reader, value: Any) -> dict[str, Any]:
 
 def _receivers(reader: _Reader, value: Any) -> dict[str, Any]:
     kept: dict[str, Any] = named(_REPORT, MAX_RECEIVERS)(reader, value)
-    names = [name for name in kept if NAME_PATTERN.fullmatch(name)]
+    names = [name for name in kept if is_name(name)]
     reader.dropped += len(kept) - len(names)
     return {name: kept[name] for name in names}
 
@@ -216,8 +216,11 @@ _FIELDS: Final[dict[str, Check]] = {
     "flight": record(
         receivers=several(_name, MAX_RECEIVERS),
         following=_word,
+        because=_word,
+        for_s=_any_number,
+        refused=named(count),
         arrive_ms=_times,
-        **dict.fromkeys(("window", "in_flight", "timeouts", "unreported"), count),
+        **dict.fromkeys(("unproved", "turned_away", "window", "in_flight", "timeouts", "unreported"), count),
     ),
     "errors": named(count, longest=TEXT),
     "preparing": _word,

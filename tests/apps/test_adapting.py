@@ -8,35 +8,27 @@ import pytest
 
 from lidarcodec.api import read_frames
 from lidarcodec.apps.adapting import Adapting
-from lidarcodec.apps.flight import LIMIT_S, Flight
+from lidarcodec.apps.flight import LIMIT_S
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.adaptive import SHARE, START_KBPS
 from lidarcodec.settings import StreamSettings
-
-
-class Clock:
-    """Time that goes when told to."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
+from tests.apps.flights import Clock, Path
 
 
 def path(kbps: float = 8000.0):
     """A flight over a path of so many kbit/s, its adapting, and a function that sends a message of some bytes."""
     clock = Clock()
-    flight = Flight(clock=clock)
+    flight = Path(clock=clock)
     flight.came("office")
     count = iter(range(1000))
 
     def send(size: int, *, arrives: bool = True) -> None:
         index = next(count)
         flight.wait(0)
-        flight.sent(index, size)
+        flight.put(index, size)
         clock.now += size * 8 / (kbps * 1e3) if arrives else LIMIT_S + 0.1
         if arrives:
-            flight.reported("office", index)
+            flight.told("office", index)
         else:
             assert flight.wait(0)
 

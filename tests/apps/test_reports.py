@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 import json
+from unittest.mock import ANY
 
 import pytest
 
 from lidarcodec.apps.control import answered, object_of, settings_with
-from lidarcodec.apps.reports import Arrival, pack_arrival, read_arrival, read_report
+from lidarcodec.apps.reports import STATUS_FIELDS, Arrival, pack_arrival, read_arrival, read_report, read_status
 from lidarcodec.apps.timings import RECENT, Timings
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
+from lidarcodec.untrusted_json import JsonRefusedError
+from tests.apps.in_memory import publisher
 
-HOSTILE = [b"", b"{", b"[]", b"null", b"7", b'"x"', b"\xff\xfe", b"[" * 100_000, b'{"frames": NaN}', b"x" * 5000]
+NESTED = b'{"frames":' + b"[" * 300 + b"]" * 300 + b"}"
+HOSTILE = [
+    b"",
+    b"{",
+    b"[]",
+    b"null",
+    b"7",
+    b'"x"',
+    b"\xff\xfe",
+    b"[" * 100_000,
+    b'{"frames": NaN}',
+    b"x" * 5000,
+    NESTED,
+]
 
 
-def test_an_arrival_report_may_grow_and_older_ones_are_read():
-    said = Arrival(2**63, -5, 7)
+def test_an_arrival_report_may_grow_and_is_none_without_its_checksum():
+    said = Arrival(2**63, -5, 7, 2**32 - 1)
     data = pack_arrival(said)
-    assert len(data) == 24
+    assert len(data) == 28
     assert read_arrival(data) == read_arrival(data + b"later") == said
-    assert read_arrival(data[:16]) == read_arrival(data[:23]) == said._replace(held_ns=0)
-    assert read_arrival(data[:15]) is None
+    assert read_arrival(data[:27]) is None
 
 
 def test_known_fields_of_a_report_are_taken_and_others_left_out():
@@ -85,3 +100,17 @@ def test_timings_stay_small_however_long_a_stream_runs():
     summary = timings.summary(buckets=True)
     assert summary["count"] == 10 * RECENT == sum(summary["buckets"].values())
     assert (summary["p50"], summary["max"]) == (25.0, 49.0)
+
+
+@pytest.mark.parametrize(
+    "data", [NESTED, b'{"fps": NaN}', b'{"fps": 1e999}', b'{"x": "' + b"A" * 70_000 + b'"}', b"[]"]
+)
+def test_a_status_beyond_the_limits_is_refused(data):
+    with pytest.raises(JsonRefusedError):
+        read_status(data)
+
+
+def test_of_a_status_known_fields_are_taken_and_no_others(network):
+    with publisher(network, 1) as car:
+        assert set(car.status()) == STATUS_FIELDS
+        assert read_status(json.dumps({**car.status(), "evil": 1}).encode()) == car.status() | {"stamp_ns": ANY}

@@ -17,7 +17,7 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
-from lidarcodec.wire import unpack
+from lidarcodec.wire import checksum_of, unpack
 from tests.apps.streams import Loop
 from tests.transport.test_contract import eventually
 
@@ -44,7 +44,7 @@ class Slow:
             return None
         message = unpack(data)
         self.frames += range(message.frame_index, message.frame_index + message.frame_count)
-        self._arrivals.put(pack_arrival(Arrival(message.frame_index, time.time_ns(), 0)))
+        self._arrivals.put(pack_arrival(Arrival(message.frame_index, time.time_ns(), 0, checksum_of(data))))
         return message
 
     @contextmanager

@@ -44,8 +44,9 @@ def until(condition, limit_s=60.0):
 class Server:
     """A `serve` process and a client of it."""
 
-    def __init__(self, endpoint: str, database: str) -> None:
-        self.process = start("serve", "--port", 0, "--database-url", database, "--listen", endpoint)
+    def __init__(self, endpoint: str | None, database: str, **variables: str) -> None:
+        listen = () if endpoint is None else ("--listen", endpoint)
+        self.process = start("serve", "--port", 0, "--database-url", database, *listen, variables=variables)
         found = re.match(r"Serving on (http://\S+) until", self.process.stdout.readline())
         assert found, self.process.stderr.read()
         self.client = httpx.Client(base_url=found[1], timeout=30)

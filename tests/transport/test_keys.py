@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.settings import is_name, settings_from
 from lidarcodec.transport.endpoints import Endpoints
 from lidarcodec.transport.keys import StreamKeys, matches
 
@@ -105,3 +106,21 @@ def test_endpoints_that_cannot_work_are_refused_with_a_reason(options):
 )
 def test_endpoints_as_zenoh_knows_them_are_taken(endpoint):
     assert Endpoints.of(connect=endpoint).connect == (endpoint,)
+
+
+@pytest.mark.parametrize("name", [".", "..", "...", "." * 64, "", "a" * 65, "a/b", "a\n", "\u00e4"])
+def test_a_name_that_is_a_path_or_too_long_is_refused_everywhere(name):
+    """Names become parts of keys, and of paths of recordings."""
+    assert not is_name(name)
+    for make in (lambda: StreamKeys(name, "roof"), lambda: StreamKeys("car", name)):
+        with pytest.raises(SettingsError):
+            make()
+    with pytest.raises(SettingsError):
+        StreamKeys().arrived(name)
+    with pytest.raises(SettingsError):
+        settings_from({"follow": name})
+
+
+@pytest.mark.parametrize("name", ["a", ".a", "..a", "a..", "-", "_", "." * 63 + "a", "a" * 64, "car-7.v2"])
+def test_names_with_dots_and_something_else_are_names(name):
+    assert StreamKeys.parse(f"{name}/{name}") == StreamKeys(name, name)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 from fastapi import Depends, Path
 from starlette.requests import HTTPConnection, Request
 
-from lidarcodec.settings import NAME_PATTERN
+from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec_server.fleet import Stream
@@ -15,7 +15,7 @@ from lidarcodec_server.middleware import is_json
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service
 
-Name = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", examples=["car-7"])]
+Name = Annotated[str, Path(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME, examples=["car-7"])]
 
 
 def service_of(connection: HTTPConnection) -> Service:

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Body, Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from lidarcodec.errors import DecodeError, SourceError
-from lidarcodec.settings import NAME_PATTERN, settings_from
+from lidarcodec.settings import MAX_NAME, NAME_PATTERN, settings_from
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.live.playback import PlayRequest
@@ -55,10 +55,13 @@ class PlayBody(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     vehicle: str | None = Field(
-        default=None, pattern=f"^{NAME_PATTERN.pattern}$", description="By default `playback-ID`."
+        default=None, pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME, description="By default `playback-ID`."
     )
     sensor: str | None = Field(
-        default=None, pattern=f"^{NAME_PATTERN.pattern}$", description="By default that of the recording."
+        default=None,
+        pattern=f"^{NAME_PATTERN.pattern}$",
+        max_length=MAX_NAME,
+        description="By default that of the recording.",
     )
     rate: float = Field(default=10.0, ge=0.1, le=100.0, description="Frames of 348 packets a second.")
     loop: bool = Field(default=False, description="Begin again at the end.")

@@ -1,0 +1,28 @@
+"""Ending threads: nobody waits for one without limit. Ours are daemons: one left behind ends with its process."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterable
+
+logger = logging.getLogger(__name__)
+
+END_S = 20.0
+"""How long threads may take, all together."""
+
+
+def ended(threads: Iterable[threading.Thread], limit_s: float = END_S) -> bool:
+    """Whether threads that were told to end have ended; waits for those that were begun, at most `limit_s` seconds.
+
+    Those that have not are left behind, and named in the log.
+    """
+    end = time.monotonic() + limit_s
+    begun = [one for one in threads if one.ident is not None and one is not threading.current_thread()]
+    for thread in begun:
+        thread.join(max(0.0, end - time.monotonic()))
+    late = [thread.name for thread in begun if thread.is_alive()]
+    if late:
+        logger.warning("did not end within %g s, and are left behind: %s", limit_s, ", ".join(late))
+    return not late
