@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from lidarcodec.budgets import read_file
 from lidarcodec.errors import MissingExtraError, SettingsError
 
 if TYPE_CHECKING:
@@ -26,11 +28,14 @@ EARLIER = timedelta(hours=1)
 
 def write_private(path: Path, data: bytes) -> None:
     """Put a secret into a file that only its owner reads, from its first byte on."""
-    beside = path.with_name(path.name + ".part")
-    beside.unlink(missing_ok=True)
-    with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(data)
-    beside.replace(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)  # which nobody else may open
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
 
 
 @dataclass(frozen=True)
@@ -62,8 +67,8 @@ class Authority:
             pem.write_bytes(made.pem)
             return made
         try:
-            certificate = x509.load_pem_x509_certificate(pem.read_bytes())
-            key = serialization.load_pem_private_key(key_file.read_bytes(), None)
+            certificate = x509.load_pem_x509_certificate(read_file(pem, "certificates"))
+            key = serialization.load_pem_private_key(read_file(key_file, "certificates"), None)
         except (OSError, ValueError) as error:
             raise SettingsError(f"{folder} has no certificate authority that can be used: {error}") from None
         if not isinstance(key, ec.EllipticCurvePrivateKey) or certificate.public_key() != key.public_key():
