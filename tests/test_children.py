@@ -37,8 +37,7 @@ def test_every_child_is_started_with_dash_P():
     assert found >= 3
 
 
-@pytest.mark.parametrize("words", [["demo", "--no-browser", "--seconds", "2"], ["swarm", "sim:road", "--help"]])
-def test_a_hostile_folder_is_not_imported_from(tmp_path, words):
+def test_a_demonstration_imports_nothing_from_a_hostile_folder(tmp_path):
     for name in ("numpy", "typing", "zenoh", "sqlite3", "lidarcodec"):
         (tmp_path / f"{name}.py").write_text(HOSTILE)
     witness = tmp_path.parent / f"{tmp_path.name}.witness"
@@ -46,5 +45,6 @@ def test_a_hostile_folder_is_not_imported_from(tmp_path, words):
     if not program.exists():
         pytest.skip("the command line is not installed")
     environment = os.environ | {"WITNESS": str(witness)}
+    words = ["demo", "--no-browser", "--seconds", "2"]
     subprocess.run([program, *words], cwd=tmp_path, env=environment, capture_output=True, timeout=120, check=False)
     assert not witness.exists(), witness.read_text()
