@@ -25,11 +25,12 @@ import numpy.typing as npt
 
 from lidarcodec.budgets import largest
 
-MAX_DIRECTORY: Final = 1 << 16
-"""Bytes of the list of what a file holds: some 800 arrays."""
+MAX_DIRECTORY: Final = 1 << 18
+"""Bytes of the list of what a file holds: some 3,000 arrays."""
 _PLAIN: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _END, _END_64, _LOCATOR_64 = b"PK\5\6", 22, 20
 _COMMENT: Final = 1 << 16
+_LONG_END: Final = 56
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -86,14 +87,17 @@ def check_archive(file: IO[bytes], most_bytes: int, *, stored: bool = False) -> 
     """
     size = file.seek(0, 2)
     _check_fits("file", size, most_bytes)
-    begin = max(0, size - _COMMENT - _END_64 - _LOCATOR_64)
+    begin = max(0, size - _COMMENT - _END_64 - _LOCATOR_64 - _LONG_END)
     file.seek(begin)
     tail = file.read()
     end = tail.rfind(_END)
     if end < 0 or end + _END_64 > len(tail):
         raise ArraysRefusedError("it is no archive, or its end is missing")
     listed = int.from_bytes(tail[end + 12 : end + 16], "little")
-    if listed > MAX_DIRECTORY or b"PK\6\7" in tail[max(0, end - _LOCATOR_64) : end]:
+    if b"PK\6\7" in tail[max(0, end - _LOCATOR_64) : end]:  # a longer form of the end lies before, and counts
+        long = tail[max(0, end - _LOCATOR_64 - _LONG_END) : end - _LOCATOR_64]
+        listed = int.from_bytes(long[40:48], "little") if long[:4] == b"PK\6\6" else MAX_DIRECTORY + 1
+    if listed > MAX_DIRECTORY:
         raise ArraysRefusedError("it lists more members than a file of arrays has")
     archive = zipfile.ZipFile(file)
     plain = _PLAIN[:1] if stored else _PLAIN
