@@ -242,7 +242,7 @@ def test_whichever_call_fails_all_is_new_or_all_is_as_it_was(
 
         def fails(
             *given: object, calls: list[object] = calls, number: int = number, error: int = error, **more: object
-        ) -> object:  # noqa: E501
+        ) -> object:
             calls.append(given)
             if len(calls) == number:
                 raise OSError(error, os.strerror(error))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.pipeline import check
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import StreamSettings, is_name
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
@@ -44,7 +44,24 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
         if field not in StreamSettings.model_fields:
             known = ", ".join(StreamSettings.model_fields)
             raise SettingsError(f"unknown setting '{field}': known are {known}", field)
+    _check_no_path(settings, changes)
     return check(settings.changed(**changes))
+
+
+def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
+    """Raises SettingsError for a text among a codec's settings that may be a path: what exists on this machine, and can
+    be read, is nobody else's business. What is in force already, from this machine's command line, may be said again.
+    """
+    given = changes.get("codec_settings")
+    for name, value in given.items() if isinstance(given, dict) else ():
+        if not isinstance(value, str) or not value or value == settings.codec_settings.get(name):
+            continue
+        if not is_name(value) or value.endswith(".lcrw"):
+            raise SettingsError(
+                f"codec_settings.{name} is a name from afar, of 1 to 64 of A-Z a-z 0-9 _ . - and without the ending "
+                "of a file: paths are for the vehicle's own command line",
+                f"codec_settings.{name}",
+            )
 
 
 def field_of(error: LidarCodecError) -> str | None:

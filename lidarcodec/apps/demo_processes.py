@@ -21,7 +21,7 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.endpoints import PORT_VARIABLE
 from lidarcodec.transport.meeting_point import is_free
 
-COMMAND: Final = (sys.executable, "-m", "lidarcodec.commands.attached")
+COMMAND: Final = (sys.executable, "-P", "-m", "lidarcodec.commands.attached")
 """The command line; whatever becomes of the demonstration, its processes end with it."""
 PAGE_PORT: Final = 8080
 """Where the page is, unless that is taken."""

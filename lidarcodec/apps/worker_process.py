@@ -36,7 +36,20 @@ T = TypeVar("T")
 START_S: Final = 20.0
 """A child takes 0.4 s to be ready; on a machine that is busy, or has just started, much longer."""
 END_S: Final = 5.0
-_PASSED_ON: Final = ("PATH", "HOME", "LANG", "LC_", "LD_", "DYLD_", "PYTHON", "TMPDIR", "TZ", "VIRTUAL_ENV", "CONDA_")
+_PASSED_ON: Final = (
+    "LIDARCODEC_WEIGHTS_DIR",
+    "PATH",
+    "HOME",
+    "LANG",
+    "LC_",
+    "LD_",
+    "DYLD_",
+    "PYTHON",
+    "TMPDIR",
+    "TZ",
+    "VIRTUAL_ENV",
+    "CONDA_",
+)
 _ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 """Threads that no codec needs would each reserve memory."""
 

@@ -6,6 +6,7 @@ machine, and files that were once shipped stay in it; others travel with the key
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
 from collections.abc import Sequence
 from functools import cache
@@ -16,7 +17,7 @@ from lidarcodec import entropy
 from lidarcodec.codecs.riddle_update import applied, is_update, names_of
 from lidarcodec.codecs.riddle_weight_file import read_weights, unpack_weights
 from lidarcodec.codecs.riddle_weights import Net, Weights
-from lidarcodec.errors import MissingReferenceError, SectionError
+from lidarcodec.errors import MissingReferenceError, SectionError, UnknownNameError
 
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
@@ -24,6 +25,8 @@ EFFORTS: Final = (1, 2, 3, 4)
 """Without a network, with the small ones, with the large ones, with the largest."""
 _FOLDER: Final = Path(__file__).parent / "weights"
 _FROM_STREAM: Final = 4
+SUFFIX: Final = ".lcrw"
+FOLDER_VARIABLE: Final = "LIDARCODEC_WEIGHTS_DIR"
 
 
 @cache
@@ -37,9 +40,23 @@ def _default() -> Weights:
     return read_weights(_FOLDER / f"{DEFAULT}.lcrw")
 
 
-def weights_of(path: str) -> Weights:
-    """Those of a file, read anew each time; by default the package's own. Raises as `read_weights`."""
-    return read_weights(Path(path)) if path else _default()
+def weights_of(given: str) -> Weights:
+    """Those of a name or of a file, read anew each time; by default the package's own.
+
+    given: a name is looked for in the package, then in the folder that LIDARCODEC_WEIGHTS_DIR names. What has a slash,
+           or the ending of weight files, is a path: only this machine's command line and files may say one
+    Raises UnknownNameError for a name that is nowhere, else as `read_weights`.
+    """
+    if not given:
+        return _default()
+    if "/" in given or given.endswith(SUFFIX):
+        return read_weights(Path(given))
+    folders = [_FOLDER, *([Path(folder)] if (folder := os.environ.get(FOLDER_VARIABLE)) else [])]
+    found = next((path for each in folders if (path := each / (given + SUFFIX)).is_file()), None)
+    if found is None:
+        known = sorted({path.stem for each in folders for path in each.glob(f"*{SUFFIX}")})
+        raise UnknownNameError("weights", given, known)
+    return read_weights(found)
 
 
 def networks_of(weights: Weights, effort: int) -> list[Net]:

@@ -23,6 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from lidarcodec._native import crc32c
+from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.codecs.riddle_tiles import packed, unpacked
 from lidarcodec.codecs.riddle_weights import CASES, LAYERS, SIZES, Layer, Net, Weights, check_dims
 from lidarcodec.errors import (
@@ -34,6 +35,7 @@ from lidarcodec.errors import (
     TruncatedError,
     UnsupportedVersionError,
 )
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 
 MAGIC: Final = b"LCRW"
 VERSION: Final = 5
@@ -41,7 +43,7 @@ _ALL_TILES_VERSION: Final = 4
 """Of files in which every tile of every layer has weights: as before any were left out, so that names stay."""
 _PLAIN_VERSION: Final = 3
 """Of those in which no network has biases of cases either."""
-MAX_FILE: Final = 4 << 20
+MAX_FILE: Final = largest("weights") or 0
 MAX_PROVENANCE: Final = 1 << 16
 MAX_NETS: Final = 6
 _IN_BYTES: Final = 128
@@ -144,11 +146,9 @@ def _provenance(reader: Reader) -> Mapping[str, Any]:
     if size > MAX_PROVENANCE:
         raise SectionError(f"a provenance of {size} bytes: {MAX_PROVENANCE} are possible", reader.at)
     try:
-        found = json.loads(reader.take(size).decode())
-    except (ValueError, RecursionError):
-        raise SectionError("the provenance of the weights is no JSON", reader.at) from None
-    if not isinstance(found, dict):
-        raise SectionError("the provenance of the weights is no JSON object", reader.at)
+        found = read_object(reader.take(size), MAX_PROVENANCE)
+    except JsonRefusedError as error:
+        raise SectionError(f"the provenance of the weights: {error}", reader.at) from None
     return MappingProxyType(found)
 
 
@@ -185,10 +185,10 @@ def read_weights(path: Path) -> Weights:
     try:
         if path.exists() and not path.is_file():  # a pipe or a device may never give what is waited for
             raise SourceError(f"cannot read the weights {path}: it is no file")
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE + 1)
+        return unpack_weights(read_file(path, "weights"))
+    except FileTooLargeError as error:
+        raise SourceError(f"cannot read the weights {path}: {error}") from None
     except OSError as error:
         raise SourceError(f"cannot read the weights {path}: {error.strerror or error}") from None
     except ValueError as error:  # a name that no file can have
         raise SourceError(f"cannot read the weights {str(path)!r}: {error}") from None
-    return unpack_weights(data)

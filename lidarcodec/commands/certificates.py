@@ -13,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from lidarcodec.budgets import read_file
 from lidarcodec.errors import MissingExtraError, SettingsError
 from lidarcodec.whole_files import written_whole
 
@@ -61,8 +62,8 @@ class Authority:
                 beside.write_bytes(made.pem)
             return made
         try:
-            certificate = x509.load_pem_x509_certificate(pem.read_bytes())
-            key = serialization.load_pem_private_key(key_file.read_bytes(), None)
+            certificate = x509.load_pem_x509_certificate(read_file(pem, "certificates"))
+            key = serialization.load_pem_private_key(read_file(key_file, "certificates"), None)
         except (OSError, ValueError) as error:
             raise SettingsError(f"{folder} has no certificate authority that can be used: {error}") from None
         if not isinstance(key, ec.EllipticCurvePrivateKey) or certificate.public_key() != key.public_key():

@@ -17,11 +17,13 @@ from typing import Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certificates import Authority, write_private
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.access import ROUTER, Auth, People
 from lidarcodec.transport.secured import Identity, Network, Role, accepting, connecting, nested
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.whole_files import written_whole
 
 STATE = "deployment.json"
@@ -76,17 +78,22 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     deployment = _read(folder / STATE, auth, port)
     named = _join(deployment, routers, {"vehicle": vehicles, "viewer": viewers, "operator": operators})
+    gone = []
     for name in remove:
-        if deployment.parties.pop(name, None) is None:
+        party = deployment.parties.pop(name, None)
+        if party is None:
             raise SettingsError(f"--remove {name}: nobody of that name is in {folder / STATE}", "remove")
+        gone.append(file_of(party.role, name))
     _check(deployment)
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
     written = maker.write(named)
-    for old in [path for path in folder.glob("*-*.json5") if path.name not in maker.expected()]:
-        old.unlink()
+    for old in set(gone) - maker.expected():
+        (folder / old).unlink(missing_ok=True)
     _save(folder / STATE, deployment)
+    for left in sorted({path.name for path in folder.glob("*-*.json5")} - maker.expected() - set(gone)):
+        print(f"{folder / left} is not of this deployment and was left as it is")
     for name in written:
         print(folder / name)
     _say_validity(deployment)
@@ -97,9 +104,11 @@ def _read(path: Path, auth: str | None, port: int | None) -> Deployment:
     if auth not in (None, "certificate", "password", "none"):
         raise SettingsError(f"--auth is certificate, password or none, not '{auth}'", "auth")
     try:
-        found = Deployment.model_validate_json(path.read_bytes())
+        found = Deployment.model_validate(read_object(read_file(path, "certificates"), largest("certificates") or 0))
     except FileNotFoundError:
         return Deployment(auth=cast(Auth, auth or "certificate"), port=port or 7447)
+    except (FileTooLargeError, JsonRefusedError) as error:
+        raise SettingsError(f"{path} is no description of a deployment: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
@@ -173,14 +182,10 @@ class _Maker:
         self._ca = _base64(self._authority.pem)
         self._passwords = self._read_users()
 
-    def file_of(self, role: str, name: str) -> str:
-        """Name of a party's file."""
-        return f"{role}-{name.replace(':', '_')}.json5"
-
     def expected(self) -> set[str]:
         """Files that belong to the deployment."""
-        people = {self.file_of(party.role, name) for name, party in self._deployment.parties.items()}
-        return people | {self.file_of("router", host) for host in self._deployment.routers}
+        people = {file_of(party.role, name) for name, party in self._deployment.parties.items()}
+        return people | {file_of("router", host) for host in self._deployment.routers}
 
     def write(self, named: set[str]) -> list[str]:
         """Write who listens, and those who were named; the names of the files."""
@@ -206,12 +211,12 @@ class _Maker:
     def _accepting(self, role: Role, name: str, called: str, hosts: tuple[str, ...], onward: tuple[str, ...]) -> str:
         identity = self._identity(role, name, (*hosts, "localhost", "127.0.0.1"), listens=True)
         options = accepting(identity, self._network(), self._deployment.people, onward)
-        return self._put(self.file_of(role, called), options)
+        return self._put(file_of(role, called), options)
 
     def _connecting(self, role: Role, name: str) -> str:
         identity = self._identity(role, name, (), listens=False)
         options = connecting(identity, self._network(), routed=bool(self._deployment.routers))
-        return self._put(self.file_of(role, name), options)
+        return self._put(file_of(role, name), options)
 
     def _identity(self, role: Role, name: str, hosts: tuple[str, ...], *, listens: bool) -> Identity:
         certificate = key = None
@@ -241,11 +246,18 @@ class _Maker:
     def _read_users(self) -> dict[str, str]:
         """Passwords of those who are still in the deployment."""
         try:
-            lines = (self._folder / USERS).read_text().splitlines()
+            lines = read_file(self._folder / USERS, "certificates").decode().splitlines()
         except FileNotFoundError:
             return {}
+        except (OSError, UnicodeDecodeError, FileTooLargeError) as error:
+            raise SettingsError(f"cannot read the passwords in {self._folder / USERS}: {error}") from None
         pairs = (line.partition(":")[::2] for line in lines if ":" in line)
         return {name: password for name, password in pairs if name == ROUTER or name in self._deployment.parties}
+
+
+def file_of(role: str, name: str) -> str:
+    """Name of a party's file."""
+    return f"{role}-{name.replace(':', '_')}.json5"
 
 
 def _base64(data: bytes) -> str:

@@ -13,13 +13,13 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from lidarcodec.apps.health import told_in
 from lidarcodec.apps.publish import Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
 from lidarcodec.commands.settings import settings_of
@@ -28,8 +28,8 @@ from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse as parse_source
+from lidarcodec.untrusted_yaml import YamlRefusedError, read_yaml
 
-MAX_FILE_BYTES = 1 << 20
 Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME)]
 
 
@@ -120,9 +120,9 @@ def parse(text: str, where: str) -> VehicleConfig:
     Raises SettingsError naming the field.
     """
     try:
-        values = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise SettingsError(f"{where} is no YAML: {' '.join(str(error).split())}", "config") from None
+        values = read_yaml(text)
+    except YamlRefusedError as error:
+        raise SettingsError(f"{where}: {error}", "config") from None
     if not isinstance(values, dict):
         raise SettingsError(f"{where} holds no fields: it begins with `vehicle: NAME` and `sensors:`", "config")
     try:
@@ -143,15 +143,13 @@ def read(path: Path) -> VehicleConfig:
     Raises SettingsError when it is missing, too long, or wrong.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-        text = data.decode()
+        text = read_file(path, "config").decode()
     except OSError as error:
         raise SettingsError(f"{path}: {error.strerror}", "config") from None
     except UnicodeDecodeError:
         raise SettingsError(f"{path} is not text in UTF-8", "config") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise SettingsError(f"{path} is longer than {MAX_FILE_BYTES} bytes", "config")
+    except FileTooLargeError as error:
+        raise SettingsError(f"{path}: {error}", "config") from None
     return parse(text, str(path))
 
 

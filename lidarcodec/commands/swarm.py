@@ -99,7 +99,7 @@ def _run_parts(load: Load, several: int) -> None:
         try:
             for number in range(several):
                 size = (load.count - (begin - load.first)) // (several - number)
-                command = [sys.executable, "-m", "lidarcodec.cli", *load.words(size, begin)]
+                command = [sys.executable, "-P", "-m", "lidarcodec.cli", *load.words(size, begin)]
                 parts.append(subprocess.Popen(command, stdout=sys.stdout))
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):

@@ -26,6 +26,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.budgets import largest
 from lidarcodec.errors import SourceError, UnknownNameError
 from lidarcodec.evaluation.odometers import FARTHEST_M as ODOMETRY_M
 from lidarcodec.evaluation.odometers import GicpOdometer, KissOdometer, Odometer
@@ -33,6 +34,7 @@ from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
 from lidarcodec.frame import Frame
 from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.simulator import SimulatedPoses
+from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
 
 ODOMETRIES: Final = ("auto", "kiss-icp", "small_gicp")
 NEAREST_M, FARTHEST_M = 3.0, 80.0
@@ -132,9 +134,9 @@ class Trajectory:
     def load(cls, path: Path) -> Trajectory:
         """What `save` wrote. Raises SourceError."""
         try:
-            with np.load(path, allow_pickle=False) as file:
-                found = cls(file["stamps_ns"], file["T_world_velo"], file["velocities"])
-        except (OSError, ValueError, KeyError, EOFError) as error:
+            file = read_npz(path, most_bytes=largest("npz") or 0)
+            found = cls(file["stamps_ns"], file["T_world_velo"], file["velocities"])
+        except (OSError, ArraysRefusedError, KeyError) as error:
             raise SourceError(f"cannot read the trajectory {path}: {error}") from None
         count = len(found.stamps_ns)
         if found.matrices.shape != (count, 4, 4) or found.velocities.shape != (count, 6):

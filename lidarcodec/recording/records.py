@@ -15,11 +15,22 @@ from typing import IO, Final, NamedTuple
 import lz4.frame
 import zstandard
 
+from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, MIB, RECORDS_BASE, RECORDS_PER_BYTE, Allowance
+
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
 CHUNK_INDEX, METADATA, DATA_END = 8, 12, 15
 MAX_RECORD: Final = 65 * 2**20
 """Largest record that is read into memory: a message of 64 MiB and what MCAP adds to it."""
+
+MAX_CHUNK_RECORDS: Final = 1 << 19
+"""Records of a chunk, which is held in memory; programs close one after 1 to 4 MB."""
+MAX_NAME: Final = 4096
+"""Bytes of the name of a topic, an encoding or a type."""
+MAX_ABOUT: Final = MIB
+"""Bytes of metadata."""
+_WINDOW: Final = 128 * MIB
+_CHECKED_EVERY: Final = 4096
 
 _HEAD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -87,6 +98,31 @@ class Channel(NamedTuple):
     schema: int = 0
 
 
+class Work:
+    """Counts what chunks expand to, and the records in them, against where in the file they are.
+
+    A compressed chunk of 2 kB may hold 65 MiB, or seven million records that say nothing.
+    """
+
+    def __init__(self) -> None:
+        self._expanded = Allowance(EXPANDED_BASE, EXPANDED_TIMES)
+        self._records = Allowance(RECORDS_BASE, RECORDS_PER_BYTE)
+
+    def open(self, chunk: Chunk) -> None:
+        """To be called before a chunk is opened. Raises DamagedError when too much was expanded."""
+        if chunk.compression and not self._expanded.spend(chunk.plain_bytes, chunk.start + chunk.length):
+            raise DamagedError(f"chunks that expand to more than {EXPANDED_TIMES} times their size")
+
+    def count(self, found: Iterator[Record], chunk: Chunk) -> Iterator[Record]:
+        """The records of a chunk. Raises DamagedError when there are too many."""
+        for number, record in enumerate(found):
+            if number == MAX_CHUNK_RECORDS:
+                raise DamagedError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
+            if not number % _CHECKED_EVERY and not self._records.spend(_CHECKED_EVERY, chunk.start + chunk.length):
+                raise DamagedError("more records than files of this size have")
+            yield record
+
+
 def read(stream: IO[bytes], start: int, length: int) -> bytes:
     """Exactly `length` bytes.
 
@@ -122,12 +158,12 @@ def records(stream: IO[bytes], start: int, end: int) -> Iterator[Record]:
         start = record.end
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
+def _text(data: bytes, at: int, most: int = MAX_ABOUT) -> tuple[str, int]:
     if at + 4 > len(data):
         raise DamagedError("a text beyond the end of its record")
     end = at + 4 + int.from_bytes(data[at : at + 4], "little")
-    if end > len(data):
-        raise DamagedError("a text beyond the end of its record")
+    if end > len(data) or end - at - 4 > most:
+        raise DamagedError(f"a text beyond the end of its record, or of more than {most} bytes")
     try:
         return data[at + 4 : end].decode(), end
     except UnicodeDecodeError:
@@ -136,16 +172,16 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 def channel_of(stream: IO[bytes], record: Record) -> Channel:
     """The channel that a record describes."""
-    data = read(stream, record.start, record.length)
-    name, at = _text(data, 4)
-    encoding, _ = _text(data, at)
+    data = read(stream, record.start, min(record.length, 4 * MAX_NAME))
+    name, at = _text(data, 4, MAX_NAME)
+    encoding, _ = _text(data, at, MAX_NAME)
     return Channel(int.from_bytes(data[:2], "little"), name, encoding, int.from_bytes(data[2:4], "little"))
 
 
 def schema_of(stream: IO[bytes], record: Record) -> tuple[int, str]:
     """Id and name of the schema that a record holds."""
-    data = read(stream, record.start, record.length)
-    name, _ = _text(data, 2)
+    data = read(stream, record.start, min(record.length, 2 * MAX_NAME))
+    name, _ = _text(data, 2, MAX_NAME)
     return int.from_bytes(data[:2], "little"), name
 
 
@@ -209,7 +245,9 @@ def opened(stream: IO[bytes], chunk: Chunk, end: int, check: bool = True) -> tup
     packed = read(stream, chunk.start, chunk.length)
     try:
         if chunk.compression == "zstd":
-            plain = zstandard.ZstdDecompressor().stream_reader(packed).read(chunk.plain_bytes + 1)
+            plain = (
+                zstandard.ZstdDecompressor(max_window_size=_WINDOW).stream_reader(packed).read(chunk.plain_bytes + 1)
+            )
         elif chunk.compression == "lz4":
             plain = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.plain_bytes + 1)
         else:

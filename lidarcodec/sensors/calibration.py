@@ -21,14 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError, LidarCodecError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Origin, SensorModel
 from lidarcodec.sensors.table import HDL64
 from lidarcodec.units import LASERS, RANGE_STEP_M
 from lidarcodec.whole_files import written_whole
 
-MAX_FILE_BYTES = 1 << 20
-"""Real files have 20-50 kB."""
 OTHER_SENSORS = {16: "a VLP-16 or Puck Hi-Res", 32: "an HDL-32E or VLP-32", 128: "a VLS-128"}
 """Who has how many lasers."""
 REQUIRED = ("rot_correction_rad", "vert_correction_rad")
@@ -44,12 +43,11 @@ def read_calibration(path: Path, origin: Origin = "given") -> SensorModel:
     from lidarcodec.sensors import db_xml, ros_yaml
 
     try:
-        with Path(path).open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
+        data = read_file(Path(path), "calibration")
     except OSError as error:
         raise CalibrationError(f"calibration {path} cannot be read: {error.strerror or error}") from error
-    if len(data) > MAX_FILE_BYTES:
-        raise CalibrationError(f"calibration {path} has more than {MAX_FILE_BYTES} bytes: that is no calibration")
+    except FileTooLargeError as error:
+        raise CalibrationError(f"calibration {path}: {error}, so it is no calibration") from None
     reader: Callable[[bytes], Calibration]
     reader = db_xml.parse if data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" else ros_yaml.parse
     try:

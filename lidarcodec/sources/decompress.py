@@ -1,7 +1,8 @@
 """A file's bytes, decompressed on the way if need be. What it is says its content (gzip, xz, zstd), not its name.
 
 A file that was cut or damaged gives every byte before that place and then ends; `problem` says what was wrong. Memory
-is bounded whatever the file claims: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB.
+is bounded whatever the file claims: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB. So
+is the work: data that expands more than a thousandfold is no capture and ends there. Nothing is written to a disk.
 
 >>> import gzip, tempfile
 >>> with tempfile.NamedTemporaryFile() as file:
@@ -22,6 +23,7 @@ from typing import IO, NamedTuple, Protocol
 
 import zstandard
 
+from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance
 from lidarcodec.errors import SourceError
 
 CHUNK = 1 << 20
@@ -122,11 +124,15 @@ _ERRORS = (zlib.error, lzma.LZMAError, zstandard.ZstdError, MemoryError)
 class ByteStream:
     """The bytes of a file, decompressed. `problem` is None, or what ended it before its time.
 
+    taken: bytes read from the disk so far
+
     Raises SourceError if the file cannot be opened or read.
     """
 
     def __init__(self, path: Path) -> None:
         self.problem: str | None = None
+        self.taken = 0
+        self._expands = Allowance(EXPANDED_BASE, EXPANDED_TIMES)
         self._path = path
         try:
             self._file: IO[bytes] = path.open("rb", buffering=0)
@@ -169,6 +175,11 @@ class ByteStream:
         except _ERRORS as error:
             self.problem = f"the {member.kind} data is damaged ({error})"
             return b""
+        if not self._expands.spend(len(out), self.taken):
+            self.problem = (
+                f"the {member.kind} data is damaged (it expands to more than {EXPANDED_TIMES} times its size)"
+            )
+            return b""
         rest = decoder.rest
         if rest is not None:  # the end of a member; files may be joined from several
             self._head = rest or self._read_file(CHUNK // 16)
@@ -182,9 +193,11 @@ class ByteStream:
 
     def _read_file(self, size: int) -> bytes:
         try:
-            return self._file.read(size)
+            data = self._file.read(size)
         except OSError as error:
             raise SourceError(f"cannot read {self._path}: {error.strerror or error}") from None
+        self.taken += len(data)
+        return data
 
     def close(self) -> None:
         """Close the file."""

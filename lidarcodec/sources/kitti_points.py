@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import SourceError
 from lidarcodec.sources.decompress import ByteStream
 
@@ -137,6 +138,6 @@ def _seconds(path: Path) -> list[int | None]:
 
 def _lines(path: Path) -> list[str]:
     try:
-        return path.read_text().splitlines() if path.is_file() else []
-    except (OSError, UnicodeDecodeError) as error:
+        return read_file(path, "stamps").decode().splitlines() if path.is_file() else []
+    except (OSError, UnicodeDecodeError, FileTooLargeError) as error:
         raise SourceError(f"cannot read {path}: {error}") from None

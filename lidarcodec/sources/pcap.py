@@ -12,6 +12,7 @@ import struct
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from lidarcodec.budgets import RECORDS_BASE, RECORDS_PER_BYTE, Allowance
 from lidarcodec.sources.decompress import ByteStream
 
 HEADER_BYTES: Final = 24
@@ -27,12 +28,31 @@ MAGICS: Final[dict[bytes, tuple[str, int]]] = {
 """First four bytes -> byte order and nanoseconds in a step of the sub-second field."""
 
 
+CHECKED_EVERY: Final = 4096
+"""Records after which it is asked whether so many may be in what was read of the file."""
+
+
 class Record(NamedTuple):
     """One captured frame: host time in ns since the Unix epoch, link type, bytes."""
 
     stamp_ns: int
     linktype: int
     data: bytes
+
+
+class Counted:
+    """Counts records against the bytes read from the disk: compressed, a few bytes can be a million empty ones."""
+
+    def __init__(self, stream: ByteStream, ending: Ending) -> None:
+        self._stream, self._ending = stream, ending
+        self._allowed = Allowance(RECORDS_BASE, RECORDS_PER_BYTE)
+
+    def too_many(self, number: int) -> bool:
+        """Whether reading ends here. To be asked for every record, by its number."""
+        if number % CHECKED_EVERY or self._allowed.spend(CHECKED_EVERY, self._stream.taken):
+            return False
+        self._ending.set("damaged", f"more than {number:,} records in {self._stream.taken:,} bytes, as no capture has")
+        return True
 
 
 class Ending:
@@ -67,6 +87,7 @@ def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Recor
     linktype = struct.unpack_from(order + "I", data, 20)[0] & 0x03FF_FFFF  # above: length of the check sum
     unpack = struct.Struct(order + "IIII").unpack_from
     start, size, number = HEADER_BYTES, len(data), 0
+    too_many = Counted(stream, ending).too_many
     while True:
         body = start + RECORD_BYTES
         end = body
@@ -91,3 +112,5 @@ def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Recor
         yield Record(seconds * 1_000_000_000 + fraction * step_ns, linktype, data[body:end])
         start = end
         number += 1
+        if not number % CHECKED_EVERY and too_many(number):
+            return

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from lidarcodec.sources.decompress import ByteStream
-from lidarcodec.sources.pcap import MAX_FRAME, Ending, Record
+from lidarcodec.sources.pcap import MAX_FRAME, Counted, Ending, Record
 
 MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, ENHANCED_PACKET = 0x0A0D0D0A, 1, 2, 3, 6
@@ -46,6 +46,7 @@ def read_pcapng(stream: ByteStream, data: bytes, ending: Ending, counts: Counter
     """
     order, start, number, stamp_ns = "<", 0, 0, 0
     interfaces: list[_Interface] = []
+    too_many = Counted(stream, ending).too_many
     while True:
         end = start + 12
         if end <= len(data):
@@ -83,6 +84,8 @@ def read_pcapng(stream: ByteStream, data: bytes, ending: Ending, counts: Counter
             return
         start = end
         number += 1
+        if too_many(number):
+            return
 
 
 def _check_section(body: bytes, order: str) -> None:

@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
 import zstandard
 
+from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance, FileTooLargeError, read_file
 from lidarcodec.errors import DecodeError, SectionError, SourceError
 from lidarcodec.interop import ros
 from lidarcodec.interop.velodyne_scan import packets_of_scan
@@ -24,12 +24,13 @@ from lidarcodec.recording.rosbag import ENCODING, PROFILE
 from lidarcodec.sensors import find_calibration, identify_stream
 from lidarcodec.sources import rosbag_sqlite
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.decompress import WINDOW_LIMIT
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
+from lidarcodec.untrusted_yaml import YamlRefusedError, read_yaml
 
 METADATA: Final = "metadata.yaml"
 POINTS: Final = (ros.POINT_CLOUD2.name, "sensor_msgs/msg/PointCloud")
-_MAX_METADATA: Final = 2**20
 _MAX_FILES: Final = 4096
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 
@@ -73,10 +74,12 @@ class RosbagSource(PacketSource):
             yield packet
 
     def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
+        expands, seen = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0
         for file in self.files:
             for data in _messages(file, self.topic, counts, warn):
+                seen += len(data)
                 try:
-                    packets = packets_of_scan(_plain(data))
+                    packets = packets_of_scan(_plain(data, expands, seen))
                 except DecodeError:
                     counts["bad scans"] += 1
                     continue
@@ -113,13 +116,11 @@ def _files_of(path: Path) -> list[Path]:
 
 def _information(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as stream:
-            data = stream.read(_MAX_METADATA + 1)
-        found = yaml.safe_load(data) if len(data) <= _MAX_METADATA else None
+        found = read_yaml(read_file(path, "bag"))
     except OSError as error:
         raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError):
-        found = None
+    except (FileTooLargeError, YamlRefusedError) as error:
+        raise SourceError(f"{path} is no description of a bag: {error}") from None
     about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
     if not isinstance(about, dict):
         raise SourceError(f"{path} is no description of a bag")
@@ -169,13 +170,17 @@ def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Itera
             counts["damaged"] += reader.counts["damaged"]
 
 
-def _plain(data: bytes) -> bytes:
-    """A message that the bag compressed by itself, as it was."""
+def _plain(data: bytes, expands: Allowance, seen: int) -> bytes:
+    """A message that the bag compressed by itself, as it was. expands, seen: what those before became, and had."""
     if data[:4] != _ZSTD:
         return data
+    if not expands.spend(0, seen):
+        raise SectionError(f"compressed messages that become more than {EXPANDED_TIMES} times as long")
     try:
         if zstandard.frame_content_size(data) > MAX_RECORD:  # which would be taken, whatever the limit below says
             raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_RECORD)
+        plain = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT).decompress(data, max_output_size=MAX_RECORD)
     except zstandard.ZstdError as error:
         raise SectionError(f"a compressed message that cannot be had: {error}") from None
+    expands.spend(len(plain), seen)
+    return plain

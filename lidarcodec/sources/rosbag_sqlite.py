@@ -1,17 +1,46 @@
-"""Messages of a rosbag2 in SQLite (.db3), opened so that nothing of it can change and nothing large is taken unread."""
+"""Messages of a rosbag2 in SQLite (.db3), a file that may hold anything.
+
+A schema is a program: a view, a trigger or a generated column computes what it likes for as long as it likes. So only
+plain tables with the columns of a bag are read, nothing that the file brings is run, and the work of each query is
+counted against the file's size, as are the bytes that come out: rows of a crafted file may all lead to one place.
+"""
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Final
 from urllib.parse import quote
 
 from lidarcodec.errors import SourceError
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.sources.table import SQLITE_MAGIC
+
+MAX_TOPICS: Final = 4096
+MAX_MESSAGES: Final = 4_000_000
+"""Of a topic in one file: 110 hours of an HDL-64E."""
+COLUMNS: Final = {
+    "topics": ({"id", "name", "type"}, {"serialization_format", "offered_qos_profiles", "type_description_hash"}),
+    "messages": ({"id", "topic_id", "timestamp", "data"}, set[str]()),
+}
+"""Table -> columns that it has, and those that it may have."""
+_LIMITS: Final = {
+    sqlite3.SQLITE_LIMIT_LENGTH: MAX_RECORD,
+    sqlite3.SQLITE_LIMIT_SQL_LENGTH: 1 << 16,
+    sqlite3.SQLITE_LIMIT_COLUMN: 64,
+    sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 32,
+    sqlite3.SQLITE_LIMIT_COMPOUND_SELECT: 2,
+    sqlite3.SQLITE_LIMIT_ATTACHED: 0,
+    sqlite3.SQLITE_LIMIT_TRIGGER_DEPTH: 1,
+}
+_STEPS_AT_ONCE: Final = 10_000
+_STEPS_BASE: Final = 10_000_000
+_OPENING_STEPS: Final = 1_000_000
+"""Instructions of SQLite's machine: a table of the schema takes eight, a row of messages about ten and 20 bytes."""
 
 
 def is_database(path: Path) -> bool:
@@ -27,44 +56,95 @@ def topics(path: Path) -> dict[str, str]:
     """
     try:
         with closing(_open(path)) as database:
-            _check_tables(database)
-            rows = database.execute("SELECT name, type FROM topics LIMIT 4096").fetchall()
-    except (sqlite3.Error, ValueError) as error:
-        raise SourceError(f"{path} is no rosbag2: {error}") from None
-    return {str(name): str(kind) for name, kind in rows}
+            rows = database.execute("SELECT name, type FROM topics LIMIT ?", (MAX_TOPICS,)).fetchall()
+    except (sqlite3.Error, ValueError, OSError) as error:
+        raise SourceError(f"{path} is no rosbag2: {_reason(error)}") from None
+    return {str(name)[:1024]: str(kind)[:1024] for name, kind in rows}
 
 
 def messages(path: Path, topic: str, counts: Counter[str]) -> Iterator[bytes]:
     """Messages of a topic by time. A database that breaks off, or is damaged, gives what is before that."""
     try:
+        left = path.stat().st_size
         with closing(_open(path)) as database:
-            _check_tables(database)
-            rows = database.execute(
-                "SELECT messages.data FROM messages JOIN topics ON messages.topic_id = topics.id"
-                " WHERE topics.name = ? ORDER BY messages.timestamp, messages.id",
-                (topic,),
+            order = (
+                "SELECT messages._rowid_ FROM messages JOIN topics ON messages.topic_id = topics.id"
+                " WHERE topics.name = ? ORDER BY CAST(messages.timestamp AS INTEGER), messages._rowid_ LIMIT ?"
             )
-            for (data,) in rows:
-                if isinstance(data, bytes):
-                    yield data
-                else:
+            rows = [row for (row,) in database.execute(order, (topic, MAX_MESSAGES + 1))]
+            for row in rows[:MAX_MESSAGES]:
+                found = database.execute("SELECT data FROM messages WHERE _rowid_ = ?", (row,)).fetchone()
+                data = found[0] if found else None
+                if not isinstance(data, bytes):
                     counts["bad scans"] += 1
-    except (sqlite3.Error, ValueError):
+                    continue
+                left -= len(data)
+                if left < 0:  # rows that share their bytes
+                    counts["damaged"] += 1
+                    return
+                yield data
+            if len(rows) > MAX_MESSAGES:
+                counts["damaged"] += 1
+    except (sqlite3.Error, ValueError, OSError):
         counts["damaged"] += 1
 
 
+class _Watch:
+    """Ends a query that takes more instructions than a file of this size can need."""
+
+    def __init__(self, path: Path) -> None:
+        self._left = _OPENING_STEPS
+        self._more = _STEPS_BASE + path.stat().st_size
+
+    def opened(self) -> None:
+        """The schema was read; the tables may take more."""
+        self._left = self._more
+
+    def __call__(self) -> bool:
+        self._left -= _STEPS_AT_ONCE
+        return self._left < 0
+
+
 def _open(path: Path) -> sqlite3.Connection:
-    database = sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True, check_same_thread=False)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD)
-    database.text_factory = lambda data: data.decode("utf-8", "backslashreplace")
+    """The database, once its tables were seen to be those of a bag. Raises sqlite3.Error, ValueError, OSError."""
+    database = sqlite3.connect(
+        f"file:{quote(os.fspath(path))}?mode=ro&immutable=1", uri=True, check_same_thread=False, cached_statements=8
+    )
+    try:
+        for limit, most in _LIMITS.items():
+            database.setlimit(limit, most)
+        watch = _Watch(path)
+        database.set_progress_handler(watch, _STEPS_AT_ONCE)
+        database.text_factory = lambda data: data.decode("utf-8", "backslashreplace")
+        for setting in (
+            "trusted_schema=OFF",
+            "query_only=ON",
+            "cell_size_check=ON",
+            "mmap_size=0",
+            "temp_store=MEMORY",
+        ):
+            database.execute(f"PRAGMA {setting}")
+        _check_tables(database)
+        watch.opened()
+    except BaseException:
+        database.close()
+        raise
     return database
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """Raises ValueError for a database in which something else looks like the tables of a bag: a view can go on for
-    ever, and nothing ends a query that does."""
-    tables = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE 'CREATE TABLE%'"
-    known = {name.lower() for (name,) in database.execute(tables)}
-    for name in ("topics", "messages"):
-        if name not in known:
-            raise ValueError(f"no table {name}")
+    """Raises ValueError unless the tables of a bag are plain ones with their columns, all of them stored."""
+    plain = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE 'CREATE TABLE%'"
+    known = {str(name).lower() for (name,) in database.execute(plain)}
+    for table, (needed, possible) in COLUMNS.items():
+        if table not in known:
+            raise ValueError(f"no table {table}")
+        columns = {row[1]: row[6] for row in database.execute(f"PRAGMA table_xinfo({table})")}
+        if any(columns.values()):
+            raise ValueError(f"table {table} has columns that are computed, not stored")
+        if not needed <= set(columns) <= needed | possible:
+            raise ValueError(f"table {table} has the columns {', '.join(sorted(columns))[:80]}")
+
+
+def _reason(error: Exception) -> str:
+    return "opening it takes more than a bag can need" if str(error) == "interrupted" else str(error)

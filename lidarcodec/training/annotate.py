@@ -44,6 +44,7 @@ from lidarcodec.training.annotation_folder import AnnotationFolder, Labels, Scan
 from lidarcodec.training.ground import ground_finder
 from lidarcodec.training.labels import NAMES, SHARE, labels_of, threshold_of
 from lidarcodec.units import FRAME_COLUMNS
+from lidarcodec.untrusted_npz import read_npy
 
 WARM_UP: Final = 5
 """Frames before a piece that a finder of ground which learns is shown first."""
@@ -124,11 +125,11 @@ def annotate(
         left = [first for first in range(0, count, settings.piece) if not folder.has(f"seen-{first:06d}.npy")]
         with begun("counts", len(left)) as tick:
             _spread(_count_chunk, folder, settings, left, workers, tick)
-        folder.write_map(folder.map_points(), _sum_of_parts(folder))
+        folder.write_map(folder.map_points(), _sum_of_parts(folder, settings.piece))
     left = [first for first in range(0, count, settings.piece) if not _is_labelled(folder, settings, first)]
     with begun("labels", len(left)) as tick:
         _spread(_label_chunk, folder, settings, left, workers, tick)
-    for part in folder.parts():
+    for part in folder.parts(settings.piece):
         part.unlink(missing_ok=True)
     folder.note(**_summary(folder), seconds=(folder.about() or {}).get("seconds", {}) | begun.seconds, done=True)
     return folder.about() or {}
@@ -251,10 +252,13 @@ def _count_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
     drive.folder.write_part(first, seen)
 
 
-def _sum_of_parts(folder: AnnotationFolder) -> npt.NDArray[np.uint16]:
+def _sum_of_parts(folder: AnnotationFolder, piece: int) -> npt.NDArray[np.uint16]:
     total: npt.NDArray[Any] = np.zeros(len(folder.map_points()), np.int64)
-    for part in folder.parts():
-        total += np.load(part)
+    for part in folder.parts(piece):
+        try:
+            total += read_npy(part)
+        except (OSError, ValueError) as error:
+            raise SourceError(f"cannot read {part}: {error}") from None
     most: npt.NDArray[np.uint16] = np.minimum(total, 65535).astype(np.uint16)
     return most
 

@@ -19,10 +19,13 @@ from typing import Any, Final, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, SourceError
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
+from lidarcodec.untrusted_json import JsonRefusedError, read_object
+from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
 from lidarcodec.whole_files import written_whole
 
 FORMAT: Final = 1
@@ -45,16 +48,18 @@ class AnnotationFolder:
     def about(self) -> dict[str, Any] | None:
         """What annotation.json says; None if there is none. Raises SourceError if it cannot be read."""
         try:
-            text = (self.path / "annotation.json").read_text()
+            data = read_file(self.path / "annotation.json", "about")
         except FileNotFoundError:
             return None
         except OSError as error:
             raise SourceError(f"cannot read {self.path}: {error.strerror or error}") from None
+        except FileTooLargeError as error:
+            raise SourceError(f"{self.path}/annotation.json: {error}") from None
         try:
-            about = json.loads(text)
-        except ValueError:
-            about = None
-        if not isinstance(about, dict) or about.get("format") != FORMAT or not isinstance(about.get("settings"), dict):
+            about = read_object(data, largest("about") or 0)
+        except JsonRefusedError:
+            about = {}
+        if about.get("format") != FORMAT or not isinstance(about.get("settings"), dict):
             raise SourceError(f"{self.path}/annotation.json is not that of an annotated drive")
         return about
 
@@ -173,9 +178,10 @@ class AnnotationFolder:
         with written_whole(self.path / f"seen-{first:06d}.npy") as path:
             np.save(path, counts)
 
-    def parts(self) -> Iterator[Path]:
-        """The files of `write_part`."""
-        yield from sorted(self.path.glob("seen-*.npy"))
+    def parts(self, piece: int) -> Iterator[Path]:
+        """The files of `write_part` that are there, one for each run of `piece` frames."""
+        names = (self.path / f"seen-{first:06d}.npy" for first in range(0, self.frames, piece))
+        yield from (path for path in names if path.exists())
 
     def _save(self, name: str, **arrays: Any) -> None:
         with written_whole(self.path / name) as path:
@@ -183,9 +189,8 @@ class AnnotationFolder:
 
     def _load(self, name: str) -> dict[str, Any]:
         try:
-            with np.load(self.path / name, allow_pickle=False) as file:
-                return {key: file[key] for key in file.files}
-        except (OSError, ValueError, EOFError, KeyError) as error:
+            return read_npz(self.path / name, most_bytes=largest("arrays") or 0)
+        except (OSError, ArraysRefusedError) as error:
             raise SourceError(f"cannot read {self.path / name}: {error}") from None
 
     def _write_about(self, about: Mapping[str, Any]) -> None:

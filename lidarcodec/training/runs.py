@@ -22,7 +22,9 @@ from zipfile import is_zipfile
 import numpy as np
 import torch
 
+from lidarcodec.budgets import largest
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.untrusted_npz import check_archive
 from lidarcodec.whole_files import written_whole
 
 Value = str | int | float | bool | None | list[Any]
@@ -139,6 +141,8 @@ def load_checkpoint(path: Path, device: torch.device | None = None) -> Checkpoin
     if not is_zipfile(path):  # torch's older forms are never written here
         raise SourceError(damaged)
     try:
+        with path.open("rb") as file:
+            check_archive(file, largest("checkpoint") or 0, stored=True).close()
         values = torch.load(path, map_location=device or "cpu", weights_only=True)
     except OSError as error:
         raise SourceError(f"cannot read the checkpoint {path}: {error.strerror or error}") from None

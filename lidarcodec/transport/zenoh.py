@@ -31,6 +31,7 @@ from lidarcodec.transport.base import (
     QueryHandler,
     Sender,
 )
+from lidarcodec.transport.config_file import check_config_file
 from lidarcodec.transport.endpoints import Endpoints, Party
 from lidarcodec.transport.keys import check_key
 from lidarcodec.transport.late_threads import CLOSING, let_late_threads_end_at_exit
@@ -344,6 +345,7 @@ class ZenohTransport:
 
 def _read(path: Path) -> zenoh.Config:
     """Raises TransportError when the file is no Zenoh configuration."""
+    check_config_file(path)
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:

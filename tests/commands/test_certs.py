@@ -148,3 +148,14 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
         out, _ = car.communicate(timeout=30)
         router.kill()
     assert out.startswith("car-7/lidar: ")
+
+
+def test_files_of_others_are_left_and_said(tmp_path, capsys):
+    make(tmp_path, ["hub.example"], ["car-7"], ["anna"])
+    others = tmp_path / "my-own.json5", tmp_path / "vehicle-car-7.json5.part", tmp_path / "viewer-ben.json5"
+    for other in others:
+        other.write_text("mine")
+    make(tmp_path, remove=["anna"])
+    assert not (tmp_path / "viewer-anna.json5").exists()
+    assert all(other.read_text() == "mine" for other in others)
+    assert "my-own.json5 is not of this deployment and was left as it is" in capsys.readouterr().out

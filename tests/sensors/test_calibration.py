@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
 from lidarcodec.sensors import db_xml, generic_sensor, read_calibration, ros_yaml, write_calibration
-from lidarcodec.sensors.calibration import MAX_FILE_BYTES
 
 FILES = [
     "hdl64e_s3_atwall_db.xml",
@@ -117,7 +116,7 @@ def test_missing_values_are_zero_and_missing_intensities_the_whole_range() -> No
         (("laser_id: 5,", "laser_id: 64,"), "laser 64: an HDL-64E's are 0 to 63"),
         (("laser_id: 5,", "laser_id: five,"), "has no number"),
         (("laser_id: 5,", ""), "has no number"),
-        (("rot_correction: ", "rot_correction: .nan, was: "), "rot_correction_rad is nan"),
+        (("rot_correction: ", "rot_correction: .nan, was: "), "number .nan is out of range"),
         (("rot_correction: ", "rot_correction: 171.2, was: "), "rot_correction_rad is 171.2"),
         (("vert_correction: ", "vert_corrections: "), "laser 0 has no vert_correction"),
         (("dist_correction: ", "dist_correction: [], was: "), r"dist_correction_m is \[\]"),
@@ -131,8 +130,8 @@ def test_missing_values_are_zero_and_missing_intensities_the_whole_range() -> No
         (("lasers:", "x: !!python/object/apply:os.getcwd []\nlasers:"), "tags"),
         (("lasers:", "x: !!int ''\nlasers:"), "tags"),
         (("lasers:", "x: 2011-13-13\nlasers:"), "not YAML"),
-        (("lasers:", f"x: {'[' * 50}1{']' * 50}\nlasers:"), "nests deeper"),
-        (("lasers:", f"x: {'1' * 5000}\nlasers:"), "not YAML"),
+        (("lasers:", f"x: {'[' * 50}1{']' * 50}\nlasers:"), "nested more than"),
+        (("lasers:", f"x: {'1' * 5000}\nlasers:"), "characters"),
     ],
 )
 def test_broken_ros_files_are_refused_with_the_reason(change: tuple[str, str], message: str) -> None:
@@ -172,7 +171,7 @@ def test_entities_cannot_hide_in_another_encoding() -> None:
 
 def test_files_that_are_no_calibration(tmp_path: Path) -> None:
     big = tmp_path / "big.yaml"
-    big.write_bytes(b" " * (MAX_FILE_BYTES + 1))
+    big.write_bytes(b" " * ((1 << 20) + 1))
     with pytest.raises(CalibrationError, match="more than"):
         read_calibration(big)
     with pytest.raises(CalibrationError, match="cannot be read: No such file"):

@@ -137,7 +137,7 @@ def test_a_description_that_would_grow_without_end_is_none(tmp_path):
     lists = "\n".join(f"  l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]" for n in range(1, 10))
     text = f"rosbag2_bagfile_information:\n  l0: &l0 [x]\n{lists}\n  relative_file_paths: [*l9]\n"
     (tmp_path / "metadata.yaml").write_text(text)
-    with pytest.raises(SourceError, match="names no files"):
+    with pytest.raises(SourceError, match="anchors"):
         open_source(tmp_path)
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +20,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.budgets import largest
+from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
 from lidarcodec.whole_files import written_whole
 
 FORM: Final = 1
@@ -54,9 +55,8 @@ class Cache:
             return make()
         path = self.folder / f"{name}.npz"
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return {key: file[key] for key in file.files}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return read_npz(path, most_bytes=largest("arrays") or 0)
+        except (OSError, ArraysRefusedError):
             made = make()
         with written_whole(path) as beside:
             np.savez(beside, **made)  # type: ignore[arg-type]

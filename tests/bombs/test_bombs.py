@@ -1,0 +1,48 @@
+"""Files that are made to be dear stay within the budget of their kind: memory, processor time, no temporary disk."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.budgets import BUDGETS
+from tests.bombs.files import BOMBS
+
+ROOT = Path(__file__).resolve().parents[2]
+UNTESTED = {
+    "checkpoint": "needs torch; tests/training has it",
+    "about": "read by untrusted_json, as tests/test_untrusted_json.py has it",
+    "secret": "4,096 bytes are read, whatever there is",
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    command = [sys.executable, "-P", "-m", "tests.bombs.run", str(tmp_path_factory.mktemp("bombs"))]
+    environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return {found["name"]: found for found in map(json.loads, done.stdout.splitlines())}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_bomb_is_refused_within_its_budget(results, name):
+    found = results[name]
+    budget = BUDGETS[found["kind"]]
+    assert found["outcome"].partition(":")[0].endswith("Error"), found
+    assert not found["outcome"].startswith(("foreign", "ended")), found
+    assert found["cpu_s"] <= budget.cpu_s, found
+    assert found["memory_mib"] <= budget.memory_mib, found
+
+
+def test_every_kind_of_file_has_a_bomb_or_a_reason():
+    assert {kind for kind, _, _ in BOMBS.values()} | set(UNTESTED) == set(BUDGETS)
+
+
+def test_the_documentation_states_the_budgets():
+    text = (ROOT / "docs" / "robustness.md").read_text()
+    for budget in BUDGETS.values():
+        size = "any" if budget.size_mib is None else f"{budget.size_mib:g} MiB" if budget.size_mib >= 1 else "4 KiB"
+        assert f"| {budget.files} | {size} | {budget.memory_mib} MiB | {budget.cpu_s} s | none |" in text
