@@ -12,6 +12,7 @@ from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SourceError
+from lidarcodec.sources.unit_calibration import warn_if_generic
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +28,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
         with progress("decoding", frames) as tick, stoppable() as stopped:
             for frame in islice(recorded, skip, None if frames is None else skip + frames):
                 output = output or open_output(out)
+                warn_if_generic(frame.sensor, str(recording))
                 output.write(frame)
                 count, points = count + 1, points + frame.points
                 tick()
