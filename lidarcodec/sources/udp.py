@@ -205,5 +205,7 @@ class UdpSource(PacketSource):
             "sender changes": judge.changes,
             "other sensor": judge.other,
         }
-        self.counts.update({cause: count - self.counts[cause] for cause, count in found.items() if count})
+        for cause, count in found.items():  # set, not added: `close` may do this in another thread at the same time
+            if count:
+                self.counts[cause] = count
         self._senders.look(judge, self.counts)

@@ -1,12 +1,12 @@
 """Notices: warnings of what a live source refuses, one for each cause, and again when its count is ten times as high.
 
 >>> notices = Notices("UDP 0.0.0.0 port 2368", lambda text: print(text))
->>> notices.tell("stranger", 3, "{count} packets from 192.0.2.7 were refused", now_s=0.0)
->>> notices.tell("stranger", 900, "{count} packets from 192.0.2.7 were refused", now_s=1.5)
-UDP 0.0.0.0 port 2368: 900 packets from 192.0.2.7 were refused
->>> notices.tell("stranger", 901, "{count} packets from 192.0.2.7 were refused", now_s=2.5)
+>>> notices.tell("stranger", 3, "refused {packets} from 192.0.2.7", now_s=0.0)
+>>> notices.tell("stranger", 900, "refused {packets} from 192.0.2.7", now_s=1.5)
+UDP 0.0.0.0 port 2368: refused 900 packets from 192.0.2.7
+>>> notices.tell("stranger", 901, "refused {packets} from 192.0.2.7", now_s=2.5)
 >>> notices.close()
-UDP 0.0.0.0 port 2368: 901 packets from 192.0.2.7 were refused
+UDP 0.0.0.0 port 2368: refused 901 packets from 192.0.2.7
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Notices:
         self._causes: dict[str, _Cause] = {}
 
     def tell(self, cause: str, count: int, text: str, now_s: float) -> None:
-        """This cause stands at `count`; `text` says what that means, with `{count}` in it."""
+        """This cause stands at `count`; `text` says what that means, with `{packets}` in it."""
         if not count:
             return
         known = self._causes.get(cause)
@@ -42,13 +42,14 @@ class Notices:
 
     def close(self) -> None:
         """Say the last counts that were not said yet."""
-        for cause in self._causes.values():
+        for cause in list(self._causes.values()):
             if cause.count > cause.said:
                 self._tell(cause)
 
     def _tell(self, cause: _Cause) -> None:
         cause.said = cause.count
-        self._say(f"{self._label}: {cause.text.format(count=f'{cause.count:,}')}")
+        packets = "one packet" if cause.count == 1 else f"{cause.count:,} packets"
+        self._say(f"{self._label}: {cause.text.format(packets=packets)}")
 
 
 class _Cause:

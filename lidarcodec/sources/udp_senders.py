@@ -37,18 +37,16 @@ class Senders:
         if judge.chosen != self._chosen:
             self._changed(judge, places.get(judge.chosen, "a sender that is gone"))
         if judge.not_pinned:
-            text = (
-                f"{{count}} packets from {_place(*judge.last_not_pinned)} or others were refused: ?src={self._pinned}"
-            )
+            text = f"refused {{packets}} from {_place(*judge.last_not_pinned)} or others: ?src={self._pinned}"
             self._notices.tell("not pinned", judge.not_pinned, f"{text} asks for that sender only", now_s)
         if self._any:
-            self._mixed(judge, places, now_s)
+            self._mixed(judge, now_s)
         else:
             self._strangers(judge, places, now_s)
             self._ambiguous(judge, places, now_s)
         for cause, text in (
-            ("wrong length", "{count} packets were refused: a packet of an HDL-64E has 1206 bytes"),
-            ("other sensor", "{count} packets of another sensor were refused: only the HDL-64E is supported"),
+            ("wrong length", "refused {packets}: a packet of an HDL-64E has 1206 bytes"),
+            ("other sensor", "refused {packets} of another sensor: only the HDL-64E is supported"),
         ):
             self._notices.tell(cause, counts.get(cause, 0), text, now_s)
 
@@ -80,8 +78,8 @@ class Senders:
         most = sorted((-count, sender) for sender, _, _, count, _ in judge.report() if count and sender != self._chosen)
         names = " and ".join(places[sender] for _, sender in most[:SHOWN])
         more = f" and {len(most) - SHOWN} others" if len(most) > SHOWN else ""
-        why = f"from {names}{more} were refused" if names else "were refused before this was known"
-        text = f"{{count}} packets {why}: the sensor is taken to be {self._place}"
+        which = f"from {names}{more}" if names else "before this was known"
+        text = f"refused {{packets}} {which}: the sensor is taken to be {self._place}"
         self._notices.tell("strangers", refused, f"{text}; ?src=ADDRESS names it, ?any=1 takes all", now_s)
 
     def _ambiguous(self, judge: SenderJudge, places: Mapping[int, str], now_s: float) -> None:
@@ -93,13 +91,13 @@ class Senders:
                 continue
             text = (
                 f"two senders look like a sensor, {self._place} and {places[sender]}: the first is taken, and "
-                "{count} packets of the other were refused; name the right one with ?src=ADDRESS"
+                "{packets} of the other refused; name the right one with ?src=ADDRESS"
             )
             self._notices.tell(f"rival {self._place} {places[sender]}", refused, text, now_s)
 
-    def _mixed(self, judge: SenderJudge, places: Mapping[int, str], now_s: float) -> None:
+    def _mixed(self, judge: SenderJudge, now_s: float) -> None:
         others = sum(kept for sender, _, kept, *_ in judge.report() if sender != judge.chosen)
-        text = f"{{count}} packets of {len(places)} senders are mixed into one stream, as ?any=1 asks"
+        text = "mixed {packets} of others into one stream, as ?any=1 asks"
         self._notices.tell("mixed", others, text, now_s)
 
 

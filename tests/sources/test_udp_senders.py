@@ -269,7 +269,7 @@ def test_packets_of_all_senders_are_mixed_only_where_that_is_asked_for_and_said(
         with Sender("127.0.0.2", port) as second, Sender("127.0.0.1", port) as first:
             first.send(100, second)
         assert len(drain(source)) == 200
-    assert "100 packets of 2 senders are mixed into one stream, as ?any=1 asks" in caplog.text
+    assert "mixed 100 packets of others into one stream, as ?any=1 asks" in caplog.text
 
 
 def test_another_sender_is_not_given_the_calibration_of_the_one_before(caplog):
@@ -290,7 +290,7 @@ def test_notices_are_bounded():
     notices = Notices("here", said.append)
     for now in range(2000):
         for cause in range(50):
-            notices.tell(str(cause), now + 1, "{count} of these", float(now))
+            notices.tell(str(cause), now + 1, "{packets}", float(now))
     assert len(said) == MAX_CAUSES * 4  # at 2, 20, 200 and 2,000
     notices.close()
     assert len(said) == MAX_CAUSES * 4
