@@ -9,13 +9,17 @@ endif
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMPS := $(VENV)/.stamps
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -c constraints.txt
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input
+# What is downloaded has a hash in requirements/ (tools/lock.py writes them), or is not installed.
+LOCKED := $(PIP) --require-hashes -r requirements
 # The package is used from this folder: the native module is built into it, so that an edit is seen at once.
-EDITABLE := --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
+EDITABLE := --no-deps --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
 NATIVE := build/native/.built
 WEB := $(STAMPS)/web
-# By the lock file, as it is. `npm ci` refuses one in which builds for other systems are missing, and a registry may lack those.
-NPM_INSTALL := npm install --no-save --silent
+# By the lock file, with the hashes in it. `npm ci` refuses that of the page, in which Biome's builds for other systems are
+# missing: not every registry has them, and their hashes cannot be written without them.
+NPM_INSTALL := npm install --no-save --ignore-scripts --silent
+NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
 # Tests wait for each other's processes more than they compute: on two cores three at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
@@ -95,35 +99,36 @@ clean: ## remove the environment and every build
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
 
-$(STAMPS)/build: constraints.txt
+$(STAMPS)/build: requirements/build.txt
 	@sh tools/check-system.sh
 	@echo "Setting up $(VENV) (once) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(PIP) scikit-build-core nanobind cmake ninja
+	@$(LOCKED)/build.txt
 	@rm -rf build/native
 	@mkdir -p $(STAMPS) && touch $@
 
-$(STAMPS)/base: $(STAMPS)/build pyproject.toml
+$(STAMPS)/base: $(STAMPS)/build pyproject.toml requirements/base.txt
 	@echo "Installing what lidarcodec needs ..."
+	@$(LOCKED)/base.txt
 	@$(PIP) $(EDITABLE) -e .
 	@touch $@
 
-$(STAMPS)/server: $(STAMPS)/base
+$(STAMPS)/server: $(STAMPS)/base requirements/server.txt
 	@echo "Installing what its server needs ..."
-	@$(PIP) $(EDITABLE) -e '.[server]'
+	@$(LOCKED)/server.txt
 	@touch $@
 
-$(STAMPS)/dev: $(STAMPS)/base
+$(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt
 	@echo "Installing what its tests need ..."
-	@$(PIP) $(EDITABLE) -e '.[dev]'
-	@$(PIP) 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (README says where it is): tests of training are skipped"
+	@$(LOCKED)/dev.txt
+	@$(PIP) -c constraints.txt 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (README says where it is): tests of training are skipped"
 	@touch $@
 
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.
 $(WEB): $(STAMPS)/build clients/web/package-lock.json clients/typescript/package-lock.json
 	@if command -v npm >/dev/null; then echo "Installing what the tests of the page and of the TypeScript decoder need ..."; \
-	  for folder in clients/web clients/typescript; do \
-	    (cd $$folder && $(NPM_INSTALL)) || echo "npm could not: tests of the sources of $$folder are skipped"; done; fi
+	  (cd clients/web && $(NPM_INSTALL)) || echo "npm could not: tests of the sources of clients/web are skipped"; \
+	  (cd clients/typescript && $(NPM_CI)) || echo "npm could not: tests of clients/typescript are skipped"; fi
 	@touch $@
 
 $(NATIVE): $(STAMPS)/build $(NATIVE_SOURCES)

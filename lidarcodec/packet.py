@@ -14,3 +14,9 @@ class Packet(NamedTuple):
 
     payload: bytes
     stamp_ns: int
+
+
+class FirstPacket(Packet):
+    """The first packet of another sender than the one before: no frame holds packets of both."""
+
+    __slots__ = ()

@@ -138,7 +138,7 @@ class FrameFeed:
         with self._lock:
             self.frames = frame.index + 1
             if self._wanted_framing != self._framing or self.source.sensor is not self._assembler.sensor:
-                lost = self._framing == "revolution"
+                lost = self._assembler.waiting > 0
                 self._renew()
         if self._recorder is not None and self._record_as == "lossless":
             self._recorder.frame(frame)

@@ -10,7 +10,7 @@ from lidarcodec import _native
 from lidarcodec.assembly.continuity import count_discontinuities
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
-from lidarcodec.packet import Packet
+from lidarcodec.packet import FirstPacket, Packet
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import settings_from
 from lidarcodec.side import SideInfo
@@ -21,7 +21,7 @@ class Assembler:
     """Cuts a stream of packets into frames. Pure: no clock, no I/O.
 
     framing: `packets` (348 a frame), `packets:N`, or `revolution` (a new frame begins with the first packet that begins
-    behind the wrap of the azimuth, or after 2048 packets without one).
+    behind the wrap of the azimuth, or after 2048 packets without one). A FirstPacket always begins a frame.
     counts: packets, frames, and what was not as it should be: `irregular blocks` (unknown flag or azimuth, kept as they
     are), `lost packets`, `repeated packets`, `time jumps` (as the packets' own clock tells).
     """
@@ -45,15 +45,20 @@ class Assembler:
         payload = packet.payload
         if len(payload) != PACKET_BYTES:
             raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {len(payload)}")
-        frame = None
+        frame = self._begin_anew() if isinstance(packet, FirstPacket) else None
         if self._frame_packets is None and self._ends_before(payload):
-            frame = self.flush()
+            frame = self.flush() or frame
         if payload == self._last_payload:
             self.counts["repeated packets"] += 1
         self._last_payload = payload
         self._payloads.append(payload)
         self._stamps.append(packet.stamp_ns)
-        return self.flush() if len(self._payloads) == self._frame_packets else frame
+        return self.flush() if len(self._payloads) == self._frame_packets else frame  # never two: then none waited
+
+    @property
+    def waiting(self) -> int:
+        """Packets that wait for the rest of their frame."""
+        return len(self._payloads)
 
     def flush(self) -> Frame | None:
         """The frame of the packets that are waiting; None if there are none."""
@@ -74,6 +79,12 @@ class Assembler:
         return Frame(
             self._index - 1, int(stamps[0]), range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side
         )
+
+    def _begin_anew(self) -> Frame | None:
+        """Another sender: the frame of the one before, and nothing of it is compared with what comes."""
+        frame = self.flush()
+        self._last_azimuth, self._last_payload, self._last_gps = -1, b"", None
+        return frame
 
     def _ends_before(self, payload: bytes) -> bool:
         """Whether a revolution ends before this packet."""

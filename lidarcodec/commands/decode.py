@@ -15,6 +15,7 @@ from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.errors import SourceError
+from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.whole_files import whole
 
 log = logging.getLogger(__name__)
@@ -43,6 +44,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
             )
         with _opened(out, output.beside) as writer:
             for frame in chain((first,), chosen):
+                warn_if_generic(frame.sensor, str(recording))
                 writer.write(frame)
                 count, points = count + 1, points + frame.points
                 tick()

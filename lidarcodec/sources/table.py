@@ -19,6 +19,7 @@ from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.poses import Poses, read_poses
 from lidarcodec.sources.spec import Spec, parse
+from lidarcodec.sources.unit_calibration import warn_if_generic
 
 TABLE: dict[str, str] = {
     "udp": "lidarcodec.sources.udp:UdpSource",
@@ -55,7 +56,7 @@ def open_source(
 ) -> PacketSource:
     """The source that a path, `udp://HOST:PORT` or `sim:SCENE?...` names, opened.
 
-    calibration: a db.xml or ROS yaml; else what is found beside it, in the stream, or a generic one
+    calibration: a db.xml or ROS yaml; else what is found beside it, in the stream, or a generic one, with a warning
     poses:       a file of poses for `source.poses`
     realtime:    packets come at the sensor's own pace times `speed`, again and again with `loop`, stamped with the time
                  of now with `restamp`
@@ -65,6 +66,7 @@ def open_source(
     kind = kind_of(parsed)
     source = _class(kind).from_spec(parsed, calibration)
     try:
+        warn_if_generic(source.sensor, parsed.text if not source.live else source.label, live=source.live)
         source.sensor = source.sensor.with_convention(convention)
         if poses is not None:
             source.poses = _poses(Path(poses), source)

@@ -12,18 +12,19 @@ import os
 import time
 from collections import deque
 from collections.abc import Iterator
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 
 from lidarcodec import _native
-from lidarcodec.errors import PacketError, SourceError
-from lidarcodec.packet import Packet
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import FirstPacket, Packet
 from lidarcodec.sensors import find_calibration, identify
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
+from lidarcodec.sources.udp_senders import Senders
 from lidarcodec.sources.udp_socket import open_socket
+from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.units import DATA_PORT, PACKET_BYTES
 
 logger = logging.getLogger(__name__)
@@ -40,10 +41,12 @@ WAIT_S: Final = 2.0
 
 
 class UdpSource(PacketSource):
-    """Packets of one sensor at an address of this machine; the first HDL-64E that sends is the one.
+    """Packets of one sensor at an address of this machine: the sender whose packets hang together as a sensor's do.
 
-    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `wrong length`, `position packets`,
-    `other sensor`.
+    A sender is an address and a port. It is chosen by what it sent within 0.2 s, and another takes its place when it
+    falls silent or when its packets do not hang together and those of the other do; a FirstPacket comes first then.
+    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length`,
+    `position packets`, `other sensor`.
     """
 
     def __init__(
@@ -73,13 +76,15 @@ class UdpSource(PacketSource):
         sock = open_socket(host, port, interface=interface, share=share)
         with sock:
             self.address: tuple[str, int] = sock.getsockname()[:2]
-            self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS)  # on a copy of the socket
+            pinned = b"" if wanted is None else wanted.packed
+            self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS, pinned, any_sender)  # a copy of it
         self.label = f"UDP {self.address[0]} port {self.address[1]}"
         self._idle_s, self._any = idle_s, any_sender
-        self._wanted = None if wanted is None else wanted.packed
-        self._sender: int | None = None
-        self._refused: PacketError | None = None
-        self._other = self._strangers = 0
+        self._senders = Senders(self.label, str(wanted or ""), any_sender)
+        self._look_s = 0.0
+        self._sender = 0
+        self._searches = calibration is None
+        self._opened = False
         self._held: deque[Packet] = deque()
         self._table = table = TableSearch() if calibration is None else None
         if table is not None:
@@ -88,6 +93,7 @@ class UdpSource(PacketSource):
             except BaseException:
                 self.close()
                 raise
+        self._opened = True
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
@@ -124,6 +130,8 @@ class UdpSource(PacketSource):
                 while self._held and not self.closed:
                     yield self._held.popleft()
                 heard = time.monotonic()
+            elif self._receiver.holding():
+                heard = time.monotonic()
             elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
                 logger.info("%s: nothing for %g s", self.label, self._idle_s)
                 return
@@ -132,6 +140,8 @@ class UdpSource(PacketSource):
         """Close the socket; ends a `packets` that waits, from any thread."""
         super().close()
         self._receiver.stop()
+        self._count()
+        self._senders.close()
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
         """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
@@ -147,57 +157,55 @@ class UdpSource(PacketSource):
         Raises PacketError, SourceError.
         """
         payloads, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
-        held, locked = self._held, -1 if self._sender is None else self._sender
-        for number, stamp_ns in enumerate(stamps_ns.tolist()):
+        held = self._held
+        for number, (stamp_ns, sender) in enumerate(zip(stamps_ns.tolist(), senders.tolist(), strict=True)):
             payload = payloads[number * PACKET_BYTES : (number + 1) * PACKET_BYTES]
-            if senders[number] != locked:
-                if not self._accept(senders[number], payload):
-                    continue
-                locked = -1 if self._sender is None else self._sender
+            kind = Packet
+            if sender != self._sender:
+                if self._sender and not self._any:
+                    kind = FirstPacket
+                    self._forget()
+                self._sender = sender
             if self._table is not None and not self._table.push(payload):
                 self._learn(self._table)
-            held.append(Packet(payload, stamp_ns))
-        self._count()
-        if self._refused is not None and self._sender is None:
-            raise self._refused
+            held.append(kind(payload, stamp_ns))
+        if (now_s := time.monotonic()) - self._look_s >= TAKE_S:
+            self._look_s = now_s
+            self._count()
+        if not self._sender and self.counts["other sensor"] >= REFUSED_PACKETS:
+            identify(self._receiver.foreign())  # raises
         if self._receiver.failure() and not self.closed:
             raise SourceError(f"{self.label}: {os.strerror(self._receiver.failure())}")
 
-    def _accept(self, sender: int, payload: bytes) -> bool:
-        """Whether to take a packet that is not from the sender locked on; locks on to the first HDL-64E."""
-        address = self._receiver.sender(sender)
-        if (self._wanted is not None and address != self._wanted) or (self._sender is not None and not self._any):
-            self._strangers += 1
-            return False
-        if self._sender is None:
-            try:
-                identify(payload)
-            except PacketError as error:
-                self._other += 1
-                if self._other >= REFUSED_PACKETS:
-                    self._refused = error
-                return False
-            self._sender = sender
-            if not self._any:
-                self._receiver.only(sender)
-            logger.info("%s: packets from %s", self.label, ip_address(address))
-        return True
+    def _forget(self) -> None:
+        """Another sender: what was learned of the one before is not true of it."""
+        if self._searches:
+            self._table = TableSearch()
+            self.sensor = find_calibration(None, None, ()).with_convention(self.sensor.convention)
+            warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
 
     def _learn(self, table: TableSearch) -> None:
         """The search is over; what was found late replaces the generic calibration."""
         self._table = None
         if table.sensor is not None:
+            late = self._opened
             self.sensor = table.sensor.with_convention(self.sensor.convention)
-            logger.info("%s: calibration %s from the sensor's status bytes", self.label, self.sensor.hash)
+            text = "%s: calibration %s from the sensor's status bytes is used from now on"
+            logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
 
     def _count(self) -> None:
-        kernel, queue, wrong, position, strangers = self._receiver.counts()
+        kernel, queue, wrong, position = self._receiver.counts()
+        judge = self._receiver.senders()
         found = {
             "kernel drops": kernel,
             "queue drops": queue,
             "wrong length": wrong,
             "position packets": position,
-            "strangers": strangers + self._strangers,
-            "other sensor": self._other,
+            "strangers": judge.refused,
+            "sender changes": judge.changes,
+            "other sensor": judge.other,
         }
-        self.counts.update({cause: count - self.counts[cause] for cause, count in found.items() if count})
+        for cause, count in found.items():  # set, not added: `close` may do this in another thread at the same time
+            if count:
+                self.counts[cause] = count
+        self._senders.look(judge, self.counts)

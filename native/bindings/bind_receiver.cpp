@@ -1,15 +1,82 @@
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "bindings.hpp"
+#include "error.hpp"
 #include "udp_receiver.hpp"
 
 namespace lc = lidarcodec;
 
+namespace {
+
+nb::tuple place_of(const lc::SenderAddress& a) {
+  return nb::make_tuple(give_bytes(std::vector<std::uint8_t>(a.bytes.begin(), a.bytes.begin() + a.size)), a.port);
+}
+
+std::span<const std::uint8_t> bytes_of(const nb::bytes& b) {
+  return {static_cast<const std::uint8_t*>(b.data()), b.size()};
+}
+
+}  // namespace
+
 void bind_receiver(nb::module_& m) {
+  nb::enum_<lc::SenderVerdict>(m, "SenderVerdict", "What is done with a packet.")
+      .value("KEEP", lc::SenderVerdict::Keep)
+      .value("HOLD", lc::SenderVerdict::Hold)
+      .value("REFUSE", lc::SenderVerdict::Refuse)
+      .value("OTHER_SENSOR", lc::SenderVerdict::OtherSensor);
+  nb::enum_<lc::SenderReason>(m, "SenderReason", "Why a sender was chosen.")
+      .value("NONE", lc::SenderReason::None)
+      .value("FIRST", lc::SenderReason::First)
+      .value("SILENT", lc::SenderReason::Silent)
+      .value("IMPLAUSIBLE", lc::SenderReason::Implausible);
+  nb::class_<lc::SenderJudge>(m, "SenderJudge", "Which of those that send is the sensor, by what each sent lately.")
+      .def("__init__",
+           [](lc::SenderJudge* self, const nb::bytes& pinned, bool all) {
+             new (self) lc::SenderJudge(bytes_of(pinned), all);
+           },
+           nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
+      .def(
+          "judge",
+          [](lc::SenderJudge& judge, const nb::bytes& payload, const nb::bytes& address, std::uint16_t port,
+             std::int64_t now_ns) {
+            lc::SenderAddress from;
+            if (payload.size() != lc::kDatagramBytes || address.size() > from.bytes.size() || now_ns < 0)
+              throw lc::Error(lc::ErrorCode::Packet, "a packet of 1206 bytes from an address of 16 at most");
+            const auto bytes = bytes_of(address);
+            std::copy(bytes.begin(), bytes.end(), from.bytes.begin());
+            from.size = static_cast<std::uint8_t>(bytes.size());
+            from.port = port;
+            std::uint32_t id = 0;
+            return judge.judge(bytes_of(payload).data(), from, now_ns, id);
+          },
+          nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"), "What to do with a packet.")
+      .def("settle", &lc::SenderJudge::settle, nb::arg("now_ns"), "Choose, if the time for it has come.")
+      .def_prop_ro("chosen", &lc::SenderJudge::chosen, "Id of the sender, 0 while there is none.")
+      .def_prop_ro("reason", &lc::SenderJudge::reason, "Why it was chosen.")
+      .def_prop_ro("changes", &lc::SenderJudge::changes, "How often another sender took its place.")
+      .def_prop_ro("refused", &lc::SenderJudge::refused, "Packets of others.")
+      .def_prop_ro("other", &lc::SenderJudge::other, "Packets of other sensors, before there was a choice.")
+      .def_prop_ro("not_pinned", &lc::SenderJudge::not_pinned, "Packets of other addresses than the pinned one.")
+      .def_prop_ro("last_not_pinned", [](const lc::SenderJudge& j) { return place_of(j.last_not_pinned()); },
+                   "Address and port of the last of them.")
+      .def("report",
+           [](const lc::SenderJudge& judge) {
+             nb::list found;
+             for (const lc::SenderReport& r : judge.report()) {
+               found.append(nb::make_tuple(r.id, place_of(r.address), r.kept, r.refused, r.score));
+             }
+             return found;
+           },
+           "Of each sender: id, (address, port), packets kept, packets refused, score from 0 to 300.");
   nb::class_<lc::UdpReceiver>(m, "UdpReceiver",
                               "A thread that takes 1206-byte datagrams from a socket into a bounded ring.")
-      .def(nb::init<int, std::size_t>(), nb::arg("fd"), nb::arg("capacity"))
+      .def("__init__",
+           [](lc::UdpReceiver* self, int fd, std::size_t capacity, const nb::bytes& pinned, bool all) {
+             new (self) lc::UdpReceiver(fd, capacity, bytes_of(pinned), all);
+           },
+           nb::arg("fd"), nb::arg("capacity"), nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
       .def(
           "take",
           [](lc::UdpReceiver& receiver, std::size_t most, double limit_s) {
@@ -20,21 +87,22 @@ void bind_receiver(nb::module_& m) {
               nb::gil_scoped_release release;
               b = receiver.take(most, limit);
             }
-            return nb::make_tuple(give_bytes(b.payloads), give(std::move(b.stamps_ns), {b.senders.size()}),
-                                  give_bytes(b.senders));
+            const std::size_t n = b.senders.size();
+            return nb::make_tuple(give_bytes(b.payloads), give(std::move(b.stamps_ns), {n}),
+                                  give(std::move(b.senders), {n}));
           },
           nb::arg("most"), nb::arg("limit_s"),
-          "Payloads (n x 1206 bytes), kernel times int64(n) and numbers of the senders (n bytes), in order.")
-      .def("only", &lc::UdpReceiver::only, nb::arg("sender"), "Keep packets of this sender and count the others.")
-      .def(
-          "sender", [](const lc::UdpReceiver& r, std::size_t number) { return give_bytes(r.sender(number)); },
-          nb::arg("number"), "Address of a sender, 4 or 16 bytes.")
+          "Payloads (n x 1206 bytes), kernel times int64(n) and ids of the senders uint32(n), in order.")
+      .def("senders", &lc::UdpReceiver::senders, "A copy of what is known of those who send.")
+      .def("holding", &lc::UdpReceiver::holding, "Whether packets wait for a choice of their sender.")
+      .def("foreign", [](const lc::UdpReceiver& r) { return give_bytes(r.foreign()); },
+           "The last packet of another sensor; empty if there was none.")
       .def("counts",
            [](const lc::UdpReceiver& r) {
              const lc::ReceiverCounts c = r.counts();
-             return nb::make_tuple(c.kernel_drops, c.queue_drops, c.wrong_length, c.position, c.strangers);
+             return nb::make_tuple(c.kernel_drops, c.queue_drops, c.wrong_length, c.position);
            },
-           "Kernel drops, queue drops, wrong lengths, position packets, packets of strangers.")
+           "Kernel drops, queue drops, wrong lengths, position packets.")
       .def("failure", &lc::UdpReceiver::failure, "The errno that ended it, or 0.")
       .def("stop", &lc::UdpReceiver::stop, nb::call_guard<nb::gil_scoped_release>(),
            "End the thread and every take that waits.");

@@ -36,6 +36,8 @@ std::int64_t now_ns() {
   return nanoseconds(t);
 }
 
+std::int64_t steady_ns() { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); }
+
 }  // namespace
 
 // What recvmmsg writes to; one for the life of the thread.
@@ -64,12 +66,12 @@ struct UdpReceiver::Buffers {
   }
 };
 
-UdpReceiver::UdpReceiver(int fd, std::size_t capacity) : capacity_(capacity) {
+UdpReceiver::UdpReceiver(int fd, std::size_t capacity, std::span<const std::uint8_t> pinned, bool all)
+    : capacity_(capacity), judge_(pinned, all) {
   if (capacity < 1 || capacity > kMaxRing) throw Error(ErrorCode::Settings, "a receiver holds 1 to 1048576 packets");
   payloads_ = std::make_unique_for_overwrite<std::uint8_t[]>(capacity * kDatagramBytes);
   stamps_ns_.resize(capacity);
   from_.resize(capacity);
-  senders_.reserve(kMaxSenders);
   socket_ = dup(fd);
   wake_ = eventfd(0, EFD_CLOEXEC);
   if (socket_ < 0 || wake_ < 0) {
@@ -109,12 +111,23 @@ void UdpReceiver::stop() {
 ReceivedBatch UdpReceiver::take(std::size_t most, std::chrono::nanoseconds limit) {
   std::unique_lock lock(ring_);
   const auto ended = [this] { return stopping_ || failure_ != 0; };
-  arrived_.wait_for(lock, limit, [&] { return count_ > 0 || ended(); });
+  const std::int64_t end_ns = steady_ns() + limit.count();
+  while ((count_ == 0 || !released_) && !ended()) {
+    const std::int64_t now = steady_ns();
+    if (count_ > 0 && judge_.settle(now)) {
+      release();
+    } else if (now >= end_ns) {
+      return {};
+    } else {
+      const std::int64_t until_ns = count_ > 0 ? std::min(end_ns, judge_.decide_ns()) : end_ns;
+      arrived_.wait_for(lock, std::chrono::nanoseconds(until_ns - now));
+    }
+  }
   if (count_ > 0 && count_ < kCompany) {
     arrived_.wait_for(lock, kCompanyTime, [&] { return count_ >= kCompany || ended(); });
   }
   ReceivedBatch batch;
-  if (stopping_) return batch;
+  if (stopping_ || !released_) return batch;
   const std::size_t n = std::min(most, count_);
   batch.payloads.resize(n * kDatagramBytes);
   batch.stamps_ns.resize(n);
@@ -130,11 +143,19 @@ ReceivedBatch UdpReceiver::take(std::size_t most, std::chrono::nanoseconds limit
   return batch;
 }
 
-std::vector<std::uint8_t> UdpReceiver::sender(std::size_t number) const {
+SenderJudge UdpReceiver::senders() const {
   const std::lock_guard lock(ring_);
-  if (number >= senders_.size()) return {};
-  const Address& a = senders_[number];
-  return {a.bytes.begin(), a.bytes.begin() + a.size};
+  return judge_;
+}
+
+bool UdpReceiver::holding() const {
+  const std::lock_guard lock(ring_);
+  return count_ > 0 && !released_;
+}
+
+std::vector<std::uint8_t> UdpReceiver::foreign() const {
+  const std::lock_guard lock(ring_);
+  return foreign_;
 }
 
 ReceiverCounts UdpReceiver::counts() const {
@@ -169,6 +190,7 @@ bool UdpReceiver::drain(Buffers& buffers) {
     }
     const std::lock_guard lock(ring_);
     const bool was_empty = count_ == 0;
+    const std::int64_t now = steady_ns();
     for (std::size_t k = 0; k < static_cast<std::size_t>(n); ++k) {
       msghdr& m = buffers.messages[k].msg_hdr;
       std::int64_t stamp_ns = 0;
@@ -191,17 +213,21 @@ bool UdpReceiver::drain(Buffers& buffers) {
         ++(position ? counts_.position : counts_.wrong_length);
         continue;
       }
-      Address from;
+      SenderAddress from;
       if (m.msg_namelen >= sizeof(sockaddr_in6) && buffers.from[k].ss_family == AF_INET6) {
-        const auto& a = reinterpret_cast<const sockaddr_in6&>(buffers.from[k]).sin6_addr;
+        const auto& whole = reinterpret_cast<const sockaddr_in6&>(buffers.from[k]);
+        const auto& a = whole.sin6_addr;
+        from.port = ntohs(whole.sin6_port);
         const bool mapped = IN6_IS_ADDR_V4MAPPED(&a);
         from.size = mapped ? 4 : 16;
         std::memcpy(from.bytes.data(), a.s6_addr + (mapped ? 12 : 0), from.size);
       } else if (m.msg_namelen >= sizeof(sockaddr_in) && buffers.from[k].ss_family == AF_INET) {
         from.size = 4;
-        std::memcpy(from.bytes.data(), &reinterpret_cast<const sockaddr_in&>(buffers.from[k]).sin_addr, 4);
+        const auto& whole = reinterpret_cast<const sockaddr_in&>(buffers.from[k]);
+        from.port = ntohs(whole.sin_port);
+        std::memcpy(from.bytes.data(), &whole.sin_addr, 4);
       }
-      keep(buffers.data[k].data(), stamp_ns != 0 ? stamp_ns : now_ns(), from);
+      keep(buffers.data[k].data(), stamp_ns != 0 ? stamp_ns : now_ns(), from, now);
     }
     if ((was_empty && count_ > 0) || count_ >= kCompany) arrived_.notify_all();
     if (static_cast<std::size_t>(n) < kBatch) return true;
@@ -210,12 +236,13 @@ bool UdpReceiver::drain(Buffers& buffers) {
 }
 
 // Called with the ring locked.
-void UdpReceiver::keep(const std::uint8_t* payload, std::int64_t stamp_ns, const Address& from) {
-  auto known = std::find(senders_.begin(), senders_.end(), from);
-  if (known == senders_.end() && senders_.size() < kMaxSenders) known = senders_.insert(known, from);
-  const auto number = known - senders_.begin();
-  if (known == senders_.end() || (only_ >= 0 && number != only_)) {
-    ++counts_.strangers;
+void UdpReceiver::keep(const std::uint8_t* payload, std::int64_t stamp_ns, const SenderAddress& from,
+                       std::int64_t now_ns) {
+  std::uint32_t id = 0;
+  const SenderVerdict verdict = judge_.judge(payload, from, now_ns, id);
+  if (verdict == SenderVerdict::OtherSensor) foreign_.assign(payload, payload + kDatagramBytes);
+  if (verdict == SenderVerdict::OtherSensor || verdict == SenderVerdict::Refuse) {
+    if (judge_.chosen() != 0 && !released_) release();
     return;
   }
   if (stamp_ns < last_ns_ && last_ns_ - stamp_ns < kJitterNs) stamp_ns = last_ns_;
@@ -228,8 +255,29 @@ void UdpReceiver::keep(const std::uint8_t* payload, std::int64_t stamp_ns, const
   const std::size_t at = (first_ + count_) % capacity_;
   std::memcpy(payloads_.get() + at * kDatagramBytes, payload, kDatagramBytes);
   stamps_ns_[at] = stamp_ns;
-  from_[at] = static_cast<std::uint8_t>(number);
+  from_[at] = id;
   ++count_;
+  if (judge_.chosen() != 0 && !released_) release();
+}
+
+// A sender was chosen: of the packets that waited for it, keep its own. Called with the ring locked.
+void UdpReceiver::release() {
+  released_ = true;
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < count_; ++k) {
+    const std::size_t from = (first_ + k) % capacity_, to = (first_ + kept) % capacity_;
+    if (from_[from] != judge_.chosen() && !judge_.keeps_all()) {
+      judge_.drop(from_[from]);
+      continue;
+    }
+    if (to != from) {
+      std::memcpy(payloads_.get() + to * kDatagramBytes, payloads_.get() + from * kDatagramBytes, kDatagramBytes);
+      stamps_ns_[to] = stamps_ns_[from];
+      from_[to] = from_[from];
+    }
+    ++kept;
+  }
+  count_ = kept;
 }
 
 }  // namespace lidarcodec

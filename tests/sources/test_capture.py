@@ -201,7 +201,8 @@ def test_every_prefix_of_a_capture_gives_what_is_whole(write, make, caplog):
         payloads, _, counts = read(path)
         assert payloads == PAYLOADS[:whole]
         assert counts == ({} if cut in sizes or cut > len(data) else {"truncated": 1})
-        assert len(caplog.records) == len([r for r in caplog.records if r.levelno < logging.WARNING]) + len(counts)
+        cut_short = [r for r in caplog.records if "no calibration of this unit" not in r.message]
+        assert len(cut_short) == len([r for r in cut_short if r.levelno < logging.WARNING]) + len(counts)
 
 
 @pytest.mark.parametrize("make", [c.pcap, c.pcapng])

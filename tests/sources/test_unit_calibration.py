@@ -1,0 +1,87 @@
+"""What a user loses if these fail: half a metre of accuracy, without a word, because no calibration was found."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import time
+
+import pytest
+
+from lidarcodec.sensors import generic_sensor, status_bytes, write_calibration
+from lidarcodec.sources import open_source, unit_calibration
+from lidarcodec.sources.unit_calibration import is_generic
+from tests.command_line import run
+from tests.sources import captures as c
+
+MEANS = "clouds can be off by up to about half a metre"
+
+
+@pytest.fixture(autouse=True)
+def _nothing_said(monkeypatch):
+    monkeypatch.setattr(unit_calibration, "_said", set())
+
+
+@pytest.fixture
+def capture(tmp_path):
+    path = tmp_path / "drive.pcap"
+    path.write_bytes(c.pcap(c.frame(c.payload(k)) for k in range(800)))
+    return path
+
+
+def test_a_capture_without_a_calibration_is_said_once_with_what_it_means(capture, caplog):
+    for _ in range(3):
+        open_source(capture).close()
+    (record,) = caplog.records
+    assert record.levelno == logging.WARNING
+    assert f"{capture}: no calibration of this unit" in record.message
+    assert MEANS in record.message
+    assert "give --calibration FILE" in record.message
+
+
+def test_a_calibration_that_is_given_or_beside_is_not_said(capture, caplog):
+    sensor = generic_sensor("HDL-64E S1")
+    given = capture.parent / "own.yaml"
+    write_calibration(sensor, given)
+    open_source(capture, calibration=given).close()
+    write_calibration(generic_sensor("HDL-64E S2.1"), capture.with_name("drive_db.xml"))
+    open_source("sim:city?frames=1").close()
+    assert not caplog.records
+
+
+def test_the_simulator_is_not_taken_for_a_generic_sensor():
+    with open_source("sim:city?frames=1") as source:
+        assert not is_generic(source.sensor)
+
+
+def test_commands_say_it_once_and_so_does_decoding_what_was_encoded(capture):
+    recording, cloud = capture.with_name("a.mcap"), capture.with_name("clouds")
+    for words in (
+        ("encode", str(capture), str(recording)),
+        ("decode", str(recording), str(cloud)),
+        ("verify", str(recording), str(capture)),
+        ("info", str(capture)),
+        ("bench", str(capture), "--codec", "raw"),
+        ("convert", str(capture), str(capture.with_name("b.mcap"))),
+    ):
+        done = run(*words)
+        assert done.stderr.count(MEANS) == 1, (words, done.stderr)
+
+
+def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):
+    rows = status_bytes(generic_sensor("HDL-64E S2.1"))
+    payloads = [c.payload(k)[:1204] + rows[k % len(rows)].tobytes() for k in range(len(rows) + 16)]
+    with (
+        open_source("udp://127.0.0.1:0?wait=0.01&idle=0.2") as source,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock,
+    ):
+        assert MEANS in caplog.text
+        assert "wait for the sensor's own table" in caplog.text
+        caplog.clear()
+        for number, payload in enumerate(payloads):
+            sock.sendto(payload, source.address)
+            if number % 50 == 0:
+                time.sleep(0.002)
+        assert len(list(source.packets())) == len(payloads)
+        assert source.sensor.origin == "stream"
+        assert f"calibration {source.sensor.hash} from the sensor's status bytes is used from now on" in caplog.text
