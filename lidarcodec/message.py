@@ -22,6 +22,7 @@ class SectionType(IntEnum):
     MOTION = 8
     WEIGHTS = 9
     POSE = 10
+    POSITION = 11
 
 
 class Section(NamedTuple):

@@ -26,15 +26,18 @@ from lidarcodec.settings import AUTO, StreamSettings
 
 
 def frames_of(packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets") -> Iterator[Frame]:
-    """Frames of a run of packets, the last, partial one included."""
+    """Frames of a run of packets, the last, partial one included.
+
+    A frame comes with the data packet behind it: position packets after the last one belong to the last frame.
+    """
     assembler = Assembler(sensor, framing)
+    held: Frame | None = None
     for packet in packets:
-        frame = assembler.push(packet)
-        if frame is not None:
-            yield frame
-    last = assembler.flush()
-    if last is not None:
-        yield last
+        if held is not None and not packet.position:
+            yield held
+            held = None
+        held = assembler.push(packet) or held
+    yield from assembler.flush_onto(held)
 
 
 def check(settings: StreamSettings) -> StreamSettings:
