@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from ipaddress import ip_address
 from pathlib import Path
@@ -18,9 +18,10 @@ from typing import Final
 
 from lidarcodec import _native
 from lidarcodec.errors import PacketError, SourceError
-from lidarcodec.packet import Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.sensors import find_calibration, identify
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.position_socket import listener_beside
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp_socket import open_socket
@@ -42,8 +43,8 @@ WAIT_S: Final = 2.0
 class UdpSource(PacketSource):
     """Packets of one sensor at an address of this machine; the first HDL-64E that sends is the one.
 
-    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `wrong length`, `position packets`,
-    `other sensor`.
+    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `wrong length`, `position packets`
+    (which are given), `position packets not kept` (that came to the port of data), `other sensor`.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class UdpSource(PacketSource):
         wait_s: float = WAIT_S,
         interface: str | None = None,
         share: bool = False,
+        position: int | None = None,
     ) -> None:
         """Listens at once.
 
@@ -65,6 +67,7 @@ class UdpSource(PacketSource):
         idle_s:     `packets` ends when none came for so long
         wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
                     one that comes later replaces `sensor` while packets are read
+        position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
         Raises SourceError if the address cannot be listened on, PacketError if another sensor sends there,
         CalibrationError.
         """
@@ -73,6 +76,7 @@ class UdpSource(PacketSource):
         sock = open_socket(host, port, interface=interface, share=share)
         with sock:
             self.address: tuple[str, int] = sock.getsockname()[:2]
+            self._positions = listener_beside(host, self.address[1], position, interface=interface, share=share)
             self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS)  # on a copy of the socket
         self.label = f"UDP {self.address[0]} port {self.address[1]}"
         self._idle_s, self._any = idle_s, any_sender
@@ -91,8 +95,8 @@ class UdpSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
-        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=` names."""
-        spec.only("src", "any", "idle", "wait", "interface", "share")
+        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=` names."""
+        spec.only("src", "any", "idle", "wait", "interface", "share", "position")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""
@@ -108,6 +112,7 @@ class UdpSource(PacketSource):
             wait_s=WAIT_S if (wait_s := spec.number("wait", 0.0, 60.0)) is None else wait_s,
             interface=spec.options.get("interface"),
             share=spec.flag("share"),
+            position=spec.position_port(),
         )
 
     def packets(self) -> Iterator[Packet]:
@@ -132,6 +137,8 @@ class UdpSource(PacketSource):
         """Close the socket; ends a `packets` that waits, from any thread."""
         super().close()
         self._receiver.stop()
+        if self._positions is not None:
+            self._positions.close()
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
         """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
@@ -147,7 +154,8 @@ class UdpSource(PacketSource):
         Raises PacketError, SourceError.
         """
         payloads, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
-        held, locked = self._held, -1 if self._sender is None else self._sender
+        came: list[Packet] = []
+        locked = -1 if self._sender is None else self._sender
         for number, stamp_ns in enumerate(stamps_ns.tolist()):
             payload = payloads[number * PACKET_BYTES : (number + 1) * PACKET_BYTES]
             if senders[number] != locked:
@@ -156,7 +164,11 @@ class UdpSource(PacketSource):
                 locked = -1 if self._sender is None else self._sender
             if self._table is not None and not self._table.push(payload):
                 self._learn(self._table)
-            held.append(Packet(payload, stamp_ns))
+            came.append(Packet(payload, stamp_ns))
+        if self._positions is not None:
+            sender = None if self._sender is None else self._receiver.sender(self._sender)
+            came = self._positions.among(came, sender, anybody=self._any)
+        self._held.extend(came)
         self._count()
         if self._refused is not None and self._sender is None:
             raise self._refused
@@ -192,12 +204,14 @@ class UdpSource(PacketSource):
 
     def _count(self) -> None:
         kernel, queue, wrong, position, strangers = self._receiver.counts()
+        beside = Counter[str]() if self._positions is None else self._positions.counts
         found = {
-            "kernel drops": kernel,
+            "kernel drops": kernel + beside["kernel drops"],
             "queue drops": queue,
-            "wrong length": wrong,
-            "position packets": position,
-            "strangers": strangers + self._strangers,
+            "wrong length": wrong + beside["wrong length"],
+            "position packets": beside["position packets"],
+            UNKEPT_POSITIONS: position,
+            "strangers": strangers + self._strangers + beside["strangers"],
             "other sensor": self._other,
         }
         self.counts.update({cause: count - self.counts[cause] for cause, count in found.items() if count})
