@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 from lidarcodec.commands.converted import Bag, Form, Output, Wanted, form_of, open_output
@@ -15,16 +14,15 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
-from lidarcodec.packet import Packet
+from lidarcodec.packet import Packet, part_of
 from lidarcodec.pipeline import check_offline
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import read_calibration, write_db_xml
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.units import FRAME_PACKETS
 from lidarcodec.whole_files import written_whole
-
-log = logging.getLogger(__name__)
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
 IN_THE_STREAM = ("generic", "stream")
@@ -64,37 +62,44 @@ def run(
         ):
             beside = _calibration_file(out, wanted.form, source.sensor, force)
             skipped = skip * FRAME_PACKETS
-            packets = islice(source.packets(), skipped, None if limit is None else skipped + limit)
+            packets = part_of(source.packets(), skipped, limit)
             first = next(packets, None)
             if first is None:
                 raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
             about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
             with _opened(out, wanted, source, about, force) as output:
-                count = _written(output, chain((first,), packets), tick, stopped)
+                count, positions = _written(output, chain((first,), packets), tick, stopped)
                 said = output.close()
             if beside is not None:
                 write_db_xml(source.sensor, beside)
     except _StoppedError:
         print(f"stopped: {out} was not written")
         return
-    _told(source)
+    say_unkept(source.label, source.counts)
     kept = "" if beside is None or beside.parent == out else f"; calibration in {beside}"
-    print(f"{out}: {count} packets, {count / FRAME_PACKETS:.1f} frames{'; ' * bool(said)}{said}{kept}")
+    more = f", {positions} position packets" * bool(positions and wanted.form != "rosbag")
+    print(f"{out}: {count} packets, {count / FRAME_PACKETS:.1f} frames{more}{'; ' * bool(said)}{said}{kept}")
 
 
-def _written(output: Output, packets: Iterable[Packet], tick: Callable[[], None], stopped: Callable[[], bool]) -> int:
-    """How many packets were written.
+def _written(
+    output: Output, packets: Iterable[Packet], tick: Callable[[], None], stopped: Callable[[], bool]
+) -> tuple[int, int]:
+    """How many data packets and position packets were written.
 
     Raises _StoppedError between two frames.
     """
-    count = 0
-    for count, packet in enumerate(packets, 1):
+    count = positions = 0
+    for packet in packets:
         output.write(packet)
+        if packet.position:
+            positions += 1
+            continue
+        count += 1
         if count % FRAME_PACKETS == 0:
             tick()
             if stopped():
                 raise _StoppedError
-    return count
+    return count, positions
 
 
 def _wanted(
@@ -184,10 +189,3 @@ def _folder_written_whole(out: Path, force: bool) -> Iterator[Path]:
             raise
     except OSError as error:
         raise SourceError(f"cannot write {out}: {error.strerror or error}") from None
-
-
-def _told(source: PacketSource) -> None:
-    """Say what was left out on the way."""
-    left = [f"{number} {what}" for what, number in source.counts.most_common() if number]
-    if left:
-        log.warning("%s: %s", source.label, ", ".join(left))

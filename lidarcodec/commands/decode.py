@@ -11,6 +11,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import positions_in, positions_text
 from lidarcodec.errors import SourceError
 
 log = logging.getLogger(__name__)
@@ -22,13 +23,14 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
     check_not_input(out, recording)
     recorded = RecordedFrames(recording)
     output: Opened | None = None
-    count = points = 0
+    count = points = positions = 0
     try:
         with progress("decoding", frames) as tick, stoppable() as stopped:
             for frame in islice(recorded, skip, None if frames is None else skip + frames):
                 output = output or open_output(out)
                 output.write(frame)
                 count, points = count + 1, points + frame.points
+                positions += positions_in(frame)
                 tick()
                 if stopped():
                     break
@@ -46,4 +48,4 @@ def run(recording: Path, out: Path, frames: int | None, skip: int) -> None:
         raise SourceError(
             f"{recording} has no frame behind the first {skip} that can be decoded: {out} was not written"
         )
-    print(f"{out}: {count} frames, {points:,} points")
+    print(f"{out}: {count} frames, {points:,} points{positions_text(out, positions)}")

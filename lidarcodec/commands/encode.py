@@ -10,6 +10,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.sources import open_source
@@ -42,7 +43,8 @@ def run(
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
-            frames_of(source.packets(), source.sensor, encoder.settings.framing), source.poses if poses else None
+            frames_of(source.packets(), source.sensor, encoder.settings.framing, source.counts),
+            source.poses if poses else None,
         )
         chosen = islice(cut, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
@@ -64,4 +66,5 @@ def run(
                 coded.leave()
                 raise
             coded.close()
+        say_unkept(source.label, source.counts)
     print(f"{out}: {coded.summary()}" + clouds * f"; with clouds the file has {out.stat().st_size:,}")
