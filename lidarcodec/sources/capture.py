@@ -21,6 +21,7 @@ from lidarcodec.sources.pcapng import MAGIC as PCAPNG_MAGIC
 from lidarcodec.sources.pcapng import read_pcapng
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import SEARCHED_PACKETS, carries_table
+from lidarcodec.sources.unkept import OTHER_POSITIONS
 from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES, POSITION_PORT
 
 logger = logging.getLogger(__name__)
@@ -69,7 +70,8 @@ class CaptureSource(PacketSource):
     """Packets of one sensor in a capture file: its data packets, and position packets of the same sender.
 
     Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets` (which are given), and what
-    is not: `position packets not kept`, `wrong length`, `other stream`, `other datagrams`, `other traffic`, ...
+    is not: `position packets not kept` (another sender's), `position packets to another port`, `wrong length`, `other
+    stream`, `other datagrams`, `other traffic`, ...
     """
 
     def __init__(
@@ -132,7 +134,9 @@ class CaptureSource(PacketSource):
             return "other stream"
         if stream == self.stream:
             return "wrong length"
-        return UNKEPT_POSITIONS if size == POSITION_BYTES else "other datagrams"
+        if size != POSITION_BYTES:
+            return "other datagrams"
+        return OTHER_POSITIONS if stream[0] == self.stream[0] else UNKEPT_POSITIONS
 
 
 def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:

@@ -45,7 +45,7 @@ class PositionListener:
         What comes behind the last data packet waits for the next call: if that has no data, nothing comes before it.
         """
         before = len(self._waiting)
-        self._drain()
+        self._drain(None if anybody else sender)
         if sender is None and not anybody:
             return data
         merged: list[Packet] = []
@@ -70,9 +70,9 @@ class PositionListener:
         else:
             self.counts["strangers"] += 1
 
-    def _drain(self) -> None:
-        """Take what the kernel holds, up to a limit; the rest stays there."""
-        while len(self._waiting) < MAX_POSITIONS:
+    def _drain(self, sender: bytes | None) -> None:
+        """Take what the kernel holds, up to a limit; the rest stays there. sender: the only one to take from."""
+        for _ in range(MAX_POSITIONS - len(self._waiting)):
             try:
                 payload, control, flags, address = self._socket.recvmsg(MAX_POSITION_BYTES, _CONTROL_BYTES)
             except OSError:  # nothing there, or closed meanwhile
@@ -81,7 +81,11 @@ class PositionListener:
             if flags & socket.MSG_TRUNC:
                 self.counts["wrong length"] += 1
                 continue
-            self._waiting.append((Packet(payload, stamp_ns, position=True), _address(address[0])))
+            own = _address(address[0])
+            if sender is not None and own != sender:
+                self.counts["strangers"] += 1
+                continue
+            self._waiting.append((Packet(payload, stamp_ns, position=True), own))
 
     def _told(self, control: list[tuple[int, int, bytes]]) -> int:
         """The kernel's time of arrival in ns; counts what it says that it dropped."""

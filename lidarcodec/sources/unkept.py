@@ -14,11 +14,15 @@ from typing import Final
 
 from lidarcodec.packet import UNKEPT_POSITIONS
 
+OTHER_POSITIONS: Final = "position packets to another port"
+"""The count of those that the chosen sensor sent to a port which is not that of its position packets."""
+
 CAUSES: Final[dict[str, str]] = {
     "other stream": "packets of other streams",
     "other datagrams": "datagrams of other senders or ports",
     "wrong length": "datagrams of another length",
-    UNKEPT_POSITIONS: "position packets (source option position=PORT names the port whose are kept)",
+    UNKEPT_POSITIONS: "position packets",
+    OTHER_POSITIONS: "position packets to another port (?position=PORT behind the source keeps them)",
     "strangers": "packets of other senders",
     "other sensor": "packets of another sensor",
     "kernel drops": "packets dropped by the kernel",

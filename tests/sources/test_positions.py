@@ -50,7 +50,7 @@ def test_a_capture_gives_them_in_order_and_they_are_written_to_their_port(captur
 def test_options_say_which_are_position_packets(capture):
     with open_source(f"{capture}?position=off") as source:
         assert list(source.packets()) == DATA
-        assert source.counts == {"position packets not kept": 24}
+        assert source.counts == {"position packets to another port": 24}
     with open_source(f"{capture}?position=8309") as source:
         assert list(source.packets()) == DATA
     for text in ("0", "on", "70000"):
