@@ -22,7 +22,7 @@ class SectionType(IntEnum):
     MOTION = 8
     WEIGHTS = 9
     POSE = 10
-    POSITION = 11
+    POSITION = 13
 
 
 class Section(NamedTuple):

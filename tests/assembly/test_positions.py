@@ -53,7 +53,7 @@ def test_without_them_nothing_of_a_message_changes():
     sent = mixed(count=60)
     alone = list(frames_of(data_packets(sent), sensor(), "packets:30"))
     encoder = StreamEncoder(StreamSettings(), stream_id=1)
-    assert all(section.type != 11 for frame in alone for one in encoder.encode(frame) for section in one.sections)
+    assert all(section.type != 13 for frame in alone for one in encoder.encode(frame) for section in one.sections)
 
 
 def test_live_those_behind_the_last_frame_are_counted():
