@@ -87,7 +87,8 @@ def _peer_rows(spec: str, calibration: Any, limit: int | None) -> Iterator[str]:
 
         def remembered() -> Iterator[Any]:
             for packet in source.packets():
-                payloads.append(packet.payload)
+                if not packet.position:
+                    payloads.append(packet.payload)
                 yield packet
 
         frames = list(islice(frames_of(remembered(), source.sensor), limit))

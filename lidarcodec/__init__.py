@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lidarcodec.assembly import packets_of
     from lidarcodec.frame import Frame
     from lidarcodec.message import Message
-    from lidarcodec.packet import Packet
+    from lidarcodec.packet import Packet, data_packets
     from lidarcodec.pipeline import StreamDecoder, StreamEncoder
     from lidarcodec.sensor_model import SensorModel
     from lidarcodec.settings import StreamSettings
@@ -33,6 +33,7 @@ _HOME = {
     "StreamDecoder": "pipeline",
     "StreamEncoder": "pipeline",
     "StreamSettings": "settings",
+    "data_packets": "packet",
     "decode": "api",
     "encode": "api",
     "open_source": "sources",
@@ -57,6 +58,7 @@ __all__ = [
     "StreamEncoder",
     "StreamSettings",
     "__version__",
+    "data_packets",
     "decode",
     "encode",
     "open_source",

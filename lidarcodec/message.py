@@ -23,6 +23,7 @@ class SectionType(IntEnum):
     WEIGHTS = 9
     POSE = 10
     FILLER = 11
+    POSITION = 13
 
 
 class Section(NamedTuple):

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import secrets
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -17,7 +18,7 @@ from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.packet import Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
@@ -25,16 +26,29 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import AUTO, StreamSettings
 
 
-def frames_of(packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets") -> Iterator[Frame]:
-    """Frames of a run of packets, the last, partial one included."""
+def frames_of(
+    packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets", counts: Counter[str] | None = None
+) -> Iterator[Frame]:
+    """Frames of a run of packets, the last, partial one included.
+
+    counts: gets the position packets that no frame could hold
+    A frame comes with the data packet behind it: position packets after the last one belong to the last frame.
+    """
     assembler = Assembler(sensor, framing)
+    held: Frame | None = None
+    told = 0
     for packet in packets:
-        frame = assembler.push(packet)
-        if frame is not None:
-            yield frame
-    last = assembler.flush()
-    if last is not None:
-        yield last
+        if held is not None and not packet.position:
+            yield held
+            held = None
+        held = assembler.push(packet) or held
+        if counts is not None and (lost := assembler.counts[UNKEPT_POSITIONS]) > told:
+            counts[UNKEPT_POSITIONS] += lost - told
+            told = lost
+    last = assembler.flush_onto(held)
+    if counts is not None and (lost := assembler.counts[UNKEPT_POSITIONS]) > told:
+        counts[UNKEPT_POSITIONS] += lost - told
+    yield from last
 
 
 def check(settings: StreamSettings) -> StreamSettings:

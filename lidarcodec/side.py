@@ -20,12 +20,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
-from lidarcodec.units import BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS_PER_BLOCK, MAX_PACKETS
+from lidarcodec.units import (
+    BLOCK_BYTES,
+    BLOCKS_PER_PACKET,
+    LASERS_PER_BLOCK,
+    MAX_PACKETS,
+    MAX_POSITION_BYTES,
+    MAX_POSITIONS,
+    MAX_POSITIONS_BYTES,
+)
 
 
 class Role(IntEnum):
@@ -42,6 +51,35 @@ class Role(IntEnum):
 
 REGULAR_LAYOUT = np.array([Role.UPPER_OPENS, Role.LOWER_JOINS] * 6, np.uint8)
 """An S2 in single-return mode: upper and lower block of six firings."""
+
+
+class Position(NamedTuple):
+    """A position packet of a frame.
+
+    place: data packets of the frame before it, from 0 to all; offset_ns: its host time minus the frame's stamp_ns
+    """
+
+    place: int
+    offset_ns: int
+    payload: bytes
+
+
+def check_positions(positions: tuple[Position, ...], packets: int) -> None:
+    """Refuse position packets that are too many or too large, or not in the order of their places.
+
+    Raises SectionError.
+    """
+    if len(positions) > MAX_POSITIONS:
+        raise SectionError(f"{len(positions)} position packets in a frame: the limit is {MAX_POSITIONS}")
+    place = total = 0
+    for one in positions:
+        if not place <= one.place <= packets:
+            raise SectionError(f"a position packet at place {one.place} after {place}, in a frame of {packets} packets")
+        if len(one.payload) > MAX_POSITION_BYTES:
+            raise SectionError(f"a position packet of {len(one.payload)} bytes: the limit is {MAX_POSITION_BYTES}")
+        place, total = one.place, total + len(one.payload)
+    if total > MAX_POSITIONS_BYTES:
+        raise SectionError(f"position packets of {total} bytes in a frame: the limit is {MAX_POSITIONS_BYTES}")
 
 
 def _frozen(array: npt.NDArray[np.generic], dtype: npt.DTypeLike, shape: tuple[int | None, ...], name: str) -> None:
@@ -61,6 +99,7 @@ class SideInfo:
     layouts:   (L, 12) uint8, distinct sequences of `Role`;  layout: (P,) uint16, index into it
     irregular: (K, 100) uint8, irregular blocks in the order in which they came
     second:    (S, 96) uint8, distances and intensities of second-return blocks in the order in which they came
+    positions: position packets in the order in which they came; their section is POSITION, not SIDE
     """
 
     packet_ns: npt.NDArray[np.int64]
@@ -70,6 +109,7 @@ class SideInfo:
     layout: npt.NDArray[np.uint16]
     irregular: npt.NDArray[np.uint8]
     second: npt.NDArray[np.uint8]
+    positions: tuple[Position, ...] = ()
 
     def __post_init__(self) -> None:
         packets = len(self.packet_ns)
@@ -84,6 +124,8 @@ class SideInfo:
         _frozen(self.second, np.uint8, (None, LASERS_PER_BLOCK * 3), "second")
         if packets and int(self.layout.max()) >= len(self.layouts):
             raise SectionError("side information names a packet layout that it does not hold")
+        if self.positions:
+            check_positions(self.positions, packets)
 
     @property
     def packets(self) -> int:

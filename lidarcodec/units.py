@@ -30,7 +30,16 @@ PACKET_INTERVAL_US: Final = 288
 HOUR_US: Final = 3_600_000_000
 """The time stamp in a packet counts microseconds since the top of the hour."""
 DATA_PORT: Final = 2368
+POSITION_PORT: Final = 8308
+POSITION_BYTES: Final = 512
+"""UDP payload of a position packet of every Velodyne."""
 MAX_PACKETS: Final = 2048
 """Upper limit of packets in a frame: a revolution is cut there when the sensor does not turn."""
+MAX_POSITIONS: Final = 2048
+"""Upper limit of position packets in a frame; a sensor sends one for 9 to 14 data packets."""
+MAX_POSITION_BYTES: Final = 1472
+"""Upper limit of a position packet: what fits into one Ethernet frame."""
+MAX_POSITIONS_BYTES: Final = MAX_POSITIONS * POSITION_BYTES
+"""Upper limit of all position packets of a frame."""
 MAX_COLUMNS: Final = MAX_PACKETS * BLOCKS_PER_PACKET
 """Upper limit of a frame's width: every block may open a column of its own."""

@@ -105,7 +105,7 @@ class FrameFeed:
         for packet in self._paced.packets():
             if self._closed:
                 return
-            self.packets += 1
+            self.packets += not packet.position
             self._sensor_time.push(packet)
             if self._poses is not None and self._replay is not None:
                 self._shifts.append((packet.stamp_ns, self._replay.shift_ns))

@@ -76,7 +76,8 @@ class LiveStream:
     max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
                 two seconds for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
     until_end:  iteration ends when the publisher has gone
-    udp:        `HOST:PORT` that gets the packets as the sensor's own stream;  record: folder that gets the messages;
+    udp:        `HOST:PORT` that gets the packets as the sensor's own stream (`?position=PORT`: position packets, too,
+                which port 8308 gets beside port 2368);  record: folder that gets the messages;
                 clouds: and the points of each frame, for viewers
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                 crash. By default the variable LIDARCODEC_ISOLATE, else `auto`

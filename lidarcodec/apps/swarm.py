@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from itertools import islice
 from typing import Any
 
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.errors import SourceError
-from lidarcodec.packet import Packet
+from lidarcodec.packet import Packet, part_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings, valid_name
 from lidarcodec.sources import open_source
@@ -43,7 +42,7 @@ def loaded(spec: str, frames: int) -> tuple[SensorModel, list[Packet]]:
     Raises SourceError when there is none, and what opening and reading raise.
     """
     with open_source(spec) as source:
-        packets = list(islice(source.packets(), frames * FRAME_PACKETS))
+        packets = list(part_of(source.packets(), 0, frames * FRAME_PACKETS))
         if not packets:
             raise SourceError(f"{spec} has no packets")
         return source.sensor, packets

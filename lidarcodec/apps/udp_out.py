@@ -12,15 +12,18 @@ import socket
 import threading
 import time
 from collections import Counter, deque
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarcodec.apps.once import Once
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.frame import Frame
-from lidarcodec.units import DATA_PORT
+from lidarcodec.packet import Packet
+from lidarcodec.side import SideInfo
+from lidarcodec.units import DATA_PORT, POSITION_PORT
 
 logger = logging.getLogger(__name__)
 
@@ -55,16 +58,54 @@ def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
     return found[0], (str(found[4][0]), int(found[4][1]))
 
 
+class Target(NamedTuple):
+    """Where packets go: data packets to an address, position packets to another port of it, None for none."""
+
+    family: socket.AddressFamily
+    data: tuple[str, int]
+    position: tuple[str, int] | None
+
+
+def target_of(text: str) -> Target:
+    """Where `HOST:PORT`, `HOST:PORT?position=PORT` or `HOST:PORT?position=off` sends; the position port is 8308 beside
+    port 2368, else none.
+
+    Raises SettingsError when it is none of them, TransportError when the host is not known.
+    """
+    place, question, options = text.partition("?")
+    family, data = address_of(place)
+    name, _, port = options.partition("=")
+    if not question:
+        return Target(family, data, (data[0], POSITION_PORT) if data[1] == DATA_PORT else None)
+    if name != "position" or (port != "off" and not (port.isdigit() and 1 <= int(port) <= 65535)):
+        raise SettingsError(f"'{text}': write HOST:PORT?position=PORT, or position=off", "udp")
+    return Target(family, data, None if port == "off" else (data[0], int(port)))
+
+
+def due_s(side: SideInfo) -> npt.NDArray[np.float64]:
+    """(N,) float64, seconds from a frame's first data packet at which each of its packets leaves, in the order of
+    `packets_of`. A position packet leaves between its neighbours, whatever its own time says."""
+    data = np.clip(np.maximum.accumulate(side.packet_ns), 0, 10**9).tolist()
+    due = list(data)
+    for one in reversed(side.positions):
+        before = data[one.place - 1] if one.place else 0
+        after = data[one.place] if one.place < len(data) else before
+        due.insert(one.place, min(max(one.offset_ns, before), after))
+    return np.array(due, np.float64) / 1e9
+
+
 class UdpOut:
     """Sends the packets of frames to one address, in a thread of its own.
 
-    counts: `frames`, `packets`, `replaced` (frames that came too fast), `late` (timing started afresh),
-            `send errors`, `no packets` (frames that do not hold what packets need)
+    counts: `frames`, `packets`, `position packets`, `replaced` (frames that came too fast), `late` (timing started
+            afresh), `send errors`, `no packets` (frames that do not hold what packets need), `position packets not
+            sent` (where there is no port for them)
     """
 
     def __init__(self, address: str, *, delay_s: float = DELAY_S) -> None:
         """Raises SettingsError or TransportError when the address cannot be used."""
-        family, self._address = address_of(address)
+        self._target = target_of(address)
+        family = self._target.family
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if family == socket.AF_INET:
@@ -134,27 +175,31 @@ class UdpOut:
                 self._idle = False
                 self._condition.notify_all()
             try:
-                self._send(frame, [packet.payload for packet in packets_of(frame)], arrival_s)
+                self._send(frame, packets_of(frame), arrival_s)
             except LidarCodecError as error:
                 self._once.add("no packets", error)
 
-    def _send(self, frame: Frame, payloads: list[bytes], arrival_s: float | None) -> None:
+    def _send(self, frame: Frame, packets: list[Packet], arrival_s: float | None) -> None:
         """Send the packets of a frame, each when it is due."""
-        if frame.side is None or not payloads:
+        if frame.side is None or not packets:
             return
-        steps = np.clip(np.maximum.accumulate(frame.side.packet_ns), 0, 10**9) / 1e9
+        steps = due_s(frame.side)
         begin, excess = self._begin(frame.stamp_ns / 1e9, arrival_s)
         gained = np.minimum(steps * (1 - 1 / CATCH_UP), excess)
-        for payload, due in zip(payloads, (begin + steps - gained).tolist(), strict=True):
+        for packet, due in zip(packets, (begin + steps - gained).tolist(), strict=True):
             ahead = due - time.monotonic()
             if ahead > NAP_S and self._closed.wait(ahead):
                 return
+            address = self._target.position if packet.position else self._target.data
+            if address is None:
+                self._once.add("position packets not sent", SettingsError("--udp HOST:PORT?position=PORT sends them"))
+                continue
             try:
-                self._socket.sendto(payload, self._address)
+                self._socket.sendto(packet.payload, address)
             except OSError as error:
                 self._once.add("send errors", error)
                 continue
-            self.counts["packets"] += 1
+            self.counts["position packets" if packet.position else "packets"] += 1
         self.counts["frames"] += 1
         if self._offset is not None:
             self._offset -= float(gained[-1])

@@ -1,8 +1,9 @@
 """Frames between two processes of this machine: a fixed head, then each array as it lies in memory.
 
-    head   index, stamp, columns, what follows, packets, layouts, irregular blocks, second returns
+    head   index, stamp, columns, what follows, packets, layouts, irregular blocks, second returns, bytes of positions
     sensor only when it is another one than in the frame before: name, convention, range step, origin, calibration
-    arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second]
+    arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second
+           positions, as a POSITION section]
 
 Whoever reads believes nothing: counts are limited before memory is taken, and values that no codec may give (an azimuth
 of 36000, a truth that is neither 0 nor 1) are refused, since a codec that was taken over may be on the other side.
@@ -18,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.apps.worker_wire import Buffer, Channel, GarbledError
+from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, Origin, SensorModel
@@ -30,9 +32,10 @@ from lidarcodec.units import (
     LASERS_PER_BLOCK,
     MAX_COLUMNS,
     MAX_PACKETS,
+    MAX_POSITIONS_BYTES,
 )
 
-_HEAD: Final = struct.Struct("<qqIIIIII")
+_HEAD: Final = struct.Struct("<qqIIIIIII")
 _SENSOR: Final = struct.Struct("<BBBd")
 _HAS_SENSOR, _HAS_SIDE, _HAS_KEEP, _HAS_POSE = 1, 2, 4, 8
 _LIMITS: Final = {
@@ -41,6 +44,7 @@ _LIMITS: Final = {
     "layouts": 1 << 16,
     "irregular blocks": MAX_PACKETS * BLOCKS_PER_PACKET,
     "second returns": MAX_PACKETS * BLOCKS_PER_PACKET,
+    "bytes of positions": 2 * MAX_POSITIONS_BYTES,
 }
 _CONVENTIONS: Final = get_args(Convention)
 _ORIGINS: Final = get_args(Origin)
@@ -77,9 +81,10 @@ class FrameWriter:
         """
         side, sensor = frame.side, frame.sensor
         told = _identity(sensor)
-        counts = (0, 0, 0, 0)
+        counts, positions = (0, 0, 0, 0, 0), b""
         if side is not None:
-            counts = (side.packets, len(side.layouts), len(side.irregular), len(side.second))
+            positions = encode_positions(side.positions, host_step_ns=1) if side.positions else b""
+            counts = (side.packets, len(side.layouts), len(side.irregular), len(side.second), len(positions))
         _checked((frame.width, *counts))
         flags = (_HAS_SENSOR if told != self._told else 0) | (_HAS_SIDE if side is not None else 0)
         flags |= (_HAS_KEEP if frame.keep is not None else 0) | (_HAS_POSE if frame.pose is not None else 0)
@@ -94,7 +99,7 @@ class FrameWriter:
         arrays += [array for array in (frame.keep, frame.pose) if array is not None]
         arrays += [] if side is None else [getattr(side, name) for name in _SIDE]
         self._told = told
-        return parts + [_bytes_of(array) for array in arrays]
+        return parts + [_bytes_of(array) for array in arrays] + [positions] * bool(positions)
 
 
 class FrameReader:
@@ -139,7 +144,7 @@ class FrameReader:
         pose = array(np.float64, 4, 4) if flags & _HAS_POSE else None
         side = None
         if flags & _HAS_SIDE:
-            packets, layouts, irregular, second = counts
+            packets, layouts, irregular, second, position_bytes = counts
             side = SideInfo(
                 array(np.int64, packets),
                 array(np.uint32, packets),
@@ -148,6 +153,7 @@ class FrameReader:
                 array(np.uint16, packets),
                 array(np.uint8, irregular, BLOCK_BYTES),
                 array(np.uint8, second, LASERS_PER_BLOCK * 3),
+                decode_positions(channel.take(position_bytes, end), packets) if position_bytes else (),
             )
             if side.layouts.max(initial=0) > max(Role):
                 raise GarbledError("side information with a role that is none")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,11 +11,18 @@ from lidarcodec import _native
 from lidarcodec.assembly.continuity import count_discontinuities
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
-from lidarcodec.packet import FirstPacket, Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import settings_from
-from lidarcodec.side import SideInfo
-from lidarcodec.units import AZIMUTH_TURN, MAX_PACKETS, PACKET_BYTES
+from lidarcodec.side import Position, SideInfo
+from lidarcodec.units import (
+    AZIMUTH_TURN,
+    MAX_PACKETS,
+    MAX_POSITION_BYTES,
+    MAX_POSITIONS,
+    MAX_POSITIONS_BYTES,
+    PACKET_BYTES,
+)
 
 
 class Assembler:
@@ -23,7 +31,8 @@ class Assembler:
     framing: `packets` (348 a frame), `packets:N`, or `revolution` (a new frame begins with the first packet that begins
     behind the wrap of the azimuth, or after 2048 packets without one). A FirstPacket always begins a frame.
     counts: packets, frames, and what was not as it should be: `irregular blocks` (unknown flag or azimuth, kept as they
-    are), `lost packets`, `repeated packets`, `time jumps` (as the packets' own clock tells).
+    are), `lost packets`, `repeated packets`, `time jumps` (as the packets' own clock tells), and `position packets not
+    kept` (more than a frame holds, or after the last frame).
     """
 
     def __init__(self, sensor: SensorModel, framing: str = "packets", first_index: int = 0) -> None:
@@ -33,27 +42,32 @@ class Assembler:
         self._index = first_index
         self._payloads: list[bytes] = []
         self._stamps: list[int] = []
+        self._positions: list[tuple[int, Packet]] = []
+        self._position_bytes = 0
         self._last_azimuth = -1
         self._last_payload = b""
         self._last_gps: int | None = None
 
     def push(self, packet: Packet) -> Frame | None:
-        """Take one packet; the frame it completed, if it did.
+        """Take one packet; the frame it completed, if it did. A position packet completes none.
 
-        Raises PacketError, and keeps everything as it was, when the payload is not 1206 bytes.
+        Raises PacketError, and keeps everything as it was, when the payload of a data packet is not 1206 bytes.
         """
+        if packet.position:
+            self._push_position(packet)
+            return None
         payload = packet.payload
         if len(payload) != PACKET_BYTES:
             raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {len(payload)}")
         frame = self._begin_anew() if isinstance(packet, FirstPacket) else None
         if self._frame_packets is None and self._ends_before(payload):
-            frame = self.flush() or frame
+            frame = self._cut() if self._payloads else frame
         if payload == self._last_payload:
             self.counts["repeated packets"] += 1
         self._last_payload = payload
         self._payloads.append(payload)
         self._stamps.append(packet.stamp_ns)
-        return self.flush() if len(self._payloads) == self._frame_packets else frame  # never two: then none waited
+        return self._cut() if len(self._payloads) == self._frame_packets else frame  # never two: then none waited
 
     @property
     def waiting(self) -> int:
@@ -62,27 +76,68 @@ class Assembler:
 
     def flush(self) -> Frame | None:
         """The frame of the packets that are waiting; None if there are none."""
-        if not self._payloads:
-            return None
+        if self._payloads:
+            return self._cut()
+        self._forget_positions()
+        return None
+
+    def flush_onto(self, last: Frame | None) -> list[Frame]:
+        """What is left at the end: the last frame that was given, and the one of the packets that are waiting.
+
+        Position packets with no data packet behind the last frame are added to that.
+        """
+        if self._payloads or not self._positions or last is None or last.side is None:
+            return [frame for frame in (last, self.flush()) if frame is not None]
+        side, room = last.side, MAX_POSITIONS - len(last.side.positions)
+        bytes_left = MAX_POSITIONS_BYTES - sum(len(one.payload) for one in side.positions)
+        more: list[Position] = []
+        for _, packet in self._positions:
+            if len(more) < room and len(packet.payload) <= bytes_left:
+                bytes_left -= len(packet.payload)
+                more.append(Position(side.packets, packet.stamp_ns - last.stamp_ns, packet.payload))
+        del self._positions[: len(more)]
+        self._forget_positions()
+        return [last.with_(side=replace(side, positions=(*side.positions, *more)))]
+
+    def _cut(self) -> Frame:
+        """The frame of the packets that are waiting."""
         arrays = _native.assemble(b"".join(self._payloads), self.sensor.ring_of_laser.astype(np.uint8))
         range_, intensity, azimuth, fired, layouts, layout, irregular, second, gps_us, status = arrays
         stamps = np.array(self._stamps, np.int64)
-        self._payloads, self._stamps = [], []
+        begin_ns = self._stamps[0]
+        positions = tuple(
+            Position(place, packet.stamp_ns - begin_ns, packet.payload) for place, packet in self._positions
+        )
+        self._payloads, self._stamps, self._positions, self._position_bytes = [], [], [], 0
         self.counts["packets"] += len(stamps)
         self.counts["frames"] += 1
         if len(irregular):
             self.counts["irregular blocks"] += len(irregular)
         self.counts.update(count_discontinuities(gps_us, self._last_gps))
         self._last_gps = int(gps_us[-1])
-        side = SideInfo(stamps - stamps[0], gps_us, status, layouts, layout, irregular, second)
+        side = SideInfo(stamps - begin_ns, gps_us, status, layouts, layout, irregular, second, positions)
         self._index += 1
-        return Frame(
-            self._index - 1, int(stamps[0]), range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side
-        )
+        return Frame(self._index - 1, begin_ns, range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side)
+
+    def _push_position(self, packet: Packet) -> None:
+        """Keep a position packet for the frame that is being filled, at its place."""
+        size = len(packet.payload)
+        fits = size <= MAX_POSITION_BYTES and self._position_bytes + size <= MAX_POSITIONS_BYTES
+        if not fits or len(self._positions) >= MAX_POSITIONS:
+            self.counts[UNKEPT_POSITIONS] += 1
+            return
+        self._positions.append((len(self._payloads), packet))
+        self._position_bytes += size
+
+    def _forget_positions(self) -> None:
+        """Count position packets that belong to no frame."""
+        if self._positions:
+            self.counts[UNKEPT_POSITIONS] += len(self._positions)
+            self._positions, self._position_bytes = [], 0
 
     def _begin_anew(self) -> Frame | None:
         """Another sender: the frame of the one before, and nothing of it is compared with what comes."""
-        frame = self.flush()
+        frame = self._cut() if self._payloads else None
         self._last_azimuth, self._last_payload, self._last_gps = -1, b"", None
         return frame
 

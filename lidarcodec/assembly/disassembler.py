@@ -12,7 +12,9 @@ from lidarcodec.units import PACKET_BYTES
 
 
 def packets_of(frame: Frame) -> list[Packet]:
-    """The packets of a frame, in order, with their host times. Returns dropped by a reducer are sent as no return.
+    """The packets of a frame, in order, with their host times: data packets, and position packets at their places.
+
+    Returns dropped by a reducer are sent as no return.
 
     Raises SectionError when the frame never was packets, or its side information does not fit its images.
     """
@@ -37,7 +39,10 @@ def packets_of(frame: Frame) -> list[Packet]:
         frame.sensor.ring_of_laser.astype(np.uint8),
     )
     stamps = (side.packet_ns + frame.stamp_ns).tolist()
-    return [
+    packets = [
         Packet(payloads[start : start + PACKET_BYTES], stamp)
         for start, stamp in zip(range(0, len(payloads), PACKET_BYTES), stamps, strict=True)
     ]
+    for one in reversed(side.positions):  # from behind, so that places before stay what they are
+        packets.insert(one.place, Packet(one.payload, one.offset_ns + frame.stamp_ns, position=True))
+    return packets

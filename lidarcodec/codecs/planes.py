@@ -1,4 +1,5 @@
-"""What all codecs send beside ranges: mask, intensity, azimuth, side information, pose. One section each.
+"""What all codecs send beside ranges: mask, intensity, azimuth, side information, position packets, pose. One section
+each.
 
 A frame that was not reduced sends its no-return mask (MASK); a reduced one sends which returns are left (KEEP)
 and no mask, because a dropped return decodes as no return.
@@ -7,7 +8,7 @@ and no mask, because a dropped return decodes as no return.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -96,7 +97,7 @@ def encode_planes(
         sections.append(Section(SectionType.INTENSITY, intensity))
     if frame.side is not None:
         sections.append(Section(SectionType.SIDE, entropy.encode_side(frame.side)))
-    return sections + pose_sections(frame)
+    return sections + position_sections(frame) + pose_sections(frame)
 
 
 def _mask_section(frame: Frame, previous: Mask | None, turn: int | None, encode_mask: EncodeMask | None) -> Section:
@@ -125,6 +126,13 @@ def _decode_mask(
     return entropy.decode_mask(coded, fired, sensor, previous)
 
 
+def position_sections(frame: Frame) -> list[Section]:
+    """The POSITION section, or nothing where the frame has no position packets."""
+    if frame.side is None or not frame.side.positions:
+        return []
+    return [Section(SectionType.POSITION, entropy.encode_positions(frame.side.positions))]
+
+
 def pose_sections(frame: Frame) -> list[Section]:
     """The POSE section, twelve float64 in row order, or nothing."""
     if frame.pose is None:
@@ -151,14 +159,23 @@ def decode_pose(message: Message) -> npt.NDArray[np.float64] | None:
     return pose
 
 
-def check_side(side: SideInfo, message: Message) -> SideInfo:
-    """The side information itself, if it describes the columns of the message.
+def side_of(message: Message, decode: Callable[[bytes, int], SideInfo] = entropy.decode_side) -> SideInfo | None:
+    """Side information of a message, position packets included; None if it has none.
 
-    Raises SectionError.
+    decode: of a SIDE section's bytes and the number of packets
+
+    Raises SectionError, also where it does not describe the columns of the message; TruncatedError.
     """
+    if not message.has(SectionType.SIDE):
+        if message.packets or message.has(SectionType.POSITION):
+            raise SectionError(f"a message of {message.packets} packets without side information")
+        return None
+    side = decode(message.section(SectionType.SIDE), message.packets)
     if side.columns != message.width:
         raise SectionError(f"side information of {side.columns} columns in a message of {message.width}")
-    return side
+    if not message.has(SectionType.POSITION):
+        return side
+    return replace(side, positions=entropy.decode_positions(message.section(SectionType.POSITION), message.packets))
 
 
 def decode_planes(
@@ -177,9 +194,4 @@ def decode_planes(
     valid = _decode_mask(message, azimuth, fired, sensor, history, decode_mask)
     coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
     intensity = decode_intensity(coded, valid, fired_cells(fired, sensor), fired, sensor)
-    side = None
-    if message.has(SectionType.SIDE):
-        side = check_side(entropy.decode_side(message.section(SectionType.SIDE), message.packets), message)
-    elif message.packets:
-        raise SectionError(f"a message of {message.packets} packets without side information")
-    return Planes(valid, intensity, azimuth, fired, side, decode_pose(message))
+    return Planes(valid, intensity, azimuth, fired, side_of(message), decode_pose(message))

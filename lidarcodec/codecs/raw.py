@@ -14,7 +14,15 @@ import numpy.typing as npt
 from lidarcodec.codecs.base import Codec, CodecSettings
 from lidarcodec.codecs.intensity import LOSSLESS_LEVELS, intensity_of, level_of
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.planes import Planes, check_side, check_unfired, decode_pose, fired_cells, pose_sections
+from lidarcodec.codecs.planes import (
+    Planes,
+    check_unfired,
+    decode_pose,
+    fired_cells,
+    pose_sections,
+    position_sections,
+    side_of,
+)
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -71,7 +79,15 @@ def _decode_side(data: bytes, packets: int) -> SideInfo:
         native = np.dtype(dtype).newbyteorder("=")
         arrays[name] = np.frombuffer(data[at : at + size], dtype).reshape(shape).astype(native)
         at += size
-    return SideInfo(**arrays)
+    return SideInfo(
+        packet_ns=arrays["packet_ns"],
+        gps_us=arrays["gps_us"],
+        status=arrays["status"],
+        layouts=arrays["layouts"],
+        layout=arrays["layout"],
+        irregular=arrays["irregular"],
+        second=arrays["second"],
+    )
 
 
 class RawEncoder(IntraEncoder):
@@ -98,7 +114,7 @@ class RawEncoder(IntraEncoder):
             sections.append(Section(SectionType.INTENSITY, intensity.tobytes()))
         if frame.side is not None:
             sections.append(Section(SectionType.SIDE, _encode_side(frame.side)))
-        return sections + pose_sections(frame), None
+        return sections + position_sections(frame) + pose_sections(frame), None
 
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         return np.where(valid, frame.range, np.uint16(0)).astype("<u2").tobytes()
@@ -124,12 +140,7 @@ class RawDecoder(ReturnsDecoder):
         unfired = ~fired_cells(fired, sensor)
         if (valid & unfired).any() or intensity[unfired].any():
             raise SectionError("a raw message with returns in cells that were not fired")
-        side = None
-        if message.has(SectionType.SIDE):
-            side = check_side(_decode_side(message.section(SectionType.SIDE), message.packets), message)
-        elif message.packets:
-            raise SectionError(f"a message of {message.packets} packets without side information")
-        return Planes(valid, intensity, azimuth, fired, side, decode_pose(message))
+        return Planes(valid, intensity, azimuth, fired, side_of(message, _decode_side), decode_pose(message))
 
     def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
         return np.frombuffer(data, "<u2").reshape(valid.shape)[valid].astype(np.uint16)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -18,15 +17,15 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.commands.turns import Turns
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
+from lidarcodec.packet import part_of
 from lidarcodec.pipeline import check_offline
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
 from lidarcodec.units import FRAME_PACKETS
 from lidarcodec.whole_files import check_free, whole
-
-log = logging.getLogger(__name__)
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
 BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
@@ -64,7 +63,8 @@ def run(
         whole(out, force=force, contents=contents) as output,
     ):
         beside = _calibration_file(out, wanted.form, source.sensor, force)
-        turns = Turns(islice(source.packets(), None if limit is None else skip * FRAME_PACKETS + limit), stopped, tick)
+        wanted_packets = part_of(source.packets(), 0, None if limit is None else skip * FRAME_PACKETS + limit)
+        turns = Turns(wanted_packets, stopped, tick)
         turns.pass_over(skip)
         packets = iter(turns)
         first = next(packets, None)
@@ -88,10 +88,11 @@ def run(
             place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
         if part:
             output.only_part()
-    _told(source)
+    say_unkept(source.label, source.counts)
     count, kept = turns.packets, output.kept or out
     where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
-    print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{'; ' * bool(said)}{said}{where}")
+    more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
+    print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{more}{'; ' * bool(said)}{said}{where}")
     if part:
         raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
 
@@ -157,10 +158,3 @@ def _opened(
         yield output
     if isinstance(output, Bag):
         (beside / METADATA).write_text(output.writer.metadata(name))
-
-
-def _told(source: PacketSource) -> None:
-    """Say what was left out on the way."""
-    left = [f"{number} {what}" for what, number in source.counts.most_common() if number]
-    if left:
-        log.warning("%s: %s", source.label, ", ".join(left))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,9 @@ from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
 from lidarcodec.commands.coded_recording import SENSOR, VEHICLE, CodedRecording
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter, RosbagWriter
@@ -20,6 +23,8 @@ from lidarcodec.sources.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS
+
+log = logging.getLogger(__name__)
 
 Form = Literal["pcap", "recording", "packets", "rosbag"]
 FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
@@ -110,18 +115,20 @@ class _Recording:
     ) -> None:
         self._assembler = assembler
         self._poses = poses
+        self._held: Frame | None = None
         self._coded = CodedRecording(handle, StreamEncoder(wanted.settings), about, clouds=wanted.clouds)
 
     def write(self, packet: Packet) -> None:
-        frame = self._assembler.push(packet)
-        if frame is not None:
-            self._coded.write(posed(frame, self._poses))
+        if self._held is not None and not packet.position:  # what comes behind the last frame belongs to it
+            self._coded.write(posed(self._held, self._poses))
+            self._held = None
+        self._held = self._assembler.push(packet) or self._held
 
     def close(self) -> str:
-        last = self._assembler.flush()
-        if last is not None:
-            self._coded.write(posed(last, self._poses))
+        for frame in self._assembler.flush_onto(self._held):
+            self._coded.write(posed(frame, self._poses))
         self._coded.close()
+        say_unkept("recording", self._assembler.counts)
         return self._coded.summary()
 
 
@@ -166,8 +173,12 @@ class Bag:
         self._batches = _Batches(self.writer.write_scan)
         self._assembler = Assembler(sensor) if wanted.clouds else None
         self._poses = poses
+        self._positions = 0
 
     def write(self, packet: Packet) -> None:
+        if packet.position:
+            self._positions += 1
+            return
         self._batches.add(packet)
         frame = None if self._assembler is None else self._assembler.push(packet)
         if frame is not None:
@@ -179,4 +190,8 @@ class Bag:
         if last is not None:
             self.writer.write_cloud(posed(last, self._poses))
         self.writer.close()
+        if self._positions:
+            log.warning(
+                "a rosbag: not kept: %d position packets (a VelodyneScan has no place for them)", self._positions
+            )
         return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)

@@ -14,6 +14,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_not_input
 from lidarcodec.commands.stopping import Watched, stoppable
+from lidarcodec.commands.unkept import positions_in, positions_text
 from lidarcodec.errors import SourceError
 from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.whole_files import whole
@@ -26,7 +27,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
     check_not_input(out, recording)
     check_output(out, force=force)
     recorded = RecordedFrames(recording)
-    count = points = 0
+    count = points = positions = 0
     with (
         progress("decoding", frames) as tick,
         stoppable() as stopped,
@@ -47,11 +48,12 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
                 warn_if_generic(frame.sensor, str(recording))
                 writer.write(frame)
                 count, points = count + 1, points + frame.points
+                positions += positions_in(frame)
                 tick()
         if watched.cut:
             output.only_part()
     _warn(recorded)
-    print(f"{output.kept}: {count} frames, {points:,} points")
+    print(f"{output.kept}: {count} frames, {points:,} points{positions_text(out, positions)}")
     if watched.cut:
         raise remaining.stopped(out, output.kept, count, skip=skip, frames=frames)
 

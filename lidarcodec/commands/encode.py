@@ -11,6 +11,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import Watched, stoppable
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.sources import open_source
@@ -47,7 +48,8 @@ def run(
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
-            frames_of(source.packets(), source.sensor, encoder.settings.framing), source.poses if poses else None
+            frames_of(source.packets(), source.sensor, encoder.settings.framing, source.counts),
+            source.poses if poses else None,
         )
         watched = Watched(cut, stopped)
         chosen = islice(watched, skip, None if frames is None else skip + frames)
@@ -68,6 +70,7 @@ def run(
         part = frames is not None and stopped() and coded.frames < frames if source.live else watched.cut
         if part:
             output.only_part()
+    say_unkept(source.label, source.counts)
     size = 0 if output.straight or output.kept is None else output.kept.stat().st_size
     print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
     if part:

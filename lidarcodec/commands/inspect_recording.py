@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from lidarcodec.commands.explain import codec_name, explain, section_name, time_text
+from lidarcodec.entropy import decode_positions
 from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.message import Section, SectionType
 from lidarcodec.recording import RecordingReader
+from lidarcodec.units import MAX_PACKETS
 from lidarcodec.wire import unpack
 
 SHOWN_MESSAGES = 20
@@ -23,7 +26,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     sections: Counter[str] = Counter()
     codecs: Counter[str] = Counter()
-    messages = keys = frames = damaged = size = 0
+    messages = keys = frames = damaged = size = coded_positions = 0
     stamps: list[int] = []
     with path.open("rb") as handle:
         reader = RecordingReader(handle)
@@ -40,6 +43,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
                 sizes: Counter[str] = Counter()
                 for section in message.sections:
                     sizes[section_name(section.type)] += len(section.data)
+                    coded_positions += _positions_in(section)
                 sections += sizes
                 codecs[codec_name(message.codec)] += 1
                 keys, frames = keys + message.key, frames + message.frame_count
@@ -56,7 +60,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
             if len(rows) < SHOWN_MESSAGES:
                 rows.append(row)
         counts = dict(reader.counts)
-        packets = sum(1 for _ in reader.packets())
+        recorded = Counter("position packets" if packet.position else "packets" for packet in reader.packets())
     found = {
         "recording": str(path),
         "metadata": metadata,
@@ -64,7 +68,8 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "key messages": keys,
         "frames": frames,
         "damaged messages": damaged,
-        "raw packets": packets,
+        "raw packets": recorded["packets"],
+        **({"position packets": positions} if (positions := recorded["position packets"] + coded_positions) else {}),
         "begins": time_text(stamps[0]) if stamps else None,
         "duration_s": round((stamps[1] - stamps[0]) * 1e-9, 3) if stamps else None,
         "codecs": dict(codecs),
@@ -75,6 +80,14 @@ def inspect_recording(path: Path) -> dict[str, Any]:
         "damaged": [row for row in rows if "damaged" in row],
     }
     return found
+
+
+def _positions_in(section: Section) -> int:
+    """How many position packets a section holds."""
+    try:
+        return len(decode_positions(section.data, MAX_PACKETS)) if section.type == SectionType.POSITION else 0
+    except DecodeError:
+        return 0
 
 
 def explain_message(path: Path, number: int) -> dict[str, Any]:

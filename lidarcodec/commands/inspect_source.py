@@ -66,14 +66,18 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     Raises SourceError, PacketError or CalibrationError.
     """
     limit = LOOK_PACKETS if is_endless(spec) else None
-    totals, status, packets = _Totals(), StatusReader(), 0
+    totals, status = _Totals(), StatusReader()
+    packets = positions = 0
     with open_source(spec, calibration=calibration) as source, progress("reading packets", limit) as tick:
         sensor = source.sensor
         assembler = Assembler(sensor)
         for packet in source.packets():
+            frame = assembler.push(packet)
+            if packet.position:
+                positions += 1
+                continue
             packets += 1
             status.push(packet.payload)
-            frame = assembler.push(packet)
             if frame is not None:
                 totals.add(frame, int(np.count_nonzero(frame.fired)) * 32)
             tick()
@@ -84,7 +88,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
             totals.add(last, int(np.count_nonzero(last.fired)) * 32)
         noticed = source.counts + assembler.counts
         label, fidelity = source.label, getattr(source, "fidelity", None)
-    del noticed["packets"], noticed["frames"]
+    del noticed["packets"], noticed["frames"], noticed["position packets"]
     duration_s = (totals.last_ns - (totals.first_ns or 0)) * 1e-9
     found: dict[str, Any] = {
         "source": spec + (f" (the first {packets} packets: it has no end)" if limit else ""),
@@ -92,6 +96,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "sensor": sensor.name,
         "calibration": {"origin": sensor.origin, "hash": sensor.hash},
         "packets": packets,
+        **({"position packets": positions} if positions else {}),
         "frames": round(packets / FRAME_PACKETS, 3),
         "begins": time_text(totals.first_ns) if totals.first_ns is not None else "never",
         "duration_s": round(duration_s, 3),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +13,7 @@ from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, party_of
@@ -104,6 +106,7 @@ def run(
         health = told_in(health_file, lambda: [SensorState.of(publisher.status())])
         with stoppable(publisher.interrupt), health:
             publisher.run()
+    say_unkept(spec, Counter(publisher.status()["source"]))
     print(summary_line(publisher.status()), file=sys.stdout)
 
 

@@ -9,29 +9,37 @@ from lidarcodec.units import FRAME_PACKETS
 
 
 class Turns:
-    """Packets in turns of 348; a signal ends them behind a turn.
+    """Packets in turns of 348 data packets; a signal ends them behind a turn.
 
-    packets: given so far;  cut: whether there were more of them when a signal came
+    packets: data packets given so far;  positions: position packets between them
+    cut: whether there were more of them when a signal came
     """
 
     def __init__(self, packets: Iterable[Packet], stopped: Callable[[], bool], tick: Callable[[], None]) -> None:
         self._source, self._stopped, self._tick = iter(packets), stopped, tick
-        self.packets = 0
+        self.packets = self.positions = 0
         self.cut = False
 
     def pass_over(self, turns: int) -> None:
         """Leave out that many turns."""
-        for number in range(turns * FRAME_PACKETS):
+        number = 0
+        while number < turns * FRAME_PACKETS:
             if number % FRAME_PACKETS == 0 and self._stopped():
                 self.cut = True
                 return
-            if next(self._source, None) is None:
+            packet = next(self._source, None)
+            if packet is None:
                 return
+            number += not packet.position
 
     def __iter__(self) -> Iterator[Packet]:
         if self.cut:
             return
         for packet in self._source:
+            if packet.position:
+                self.positions += 1
+                yield packet
+                continue
             if self.packets % FRAME_PACKETS == 0:
                 if self._stopped():
                     self.cut = True

@@ -40,6 +40,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
                 promise = promise._replace(reduced=settings.reduction != "all")
             comparison.add(frame, packets, promise)
             tick()
+        comparison.finish(packets)
         coverage = None if watched.cut else packets.coverage(stopped)
     for text in recorded.warnings():
         log.warning("%s", text)
@@ -102,12 +103,23 @@ def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[
         )
     if found.differing:
         broken.append(f"{found.differing} packets differ although their messages hold them byte for byte")
+    broken += broken_positions(found)
     if not found.steps:
         return broken + _broken_settings(settings, found)
     if None not in found.steps and (found.errors.lost or found.errors.invented):
         broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
     if settings is not None and settings.codec == "raw":
         broken += _broken_settings(settings, found) if set(found.steps) == {1} else []
+    return broken
+
+
+def broken_positions(found: Comparison) -> list[str]:
+    """What differs among position packets, which every message holds byte for byte: a sentence each."""
+    positions, broken = found.positions, []
+    if differing := positions.recorded - positions.identical:
+        broken.append(f"{differing} position packets are not those of the source at their place")
+    if positions.missing:
+        broken.append(f"{positions.missing} position packets of the source are missing")
     return broken
 
 
@@ -147,10 +159,14 @@ def _text(result: dict[str, Any]) -> str:
         return "nothing to compare" if value is None else f"{value:.6f} m"
 
     same = "identical" if result["packets_identical"] else f"{result['identical_packets']} identical"
+    recorded, missing = result["position_packets"], result["position_packets_missing"]
+    all_same = result["position_packets_identical"]
+    same_positions = "identical" if all_same else f"{result['identical_position_packets']} identical, {missing} missing"
     lines = [
         _covered_text(result["coverage"]),
         f"frames           {result['frames']}, {result['frames_not_in_source']} of them not in the source",
         f"packets          {result['packets']}, {same}",
+        *([f"position packets {recorded}, {same_positions}"] if recorded or missing else []),
         f"largest error    {metres(result['max_error_m'])}",
         f"RMS error        {metres(result['rmse_m'])}",
         f"returns          {result['points']:,}, {result['lost']} lost, {result['invented']} invented"

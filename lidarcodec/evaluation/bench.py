@@ -27,7 +27,7 @@ from lidarcodec.evaluation.metrics import RangeErrors, Sizes, times_ms
 from lidarcodec.evaluation.range_bands import RangeBands
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.packet import Packet
+from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
@@ -93,7 +93,8 @@ def frames_and_payloads(
 
     def remembered() -> Iterator[Packet]:
         for packet in packets:
-            waiting.append(packet.payload)
+            if not packet.position:
+                waiting.append(packet.payload)
             yield packet
 
     for frame in frames_of(remembered(), sensor, framing):
@@ -200,7 +201,7 @@ class _Run:
             if self.more is not None:
                 self.more.add(original, frame)
             if self.identical:
-                self.identical = b"".join(p.payload for p in packets_of(frame)) == b"".join(payloads)
+                self.identical = b"".join(p.payload for p in data_packets(packets_of(frame))) == b"".join(payloads)
 
     def _warm_up(self, frame: Frame) -> None:
         """Code one frame with a session of its own: libraries load on first use, and that is not a codec's time."""

@@ -33,6 +33,7 @@ PLANE_OF_SECTION: dict[int, str] = {
     SectionType.INTENSITY: "intensity",
     SectionType.AZIMUTH: "azimuth",
     SectionType.SIDE: "side",
+    SectionType.POSITION: "side",
 }
 
 

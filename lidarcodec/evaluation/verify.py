@@ -17,9 +17,10 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.metrics import RangeErrors
+from lidarcodec.evaluation.verify_positions import PositionComparison, places
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
-from lidarcodec.packet import Packet
+from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import frames_of
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
@@ -103,6 +104,8 @@ class PacketsByTime:
 
     Frames may be missing in the recording (replaced on the way, or left out by --skip): packets in between are passed
     over and counted in `passed`. `coverage` tells which of the source's packets were found.
+    positions: of the packets taken last, the position packets before each; passed_positions: those before the first
+    packet that was passed over for them, None if none was
     """
 
     def __init__(self, packets: Iterable[Packet]) -> None:
@@ -114,22 +117,30 @@ class PacketsByTime:
         self._to: Packet | None = None
         self._source_from: Packet | None = None
         self._source_to: Packet | None = None
+        self._before: deque[list[Packet]] = deque([[]])  # of each that waits, and of the next one
         self.passed = 0
+        self.positions: list[list[Packet]] = []
+        self.passed_positions: list[Packet] | None = None
 
     def _look(self, at: int) -> Packet | None:
         while len(self._waiting) <= at:
             packet = next(self._packets, None)
             if packet is None:
                 return None
+            if packet.position:
+                self._before[-1].append(packet)
+                continue
             self._source_from, self._source_to = self._source_from or packet, packet
             self._waiting.append(packet)
+            self._before.append([])
         return self._waiting[at]
 
     def coverage(self, stopped: Callable[[], bool] = lambda: False) -> Coverage | None:
         """What was taken, of all that the source has: reads it to its end. None if that was stopped."""
         count = self._at + len(self._waiting)
         self._waiting.clear()
-        for packet in self._packets:
+        self._before = deque([[]])
+        for packet in data_packets(self._packets):
             if stopped():
                 return None
             self._source_from, self._source_to = self._source_from or packet, packet
@@ -167,9 +178,12 @@ class PacketsByTime:
             at += 1
         if found < 0 or self._look(found + count - 1) is None:
             return None
+        self.passed_positions = self._before[0] if found else None
         for _ in range(found):
             self._waiting.popleft()
+            self._before.popleft()
         self.passed += found
+        self.positions = [self._before.popleft() for _ in range(count)]
         taken = [self._waiting.popleft() for _ in range(count)]
         self._note(found, taken)
         return taken
@@ -186,6 +200,11 @@ class PacketsByTime:
             self._taken += len(taken)
             self._to, self._last = taken[-1], self._at - 1
 
+    def behind(self) -> tuple[list[Packet], bool]:
+        """Position packets behind what was taken last, and whether no data packet follows."""
+        last = self._look(0) is None
+        return self._before[0], last
+
 
 @dataclass
 class Comparison:
@@ -196,6 +215,7 @@ class Comparison:
     differing: packets that are not identical although their message says that they are
     steps: frames by the step of their message; None: of a codec that keeps no bound
     unjudged: frames that no message speaks for, such as those of recorded packets
+    positions: the position packets
     """
 
     frames: int = 0
@@ -209,6 +229,7 @@ class Comparison:
     unjudged: int = 0
     steps: Counter[int | None] = field(default_factory=Counter)
     errors: RangeErrors = field(default_factory=RangeErrors)
+    positions: PositionComparison = field(default_factory=PositionComparison)
 
     @property
     def packets_identical(self) -> bool:
@@ -220,13 +241,15 @@ class Comparison:
 
         Raises SectionError for a frame that never was packets.
         """
-        back = packets_of(decoded)
+        back, before = places(packets_of(decoded))
         self.frames += 1
         self.packets += len(back)
         given = source.take(back[0], len(back)) if back else []
         if given is None:
             self.not_in_source += 1
+            self.positions.lost(before)
             return
+        self.positions.add(before, source.positions, source.passed_positions)
         same = sum(a.payload == b.payload for a, b in zip(given, back, strict=True))
         self.identical_packets += same
         if promise is None:
@@ -236,6 +259,11 @@ class Comparison:
             self.differing += len(back) - same if promise.identical else 0
         for original in frames_of(given, decoded.sensor, f"packets:{MAX_PACKETS}"):
             self._compare(original, decoded, promise)
+
+    def finish(self, source: PacketsByTime) -> None:
+        """All frames were added: compare what follows the last one."""
+        behind, last = source.behind()
+        self.positions.finish(behind, last=last)
 
     def _compare(self, original: Frame, decoded: Frame, promise: Promise | None) -> None:
         if original.range.shape != decoded.range.shape:
@@ -262,6 +290,10 @@ class Comparison:
             "packets": self.packets,
             "packets_identical": self.packets_identical,
             "identical_packets": self.identical_packets,
+            "position_packets": self.positions.recorded,
+            "position_packets_identical": self.positions.all_identical,
+            "identical_position_packets": self.positions.identical,
+            "position_packets_missing": self.positions.missing,
             "points": errors.points,
             "max_error_m": errors.max_error_m,
             "rmse_m": errors.rmse_m,

@@ -3,7 +3,7 @@
 | encoding             | topic                                      | data of an MCAP message                    |
 |----------------------|--------------------------------------------|--------------------------------------------|
 | `lidarcodec`         | `lidarcodec/v1/{vehicle}/{sensor}/frame`   | one message as `wire.pack` gives it        |
-| `lidarcodec.packets` | `lidarcodec/v1/{vehicle}/{sensor}/packets` | count u32, stamps in ns i64, payloads 1206 |
+| `lidarcodec.packets` | `lidarcodec/v1/{vehicle}/{sensor}/packets` | a batch of packets, `pack_batch` |
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: what a message decodes to |
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: where the sensor was |
 
@@ -20,8 +20,10 @@ from typing import Final
 
 import numpy as np
 
+from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import PacketError, SectionError
 from lidarcodec.packet import Packet
+from lidarcodec.side import Position
 from lidarcodec.units import PACKET_BYTES
 
 MESSAGE_ENCODING: Final = "lidarcodec"
@@ -29,9 +31,10 @@ PACKET_ENCODING: Final = "lidarcodec.packets"
 METADATA_NAME: Final = "lidarcodec"
 """Name of the MCAP metadata record: format, version, vehicle, sensor and the settings as JSON."""
 MAX_BATCH: Final = 16384
-"""Packets in a batch, at most: 20 MB."""
+"""Data packets in a batch, at most: 20 MB."""
 
 _COUNT: Final = struct.Struct("<I")
+_STAMP: Final = struct.Struct("<q")
 
 
 def topic(vehicle: str, sensor: str, encoding: str) -> str:
@@ -45,27 +48,46 @@ def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
 
 
 def pack_batch(packets: Sequence[Packet]) -> bytes:
-    """Bytes of a batch of packets.
+    """Bytes of a batch of packets: count u32, stamps in ns i64 and payloads of data packets; if there are position
+    packets, then the first packet's stamp i64 and the bytes of a POSITION section.
 
-    Raises PacketError for a payload that has not 1206 bytes, SectionError for no packet or more than MAX_BATCH.
+    Raises PacketError for a data packet that has not 1206 bytes, SectionError for no packet or too many.
     """
-    if not 1 <= len(packets) <= MAX_BATCH:
+    data = [packet for packet in packets if not packet.position]
+    if not packets or len(data) > MAX_BATCH:
         raise SectionError(f"a batch of {len(packets)} packets: 1 to {MAX_BATCH} are possible")
-    for packet in packets:
+    for packet in data:
         if len(packet.payload) != PACKET_BYTES:
             raise PacketError(f"a payload of {len(packet.payload)} bytes, not {PACKET_BYTES}")
-    stamps = np.array([packet.stamp_ns for packet in packets], "<i8").tobytes()
-    return _COUNT.pack(len(packets)) + stamps + b"".join(packet.payload for packet in packets)
+    stamps = np.array([packet.stamp_ns for packet in data], "<i8").tobytes()
+    packed = _COUNT.pack(len(data)) + stamps + b"".join(packet.payload for packet in data)
+    if len(data) == len(packets):
+        return packed
+    begin_ns, place, positions = packets[0].stamp_ns, 0, []
+    for packet in packets:
+        if packet.position:
+            positions.append(Position(place, packet.stamp_ns - begin_ns, packet.payload))
+        else:
+            place += 1
+    return packed + _STAMP.pack(begin_ns) + encode_positions(tuple(positions), host_step_ns=1)
 
 
 def unpack_batch(data: bytes) -> list[Packet]:
     """Packets of a batch.
 
-    Raises SectionError.
+    Raises SectionError or TruncatedError.
     """
     count = _COUNT.unpack_from(data)[0] if len(data) >= _COUNT.size else 0
-    if not 1 <= count <= MAX_BATCH or len(data) != _COUNT.size + count * (8 + PACKET_BYTES):
-        raise SectionError(f"a batch of {count} packets in {len(data)} bytes")
     at = _COUNT.size + 8 * count
+    end = at + count * PACKET_BYTES
+    if count > MAX_BATCH or len(data) < max(end, _COUNT.size + 1) or end < len(data) <= end + _STAMP.size:
+        raise SectionError(f"a batch of {count} packets in {len(data)} bytes")
     stamps = np.frombuffer(data[_COUNT.size : at], "<i8").tolist()
-    return [Packet(data[at + n * PACKET_BYTES : at + (n + 1) * PACKET_BYTES], stamp) for n, stamp in enumerate(stamps)]
+    packets = [
+        Packet(data[at + n * PACKET_BYTES : at + (n + 1) * PACKET_BYTES], stamp) for n, stamp in enumerate(stamps)
+    ]
+    if len(data) > end:
+        (begin_ns,) = _STAMP.unpack_from(data, end)
+        for one in reversed(decode_positions(data[end + _STAMP.size :], count)):  # so that places before stay
+            packets.insert(one.place, Packet(one.payload, begin_ns + one.offset_ns, position=True))
+    return packets

@@ -20,10 +20,9 @@ import numpy as np
 
 from lidarcodec.errors import PacketError
 from lidarcodec.sensors.hdl64 import PACKET_DTYPE
-from lidarcodec.units import LOWER_FLAG, PACKET_BYTES, UPPER_FLAG
+from lidarcodec.units import LOWER_FLAG, PACKET_BYTES, POSITION_BYTES, UPPER_FLAG
 
 HDL64 = "HDL-64E"
-POSITION_BYTES = 512
 ETHERNET_BYTES = 42
 RETURN_MODES = frozenset({0x37, 0x38, 0x39})
 """Strongest, last, dual."""

@@ -23,7 +23,8 @@ class Source(Protocol):
 
     sensor: the model and calibration that were found; sensor.origin says where
     live:   True when packets come at the sensor's own pace (UDP), False when they can be read as fast as wanted
-    counts: what was skipped or noticed, by cause (`truncated`, `position packets`, `kernel drops`, ...)
+    counts: what was skipped or noticed, by cause (`truncated`, `wrong length`, `kernel drops`, ...), and the `position
+            packets` among what is given
     """
 
     sensor: SensorModel
@@ -31,7 +32,7 @@ class Source(Protocol):
     counts: Counter[str]
 
     def packets(self) -> Iterator[Packet]:
-        """Packets in order of receipt.
+        """Packets in order of receipt: data packets, and position packets among them.
 
         Raises SourceError when the source cannot be read, PacketError for a sensor that is not supported.
         """
@@ -64,7 +65,7 @@ class PacketSource(Source):
 
     @abstractmethod
     def packets(self) -> Iterator[Packet]:
-        """Packets in order of receipt; a file is read from its beginning at each call.
+        """Packets in order of receipt, position packets among them; a file is read from its beginning at each call.
 
         Raises SourceError when the source cannot be read, PacketError for a sensor that is not supported.
         """

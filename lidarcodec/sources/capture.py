@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec.errors import PacketError, SourceError
-from lidarcodec.packet import Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.datagrams import Datagram, DatagramReader
 from lidarcodec.sources.decompress import ByteStream
@@ -21,16 +21,16 @@ from lidarcodec.sources.pcapng import MAGIC as PCAPNG_MAGIC
 from lidarcodec.sources.pcapng import read_pcapng
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import SEARCHED_PACKETS, carries_table
-from lidarcodec.units import PACKET_BYTES
+from lidarcodec.sources.unkept import OTHER_POSITIONS
+from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES, POSITION_PORT
 
 logger = logging.getLogger(__name__)
 
-POSITION_BYTES: Final = 512
-POSITION_PORT: Final = 8308
 FIRST_PACKETS: Final = 1024
 """Packets by which the streams of a file are told apart: 0.3 s of an HDL-64E."""
 
 NAMED_STREAMS: Final = 16
+POSITIONS: Final = "position packets"
 
 Stream = tuple[bytes, int]
 """Sender's address and destination port."""
@@ -67,16 +67,25 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
 
 
 class CaptureSource(PacketSource):
-    """Packets of one sensor in a capture file.
+    """Packets of one sensor in a capture file: its data packets, and position packets of the same sender.
 
-    Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets`, `wrong length`, `other
-    stream`, `other traffic`, `cut packets`, `bad packets`, `lost fragments`, `bad fragments`, ...
+    Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets` (which are given), and what
+    is not: `position packets not kept` (another sender's), `position packets to another port`, `wrong length`, `other
+    stream`, `other datagrams`, `other traffic`, ...
     """
 
-    def __init__(self, path: Path, calibration: Path | None = None, port: int | None = None, src: str | None = None):
+    def __init__(
+        self,
+        path: Path,
+        calibration: Path | None = None,
+        port: int | None = None,
+        src: str | None = None,
+        position: int | None = None,
+    ) -> None:
         """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
 
         port, src: destination port and sender's address of the stream to take; else the most frequent one is taken.
+        position: destination port of its position packets, 8308 by default; 0: leave them out.
         Raises SourceError if the file cannot be read or has no such stream, PacketError for another sensor,
         CalibrationError.
         """
@@ -88,12 +97,14 @@ class CaptureSource(PacketSource):
         super().__init__(find_calibration(path, calibration, payloads))
         self.label = f"capture {path.name}, {_name(self.stream)}"
         self._warned = False
+        self._position_port = POSITION_PORT if position is None else position
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> CaptureSource:
-        """The source that a path with options `?port=` and `?src=` names."""
-        spec.only("port", "src")
-        return cls(spec.path, calibration, spec.whole("port", 1, 65535), spec.options.get("src"))
+        """The source that a path with options `?port=`, `?src=` and `?position=` names."""
+        spec.only("port", "src", "position")
+        port, src = spec.whole("port", 1, 65535), spec.options.get("src")
+        return cls(spec.path, calibration, port, src, spec.position_port())
 
     def packets(self) -> Iterator[Packet]:
         """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
@@ -102,18 +113,30 @@ class CaptureSource(PacketSource):
         for stamp_ns, (source, _, port, payload) in stamped_datagrams(self.path, counts, ending):
             if self.closed:
                 return
-            if len(payload) != PACKET_BYTES:
-                position = len(payload) == POSITION_BYTES and port == POSITION_PORT
-                counts["position packets" if position else "wrong length"] += 1
-            elif (source, port) != chosen:
-                counts["other stream"] += 1
-            else:
+            if (source, port) == chosen and len(payload) == PACKET_BYTES:
                 yield Packet(payload, stamp_ns)
+                continue
+            cause = self._other((source, port), len(payload))
+            counts[cause] += 1
+            if cause == POSITIONS:
+                yield Packet(payload, stamp_ns, position=True)
         if ending.cause:
             counts[ending.cause] = 1
             if not self._warned:
                 self._warned = True
                 logger.warning("%s is %s: %s; what is whole before was read", self.path, ending.cause, ending.text)
+
+    def _other(self, stream: Stream, size: int) -> str:
+        """What to count a datagram as that is no data packet of the chosen stream: POSITIONS if it is kept."""
+        if stream == (self.stream[0], self._position_port):
+            return POSITIONS if size <= MAX_POSITION_BYTES else "wrong length"
+        if size == PACKET_BYTES:
+            return "other stream"
+        if stream == self.stream:
+            return "wrong length"
+        if size != POSITION_BYTES:
+            return "other datagrams"
+        return OTHER_POSITIONS if stream[0] == self.stream[0] else UNKEPT_POSITIONS
 
 
 def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:

@@ -53,7 +53,8 @@ class PacedSource(PacketSource):
         for packet, own_ns in self._endless():
             if last_ns is not None:
                 due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self.speed
-            last_ns = packet.stamp_ns
+            if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may be out of order
+                last_ns = packet.stamp_ns
             wait_s = due_s - time.monotonic()
             if wait_s > NAP_S and self._stop.wait(wait_s):
                 return
@@ -62,7 +63,7 @@ class PacedSource(PacketSource):
             if self.restamp:
                 now_ns = self._now_ns()
                 self.shift_ns = now_ns - own_ns
-                yield Packet(packet.payload, now_ns)
+                yield packet._replace(stamp_ns=now_ns)
             else:
                 self.shift_ns = packet.stamp_ns - own_ns
                 yield packet
@@ -76,7 +77,8 @@ class PacedSource(PacketSource):
                 if first_ns is None:
                     first_ns = packet.stamp_ns
                 last_ns = packet.stamp_ns
-                yield (Packet(packet.payload, packet.stamp_ns + shift_ns) if shift_ns else packet), packet.stamp_ns
+                own = packet._replace(stamp_ns=packet.stamp_ns + shift_ns) if shift_ns else packet
+                yield own, packet.stamp_ns
             if not self.loop or first_ns is None or last_ns is None or self._stop.is_set():
                 return
             shift_ns += last_ns - first_ns + PACKET_INTERVAL_US * 1000

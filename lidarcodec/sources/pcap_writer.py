@@ -1,8 +1,9 @@
 """PcapWriter: packets into a classic pcap file, as the frames that the sensor puts on the wire.
 
 Ethernet, IPv4 and UDP headers are made up with the sensor's factory settings (192.168.3.43:443 to 192.168.3.255:2368,
-broadcast); the IP check sum is right, the UDP check sum is 0 (none), as the sensor sends it. With a nanosecond file,
-which is the default, stamps come back exactly; a microsecond file is for programs that read no other.
+broadcast, position packets to 8308); the IP check sum is right, the UDP check sum is 0 (none), as the sensor sends it.
+With a nanosecond file, which is the default, stamps come back exactly; a microsecond file is for programs that read no
+other.
 
 >>> import io
 >>> from lidarcodec.packet import Packet
@@ -21,7 +22,7 @@ from typing import BinaryIO, Final
 
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
-from lidarcodec.units import DATA_PORT
+from lidarcodec.units import DATA_PORT, POSITION_PORT
 
 SENSOR_ADDRESS: Final = bytes((192, 168, 3, 43))
 BROADCAST_ADDRESS: Final = bytes((192, 168, 3, 255))
@@ -41,11 +42,12 @@ def checksum(header: bytes) -> int:
 
 
 @lru_cache(maxsize=8)
-def headers(size: int) -> bytes:
-    """The 42 bytes before a payload of `size` bytes: Ethernet, IPv4, UDP."""
+def headers(size: int, *, position: bool = False) -> bytes:
+    """The 42 bytes before a payload of `size` bytes: Ethernet, IPv4, UDP. position: of a position packet."""
     ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 28 + size, 0, 0x4000, 128, 17, 0, SENSOR_ADDRESS, BROADCAST_ADDRESS)
     ip = ip[:10] + struct.pack(">H", checksum(ip)) + ip[12:]
-    return _ETHERNET + ip + struct.pack(">HHHH", SENSOR_PORT, DATA_PORT, 8 + size, 0)
+    port = POSITION_PORT if position else SENSOR_PORT  # a sensor sends position packets from that port, too
+    return _ETHERNET + ip + struct.pack(">HHHH", port, port if position else DATA_PORT, 8 + size, 0)
 
 
 class PcapWriter:
@@ -69,7 +71,7 @@ class PcapWriter:
         if not 0 <= seconds < MAX_SECONDS:
             raise SourceError(f"a pcap file cannot hold the time {packet.stamp_ns} ns (1970 to 2106 only)")
         record = struct.pack("<IIII", seconds, fraction_ns // self._step_ns, 42 + size, 42 + size)
-        self._file.write(record + headers(size) + packet.payload)
+        self._file.write(record + headers(size, position=packet.position) + packet.payload)
 
     def write_all(self, packets: Iterable[Packet]) -> int:
         """Append packets; returns how many.

@@ -11,7 +11,7 @@ from typing import IO, Final, Literal
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SourceError, UnknownNameError
 from lidarcodec.frame import Frame
-from lidarcodec.packet import Packet
+from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
 from lidarcodec.sensor_model import SensorModel
@@ -29,8 +29,8 @@ class RecordingSource(PacketSource):
     """Packets of a recording; from its raw packets if it has any, else decoded from its messages.
 
     channel: "packets" or "messages", which of the two is read
-    Counts: `truncated` (1 if the file was cut), `damaged`, `undecoded messages`, `missing references`, `frames without
-    packets` (they never were packets).
+    Counts: `truncated` (1 if the file was cut), `damaged`, `position packets`, `undecoded messages`, `missing
+    references`, `frames without packets` (they never were packets).
     """
 
     def __init__(
@@ -43,7 +43,8 @@ class RecordingSource(PacketSource):
         sensor, CalibrationError.
         """
         self.path, self._topic = path, topic
-        first = [] if channel == "messages" else list(islice(self._raw(Counter(), warn=False), SEARCHED_PACKETS))
+        raw = data_packets(self._raw(Counter(), warn=False))
+        first = [] if channel == "messages" else list(islice(raw, SEARCHED_PACKETS))
         self.channel: Channel = "packets" if first else "messages"
         failed: list[DecodeError] = []
         frame = next(self._frames(Counter(), failed, warn=False), None) if channel != "packets" else None
@@ -79,6 +80,8 @@ class RecordingSource(PacketSource):
         for packet in source:
             if self.closed:
                 return
+            if packet.position:
+                self.counts["position packets"] += 1
             yield packet
 
     def frames(self, start_ns: int | None = None) -> Iterator[Frame]:

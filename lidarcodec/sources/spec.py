@@ -69,6 +69,13 @@ class Spec:
             raise SourceError(f"source option {name}={self.options[name]}: a whole number is needed")
         return None if value is None else int(value)
 
+    def position_port(self) -> int | None:
+        """The port of position packets: option `position`, 0 for `off`; None if it was not given.
+
+        Raises SourceError if it is no port.
+        """
+        return 0 if self.options.get("position") == "off" else self.whole("position", 1, 65535)
+
     def flag(self, name: str) -> bool:
         """An option that is on or off; off if it was not given.
 

@@ -10,16 +10,17 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from lidarcodec import _native
 from lidarcodec.errors import SourceError
-from lidarcodec.packet import FirstPacket, Packet
+from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
 from lidarcodec.sensors import find_calibration, identify
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.position_socket import listener_beside
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp_senders import Senders
@@ -46,7 +47,7 @@ class UdpSource(PacketSource):
     A sender is an address and a port. It is chosen by what it sent within 0.2 s, and another takes its place when it
     falls silent or when its packets do not hang together and those of the other do; a FirstPacket comes first then.
     Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length`,
-    `position packets`, `other sensor`.
+    `position packets` (which are given), `position packets not kept` (that came to the port of data), `other sensor`.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class UdpSource(PacketSource):
         wait_s: float = WAIT_S,
         interface: str | None = None,
         share: bool = False,
+        position: int | None = None,
     ) -> None:
         """Listens at once.
 
@@ -68,6 +70,7 @@ class UdpSource(PacketSource):
         idle_s:     `packets` ends when none came for so long
         wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
                     one that comes later replaces `sensor` while packets are read
+        position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
         Raises SourceError if the address cannot be listened on, PacketError if another sensor sends there,
         CalibrationError.
         """
@@ -77,12 +80,14 @@ class UdpSource(PacketSource):
         with sock:
             self.address: tuple[str, int] = sock.getsockname()[:2]
             pinned = b"" if wanted is None else wanted.packed
+            self._positions = listener_beside(host, self.address[1], position, interface=interface, share=share)
             self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS, pinned, any_sender)  # a copy of it
         self.label = f"UDP {self.address[0]} port {self.address[1]}"
         self._idle_s, self._any = idle_s, any_sender
         self._senders = Senders(self.label, str(wanted or ""), any_sender)
         self._look_s = 0.0
         self._sender = 0
+        self._known: tuple[int, bytes | None] = (0, None)
         self._searches = calibration is None
         self._opened = False
         self._held: deque[Packet] = deque()
@@ -97,8 +102,8 @@ class UdpSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
-        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=` names."""
-        spec.only("src", "any", "idle", "wait", "interface", "share")
+        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=` names."""
+        spec.only("src", "any", "idle", "wait", "interface", "share", "position")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""
@@ -114,6 +119,7 @@ class UdpSource(PacketSource):
             wait_s=WAIT_S if (wait_s := spec.number("wait", 0.0, 60.0)) is None else wait_s,
             interface=spec.options.get("interface"),
             share=spec.flag("share"),
+            position=spec.position_port(),
         )
 
     def packets(self) -> Iterator[Packet]:
@@ -142,6 +148,8 @@ class UdpSource(PacketSource):
         self._receiver.stop()
         self._count()
         self._senders.close()
+        if self._positions is not None:
+            self._positions.close()
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
         """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
@@ -157,7 +165,7 @@ class UdpSource(PacketSource):
         Raises PacketError, SourceError.
         """
         payloads, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
-        held = self._held
+        came: list[Packet] = []
         for number, (stamp_ns, sender) in enumerate(zip(stamps_ns.tolist(), senders.tolist(), strict=True)):
             payload = payloads[number * PACKET_BYTES : (number + 1) * PACKET_BYTES]
             kind = Packet
@@ -168,7 +176,10 @@ class UdpSource(PacketSource):
                 self._sender = sender
             if self._table is not None and not self._table.push(payload):
                 self._learn(self._table)
-            held.append(kind(payload, stamp_ns))
+            came.append(kind(payload, stamp_ns))
+        if self._positions is not None:
+            came = self._positions.among(came, self._address_of(self._sender), anybody=self._any)
+        self._held.extend(came)
         if (now_s := time.monotonic()) - self._look_s >= TAKE_S:
             self._look_s = now_s
             self._count()
@@ -193,15 +204,24 @@ class UdpSource(PacketSource):
             text = "%s: calibration %s from the sensor's status bytes is used from now on"
             logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
 
+    def _address_of(self, sender: int) -> bytes | None:
+        """Address of the sender with that id, of which there has been a packet; None while there is none."""
+        if sender != self._known[0]:
+            found = {number: where[0] for number, where, *_ in self._receiver.senders().report()}
+            self._known = sender, found.get(sender, self._known[1])
+        return self._known[1] if sender else None
+
     def _count(self) -> None:
         kernel, queue, wrong, position = self._receiver.counts()
         judge = self._receiver.senders()
+        beside = Counter[str]() if self._positions is None else self._positions.counts
         found = {
-            "kernel drops": kernel,
+            "kernel drops": kernel + beside["kernel drops"],
             "queue drops": queue,
-            "wrong length": wrong,
-            "position packets": position,
-            "strangers": judge.refused,
+            "wrong length": wrong + beside["wrong length"],
+            "position packets": beside["position packets"],
+            UNKEPT_POSITIONS: position,
+            "strangers": judge.refused + beside["strangers"],
             "sender changes": judge.changes,
             "other sensor": judge.other,
         }

@@ -27,11 +27,14 @@ SO_TIMESTAMPNS: Final = 35
 SO_RXQ_OVFL: Final = 40
 
 
-def open_socket(host: str, port: int, *, interface: str | None = None, share: bool = False) -> socket.socket:
+def open_socket(
+    host: str, port: int, *, interface: str | None = None, share: bool = False, least_bytes: int = LEAST_BYTES
+) -> socket.socket:
     """A bound, tuned, non-blocking socket; a member of the group if the host is a multicast address.
 
     interface: the one on which the group is joined, its address (IPv4) or name (IPv6)
     share:     let other programs of this machine listen on the same port (always so for multicast)
+    least_bytes: of buffer, below which there is a warning
     Raises SourceError if the address cannot be listened on.
     """
     place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
@@ -47,7 +50,7 @@ def open_socket(host: str, port: int, *, interface: str | None = None, share: bo
         for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
             sock.setsockopt(socket.SOL_SOCKET, option, 1)
         size = _grow(sock)
-        if size < LEAST_BYTES:
+        if size < least_bytes:
             logger.warning(
                 "the receive buffer of udp://%s holds only %d ms of an HDL-64: raise net.core.rmem_max from %d to %d",
                 place,

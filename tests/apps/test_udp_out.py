@@ -13,8 +13,8 @@ import pytest
 
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.subscribe import subscribe
-from lidarcodec.apps.udp_out import UdpOut, address_of
-from lidarcodec.assembly import Assembler
+from lidarcodec.apps.udp_out import UdpOut, address_of, due_s, target_of
+from lidarcodec.assembly import Assembler, packets_of
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
@@ -22,6 +22,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.calm import when_calm
+from tests.positions import interleaved
 from tests.transport.test_contract import eventually
 
 SO_RCVBUFFORCE = 33
@@ -197,6 +198,49 @@ def test_addresses_of_both_kinds_and_the_sensor_s_port_by_default():
     assert address_of("[::1]:7000") == (socket.AF_INET6, ("::1", 7000))
     with pytest.raises(TransportError):
         address_of("no-such-host.invalid:2368")
+
+
+def test_the_position_port_is_8308_beside_the_sensor_s_port_and_can_be_named():
+    assert target_of("127.0.0.1").position == ("127.0.0.1", 8308)
+    assert target_of("127.0.0.1:2369").position is None
+    assert target_of("127.0.0.1:2369?position=8309").position == ("127.0.0.1", 8309)
+    assert target_of("127.0.0.1:2368?position=off").position is None
+    assert target_of("[::1]:7000?position=7001").position == ("::1", 7001)
+    for text in ("127.0.0.1?position=0", "127.0.0.1?position=", "127.0.0.1?port=7", "127.0.0.1?"):
+        with pytest.raises(SettingsError, match="position"):
+            target_of(text)
+
+
+def with_positions() -> Frame:
+    """A turn with position packets."""
+    assembler = Assembler(Loop(1).sensor, "packets:348")
+    (frame,) = [frame for packet in interleaved(Loop(1).packets()) if (frame := assembler.push(packet))]
+    return frame
+
+
+def test_position_packets_leave_at_their_place_to_their_port(driver):
+    frame, other = with_positions(), Driver()
+    out = UdpOut(f"{driver.address}?position={other.address.rpartition(':')[2]}")
+    out.start()
+    out.put(frame)
+    sent = packets_of(frame)
+    assert eventually(lambda: len(driver.payloads) == 348 and len(other.payloads) == len(sent) - 348 == 25)
+    out.close()
+    other.close()
+    assert driver.payloads == [packet.payload for packet in sent if not packet.position]
+    assert other.payloads == [packet.payload for packet in sent if packet.position]
+    assert driver.senders == other.senders
+    assert dict(out.counts) == {"frames": 1, "packets": 348, "position packets": 25}
+    assert (np.diff(due_s(frame.side)) >= 0).all()
+    half = driver.times[174]
+    assert sum(at < half for at in other.times) in (11, 12, 13, 14)
+
+
+def test_position_packets_without_a_port_are_counted_and_said_once(udp, driver, caplog):
+    udp.put(with_positions())
+    assert eventually(lambda: len(driver.payloads) == 348)
+    assert eventually(lambda: udp.counts["position packets not sent"] == 25)
+    assert caplog.text.count("position packets not sent") == 1
 
 
 def clouds(packets: list[Packet]):

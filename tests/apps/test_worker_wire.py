@@ -62,6 +62,7 @@ def assert_identical(came: Frame, sent: Frame) -> None:
     if came.side is not None:
         for name in ("packet_ns", "gps_us", "status", "layouts", "layout", "irregular", "second"):
             np.testing.assert_array_equal(getattr(came.side, name), getattr(sent.side, name), err_msg=name)
+        assert came.side.positions == sent.side.positions
     for name in ("hash", "name", "origin", "convention", "range_step_m"):
         assert getattr(came.sensor, name) == getattr(sent.sensor, name)
 
@@ -142,8 +143,8 @@ def test_messages_that_do_not_fit_their_answer_are_refused(ends):
 
 def test_frames_that_no_codec_may_give_are_refused(ends):
     """A decoder that was taken over answers what it likes; it must not reach the program that listens."""
-    good = b"".join(bytes(part) for part in FrameWriter().parts(frames.scene(1)))
-    head = 40
+    good = b"".join(bytes(part) for part in FrameWriter().parts(frames.scene(1, side=frames.with_positions(1))))
+    head = 44
     images = good.index(frames.SENSOR.calibration.table.tobytes()) + frames.SENSOR.calibration.table.nbytes
     azimuth = images + 64 * 6 * 3
     fired = azimuth + 2 * 6 * 2
@@ -151,6 +152,8 @@ def test_frames_that_no_codec_may_give_are_refused(ends):
         "columns": (16, struct.pack("<I", 1 << 30)),
         "packets": (24, struct.pack("<I", 1 << 20)),
         "layouts": (28, struct.pack("<I", 1 << 20)),
+        "bytes of positions": (40, struct.pack("<I", 1 << 30)),
+        "position packets": (good.index(b"\x28\xb5\x2f\xfd"), b"\0"),
         "flags": (20, struct.pack("<I", 0xFF)),
         "index": (0, struct.pack("<q", -1)),
         "no sensor": (20, struct.pack("<I", 2)),

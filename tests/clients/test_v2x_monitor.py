@@ -164,7 +164,7 @@ class Again(PacketSource):
     def packets(self) -> Iterator[Packet]:
         turn = 0
         while not self.closed:
-            for payload, stamp_ns in self._packets:
+            for payload, stamp_ns, _ in self._packets:
                 yield Packet(payload, stamp_ns + turn * self._period_ns)
             turn += 1
 

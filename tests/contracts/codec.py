@@ -74,6 +74,7 @@ def assert_side_equal(came: SideInfo | None, sent: SideInfo | None) -> None:
     assert np.abs(came.packet_ns - sent.packet_ns).max(initial=0) <= 500
     for name in ("gps_us", "status", "irregular", "second"):
         np.testing.assert_array_equal(getattr(came, name), getattr(sent, name), err_msg=name)
+    assert came.positions == sent.positions
 
 
 def assert_same_but_ranges(came: Frame, sent: Frame) -> None:
@@ -271,7 +272,7 @@ def small_messages(codec: CodecUnderTest) -> list[bytes]:
         [frames.scene(1, index=0), frames.scene(1, index=1)],
         [frames.irregular_side(3).with_(pose=frames.pose()), frames.three_to_one(1, index=1)],
         [frames.one_return(), frames.scene(1, index=1).with_(keep=np.eye(64, 6) > 0)],
-        [frames.noise(1, index=0), frames.noise(1, index=1)],
+        [frames.noise(1, index=0), frames.scene(1, index=1).with_(side=frames.with_positions(1))],
     ]
     data: list[bytes] = []
     for number, pair in enumerate(sent):

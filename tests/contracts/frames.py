@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import FIRINGS_PER_PACKET, LASERS
+from tests import positions
 
 
 def sensor(seed: int = 0) -> SensorModel:
@@ -113,6 +116,11 @@ def irregular_side(packets: int) -> Frame:
     return base.with_(side=side, **cut)
 
 
+def with_positions(packets: int) -> SideInfo:
+    """Side information with position packets at every kind of place."""
+    return replace(SideInfo.regular(packets), positions=positions.of_frame(packets))
+
+
 def pose(seed: int = 5) -> np.ndarray:
     """A rigid transform."""
     turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -149,5 +157,9 @@ def ordinary() -> dict[str, Frame]:
         "pose": base.with_(pose=pose()),
         "no side": base.with_(side=None),
         "veloview": base.with_(sensor=SENSOR.with_convention("veloview")),
+        "position packets": base.with_(side=with_positions(8)),
+        "nothing but position packets": base.with_(
+            azimuth=base.azimuth[:, :0], fired=base.fired[:, :0], **(blank | {"side": with_positions(0)})
+        ),
         "early stamp": base.with_(stamp_ns=-5),
     }

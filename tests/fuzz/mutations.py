@@ -55,7 +55,7 @@ def mutated_message(data: bytes, rng: random.Random, *, resealed: bool) -> bytes
             case 1:
                 sections.append(sections[at])
             case 2:
-                sections[at] = sections[at]._replace(type=rng.randrange(12), ordinal=rng.choice((0, 0, 1, 255)))
+                sections[at] = sections[at]._replace(type=rng.randrange(15), ordinal=rng.choice((0, 0, 1, 255)))
             case _:
                 sections[at] = sections[at]._replace(data=mutated(sections[at].data, rng))
         return pack(replace(message, sections=tuple(sections)))

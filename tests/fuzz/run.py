@@ -27,6 +27,7 @@ from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
 from tests.fuzz.mutations import mutated, mutated_message
 from tests.packets import sensor, turning
+from tests.positions import interleaved
 
 SLOWEST_S = 1.0
 LARGEST_MIB = 512
@@ -49,7 +50,8 @@ def message_target(codec: str, *, resealed: bool) -> Target:
     for settings in ({}, {"intensity": "levels=16", **coarse}, {"intensity": "off"}):
         for packets in (1, 7):
             encoder = StreamEncoder(settings_from({"codec": codec, **settings}), stream_id=1)
-            for frame in frames_of(turning(packets * 2), sensor(), f"packets:{packets}"):
+            given = interleaved(turning(packets * 2), every=packets + 1, first=0)
+            for frame in frames_of(given, sensor(), f"packets:{packets}"):
                 clean += map(pack, encoder.encode(frame, key=True))
             clean += map(pack, encoder.flush())
 
@@ -85,7 +87,9 @@ def packet_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]
 
 def length_target(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
     """Payloads of any length."""
-    return rng.randbytes(rng.choice((0, 1, 512, 1205, 1207, 3000))), lambda d: Assembler(sensor()).push(Packet(d, 0))
+    return rng.randbytes(rng.choice((0, 1, 512, 1205, 1207, 3000))), lambda d: Assembler(sensor()).push(
+        Packet(d, 0, position=rng.random() < 0.5)
+    )
 
 
 def targets() -> dict[str, Target]:

@@ -21,6 +21,7 @@ from lidarcodec.codecs import table
 from lidarcodec.errors import UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
+from lidarcodec.side import SideInfo
 from lidarcodec.wire.header import MAJOR
 from tests.contracts import frames
 
@@ -89,6 +90,8 @@ def settings_of() -> dict[str, StreamSettings]:
         found[f"predictive_depths_{kind}"] = full.model_copy(update=own)
     found["riddle_depths_turns_lossless"] = found["riddle_turns_lossless"]
     found["riddle_depths_slabs_coarse"] = found["riddle_firings_slabs_coarse"]
+    for name in ("raw", "zstd"):
+        found[f"{name}_positions_lossless"] = found[f"{name}_lossless"]
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
     return found
 
@@ -131,8 +134,18 @@ def turns() -> list[Frame]:
     return [frame.with_(azimuth=at) for frame in sent]
 
 
+def with_positions() -> list[Frame]:
+    """Frames with position packets and without, one of them reduced."""
+    keep = np.random.default_rng(12).random((64, 24)) < 0.3
+    sent = [frames.scene(4), frames.scene(6), frames.scene(4).with_(keep=keep), frames.ordinary()["no packets"]]
+    sides = [frames.with_positions(4), SideInfo.regular(6), frames.with_positions(4), frames.with_positions(0)]
+    return [frame.with_(index=at, side=side) for at, (frame, side) in enumerate(zip(sent, sides, strict=True))]
+
+
 def stream_of(name: str) -> list[Frame]:
     """Frames of the golden file of that name."""
+    if "positions" in name:
+        return with_positions()
     return slabs() if "slabs" in name else turns() if "turns" in name else stream()
 
 
@@ -145,6 +158,7 @@ def digest(frame: Frame) -> str:
     if frame.side is not None:
         side = frame.side
         arrays += [side.packet_ns, side.gps_us, side.status, side.layouts[side.layout], side.irregular, side.second]
+        parts += [f"{at} {ns} {hashlib.sha256(payload).hexdigest()}" for at, ns, payload in side.positions]
     if frame.pose is not None:
         arrays.append(frame.pose)
     for array in arrays:
@@ -195,6 +209,8 @@ def test_lossless_golden_messages_hold_what_was_sent(name: str) -> None:
     path = FOLDER / f"v1_{name}.bin"
     for came, sent in zip(decoded(path.read_bytes()), stream_of(name), strict=True):
         np.testing.assert_array_equal(came.range, np.where(sent.valid, sent.range, 0))
+        assert (came.side is None) == (sent.side is None)
+        assert came.side is None or came.side.positions == sent.side.positions
 
 
 def test_a_newer_major_version_is_refused_clearly() -> None:

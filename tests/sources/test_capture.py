@@ -249,10 +249,13 @@ def test_the_most_frequent_sensor_is_taken_and_the_rest_counted(write):
     frames += [c.frame(bytes(512), port=8308)] * 3 + [c.frame(bytes(100))] + [c.ethernet(bytes(40), ethertype=0x0806)]
     path = write(c.pcap(frames))
     payloads, _, counts = read(path)
-    assert payloads == [p for p in PAYLOADS for _ in range(2)]
+    assert payloads == [p for p in PAYLOADS for _ in range(2)] + [bytes(512)] * 3
     assert counts == {"other stream": 40, "position packets": 3, "wrong length": 1, "other traffic": 1}
-    assert read(f"{path}?port=2369")[0] == PAYLOADS
-    assert read(f"{path}?src=192.168.3.44")[0] == PAYLOADS
+    assert read(f"{path}?port=2369&position=off")[0] == PAYLOADS
+    other, _, counts = read(f"{path}?src=192.168.3.44")
+    assert other == PAYLOADS
+    assert counts["position packets not kept"] == 3
+    assert counts["other datagrams"] == 1
     with pytest.raises(SourceError, match=r"there are: 192.168.3.43 to port 2368"):
         open_source(f"{path}?port=99")
     with pytest.raises(SourceError, match="an IP address"):

@@ -29,7 +29,7 @@ def test_what_is_written_comes_back(tmp_path, nanoseconds):
     path.write_bytes(written(PACKETS, nanoseconds=nanoseconds))
     step = 1 if nanoseconds else 1000
     with open_source(path) as source:
-        assert list(source.packets()) == [Packet(p, ns // step * step) for p, ns in PACKETS]
+        assert list(source.packets()) == [Packet(p, ns // step * step) for p, ns, _ in PACKETS]
         assert not source.counts
 
 

@@ -71,7 +71,7 @@ def test_wrong_lengths_and_strangers_are_counted_never_delivered():
         other(*PAYLOADS[1:5])
         send(PAYLOADS[5])
         assert take(source, 1)[0].payload == PAYLOADS[5]
-    assert dict(source.counts) == {"wrong length": 5, "position packets": 1, "strangers": 4}
+    assert dict(source.counts) == {"wrong length": 5, "position packets not kept": 1, "strangers": 4}
 
 
 def test_the_sender_can_be_chosen_or_left_open():

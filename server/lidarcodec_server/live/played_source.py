@@ -89,18 +89,19 @@ class PlayedSource(PacketSource):
             due_s, last_ns, empty = time.monotonic(), None, True
             for packet in self._recording.packets(begin_ns):
                 empty = False
-                if given % FRAME_PACKETS == 0:
+                if given % FRAME_PACKETS == 0 and not packet.position:
                     if self._held():
                         due_s = time.monotonic()
                     if self.closed or self._wanted_ns is not None:
                         break
                 if last_ns is not None:
                     due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self._speed
-                last_ns = self._at_ns = packet.stamp_ns
+                if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may be out of order
+                    last_ns = self._at_ns = packet.stamp_ns
                 if not self._wait(due_s):
                     return
-                given += 1
-                yield Packet(packet.payload, time.time_ns())
+                given += not packet.position
+                yield packet._replace(stamp_ns=time.time_ns())
             with self._changed:
                 begin_ns, self._wanted_ns = self._wanted_ns, None
                 ended = begin_ns is None and (not self._loop or empty)

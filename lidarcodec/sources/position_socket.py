@@ -1,0 +1,128 @@
+"""PositionListener: the position packets of a live sensor, put among its data packets by the kernel's times of arrival.
+
+A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: whoever takes data packets
+takes what has come here, too.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import struct
+from collections import Counter, deque
+from ipaddress import ip_address
+from typing import Final
+
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.sources.udp_socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, open_socket
+from lidarcodec.units import DATA_PORT, MAX_POSITION_BYTES, MAX_POSITIONS, POSITION_PORT
+
+logger = logging.getLogger(__name__)
+
+_STAMP: Final = struct.Struct("@qq")
+_DROPS: Final = struct.Struct("@I")
+_CONTROL_BYTES: Final = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
+
+
+class PositionListener:
+    """Receives on one port of this machine.
+
+    counts: `position packets`, and what was lost: `kernel drops`, `wrong length`, `strangers`
+    """
+
+    def __init__(self, host: str, port: int, *, interface: str | None = None, share: bool = False) -> None:
+        """Raises SourceError if the address cannot be listened on."""
+        self._socket = open_socket(host, port, interface=interface, share=share, least_bytes=0)
+        self._waiting: deque[tuple[Packet, bytes]] = deque()
+        self._dropped = 0
+        self.counts: Counter[str] = Counter()
+
+    def among(self, data: list[Packet], sender: bytes | None, *, anybody: bool = False) -> list[Packet]:
+        """These data packets, the last that came, with the position packets that came before and between them.
+
+        sender: address of the sensor; None while it is not known, and everything waits. anybody: take those of all
+        What comes behind the last data packet waits for the next call: if that has no data, nothing comes before it.
+        """
+        before = len(self._waiting)
+        self._drain(None if anybody else sender)
+        if sender is None and not anybody:
+            return data
+        merged: list[Packet] = []
+        for packet in data:
+            while self._waiting and self._waiting[0][0].stamp_ns <= packet.stamp_ns:
+                self._take(merged, sender, anybody=anybody)
+            merged.append(packet)
+        if not data:
+            for _ in range(before):
+                self._take(merged, sender, anybody=anybody)
+        return merged
+
+    def close(self) -> None:
+        """Close the socket; harmless when called twice."""
+        self._socket.close()
+
+    def _take(self, merged: list[Packet], sender: bytes | None, *, anybody: bool) -> None:
+        packet, own = self._waiting.popleft()
+        if anybody or own == sender:
+            merged.append(packet)
+            self.counts["position packets"] += 1
+        else:
+            self.counts["strangers"] += 1
+
+    def _drain(self, sender: bytes | None) -> None:
+        """Take what the kernel holds, up to a limit; the rest stays there. sender: the only one to take from."""
+        for _ in range(MAX_POSITIONS - len(self._waiting)):
+            try:
+                payload, control, flags, address = self._socket.recvmsg(MAX_POSITION_BYTES, _CONTROL_BYTES)
+            except OSError:  # nothing there, or closed meanwhile
+                return
+            stamp_ns = self._told(control)
+            if flags & socket.MSG_TRUNC:
+                self.counts["wrong length"] += 1
+                continue
+            own = _address(address[0])
+            if sender is not None and own != sender:
+                self.counts["strangers"] += 1
+                continue
+            self._waiting.append((Packet(payload, stamp_ns, position=True), own))
+
+    def _told(self, control: list[tuple[int, int, bytes]]) -> int:
+        """The kernel's time of arrival in ns; counts what it says that it dropped."""
+        stamp_ns = 0
+        for level, kind, value in control:
+            if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) >= _STAMP.size:
+                seconds, ns = _STAMP.unpack_from(value)
+                stamp_ns = seconds * 1_000_000_000 + ns
+            elif level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL and len(value) >= _DROPS.size:
+                (total,) = _DROPS.unpack_from(value)
+                self.counts["kernel drops"] += (total - self._dropped) & 0xFFFFFFFF
+                self._dropped = total
+        return stamp_ns
+
+
+def listener_beside(
+    host: str, data_port: int, port: int | None, *, interface: str | None, share: bool
+) -> PositionListener | None:
+    """What listens for position packets beside a port of data packets, if anything does.
+
+    port: of position packets, 0 for none; None: 8308 beside port 2368, with a warning if that cannot be had, else none
+    Raises SourceError if a port that was named cannot be listened on.
+    """
+    if port is None and data_port != DATA_PORT:
+        return None
+    try:
+        wanted = POSITION_PORT if port is None else port
+        return PositionListener(host, wanted, interface=interface, share=share) if wanted else None
+    except SourceError as error:
+        if port is not None:
+            raise
+        logger.warning("position packets of the sensor are not received: %s; ?position=off asks for none", error)
+        return None
+
+
+def _address(text: str) -> bytes:
+    """4 or 16 bytes; 4 of an IPv4 address in IPv6's clothes, as the receiver of data packets has it."""
+    address = ip_address(text.partition("%")[0])
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).packed

@@ -1,0 +1,47 @@
+"""What came over the wire and was not kept, in one sentence: counts of a source or an assembly, by cause.
+
+>>> from collections import Counter
+>>> unkept(Counter({"other datagrams": 12, "wrong length": 3, "position packets": 158, "lost packets": 1}))
+'12 datagrams of other senders or ports, 3 datagrams of another length'
+>>> unkept(Counter({"position packets": 158})) is None
+True
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+from lidarcodec.packet import UNKEPT_POSITIONS
+
+OTHER_POSITIONS: Final = "position packets to another port"
+"""The count of those that the chosen sensor sent to a port which is not that of its position packets."""
+
+CAUSES: Final[dict[str, str]] = {
+    "other stream": "packets of other streams",
+    "other datagrams": "datagrams of other senders or ports",
+    "wrong length": "datagrams of another length",
+    UNKEPT_POSITIONS: "position packets",
+    OTHER_POSITIONS: "position packets to another port (?position=PORT behind the source keeps them)",
+    "strangers": "packets of other senders",
+    "other sensor": "packets of another sensor",
+    "kernel drops": "packets dropped by the kernel",
+    "queue drops": "packets dropped from a full queue",
+    "other traffic": "frames that are no UDP",
+    "unknown link type": "frames of an unknown link type",
+    "cut packets": "datagrams that the capture cut",
+    "bad packets": "datagrams with wrong headers",
+    "lost fragments": "datagrams that lack fragments",
+    "bad fragments": "datagrams whose fragments do not fit",
+    "bad scans": "messages that are no VelodyneScan",
+    "undecoded messages": "messages that could not be decoded",
+    "missing references": "messages whose reference is missing",
+    "frames without packets": "frames that never were packets",
+}
+"""Cause in the counts -> what was not kept. Other counts tell of what was noticed, or lost before it came here."""
+
+
+def unkept(counts: Counter[str]) -> str | None:
+    """What was not kept, the most first; None if all was."""
+    found = [f"{number} {CAUSES[cause]}" for cause, number in counts.most_common() if number and cause in CAUSES]
+    return ", ".join(found) or None
