@@ -66,7 +66,7 @@ golden: $(STAMPS)/dev $(NATIVE) ## write golden files that are missing; never to
 identity: $(STAMPS)/dev ## the same bytes from gcc and clang, all optimisations, this processor and a 64-bit ARM (ARGS="--only g++")
 	$(BIN)/python -m tests.compilers $(ARGS)
 
-fuzz: $(STAMPS)/dev ## hostile bytes: the core under AddressSanitizer, then the whole decoder (CASES, SEED, SECONDS_EACH)
+fuzz: $(STAMPS)/dev $(NATIVE) ## hostile bytes: the core under AddressSanitizer, then the whole decoder (CASES, SEED, SECONDS_EACH)
 	@PYTHON=$(BIN)/python tools/fuzz.sh
 
 soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing lost in silence, memory flat
@@ -74,6 +74,7 @@ soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing los
 
 faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (4 min)
 	$(BIN)/python -m tests.faults $(ARGS)
+	$(BIN)/python -m tests.failing
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
 	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)
