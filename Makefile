@@ -78,6 +78,7 @@ soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing los
 
 faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (4 min)
 	$(BIN)/python -m tests.faults $(ARGS)
+	$(BIN)/python -m tests.failing
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
 	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)

@@ -1,6 +1,7 @@
 #!/bin/sh
 # `make fuzz`: hostile bytes under AddressSanitizer and UndefinedBehaviorSanitizer.
-#   1. each harness of native/fuzz against the C++ core: by libFuzzer where there is a clang, else by random bytes
+#   1. each harness of native/fuzz against the C++ core: by libFuzzer where there is a clang, from valid extremes on
+#      (tests/fuzz/native_seeds.py); else by random bytes
 #   2. every codec, shape, content, bound and intensity through encoder and decoder, by the module as it is installed
 #   3. tests/fuzz against the whole decoder, with the native module built with the sanitizers
 # CASES and SEED set how much of 3 is run, SECONDS_EACH how long each harness of 1 runs; ONLY names some of them;
@@ -25,7 +26,11 @@ fuzzing_clang() {
 }
 
 clang=$(fuzzing_clang)
-[ -z "$clang" ] || CLANGXX=$clang native/fuzz/build.sh build/fuzz
+if [ -n "$clang" ]; then
+  CLANGXX=$clang native/fuzz/build.sh build/fuzz
+  rm -rf build/fuzz/seeds
+  "$PYTHON" -m tests.fuzz.corpus --only-native --seed "$SEED" build/fuzz/seeds
+fi
 for harness in native/fuzz/fuzz_*.cpp; do
   [ -e "$harness" ] || continue
   name=$(basename "$harness" .cpp)
@@ -34,7 +39,7 @@ for harness in native/fuzz/fuzz_*.cpp; do
   if [ -n "$clang" ]; then
     mkdir -p "build/fuzz/corpus-$name"
     "build/fuzz/$name" -max_total_time="$SECONDS_EACH" -max_len=4096 -rss_limit_mb=2048 -timeout=10 -print_final_stats=1 \
-      -artifact_prefix="crash-$name-" "build/fuzz/corpus-$name" 2>"build/fuzz/$name.log" || { tail -60 "build/fuzz/$name.log"; exit 1; }
+      -artifact_prefix="crash-$name-" "build/fuzz/corpus-$name" "build/fuzz/seeds/$name" 2>"build/fuzz/$name.log" || { tail -60 "build/fuzz/$name.log"; exit 1; }
     grep -E "number_of_executed_units|peak_rss" "build/fuzz/$name.log"
   else
     # shellcheck disable=SC2086

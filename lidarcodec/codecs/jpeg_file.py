@@ -115,6 +115,8 @@ def read_jpeg(data: bytes, rows: int, width: int, bits: int) -> npt.NDArray[np.u
     check_jpeg(data, rows, width, bits)
     try:
         samples = imagecodecs.jpeg8_decode(data)
+    except MemoryError:  # no fault of the data
+        raise
     except Exception as error:
         raise SectionError(f"damaged JPEG: {error}") from None
     wanted = np.uint16 if bits > BLOCK else np.uint8

@@ -42,7 +42,7 @@ class JpegSettings(CodecSettings):
 def with_samples(own: JpegSettings, values: npt.NDArray[np.int32], known: Mask) -> tuple[bytes, bytes]:
     """Description of the samples, and the JPEG. values: (H, W) int32, ranges on the canvas, 0 where not known."""
     top = top_of(own.mapping, int(values.max()))
-    samples = mapping_of(own.mapping, own.bits, top).sample[values]
+    samples = mapping_of(own.mapping, own.bits, top).sample.take(values)  # indexed, NumPy crashes where memory is short
     jpeg = write_jpeg(samples, known, own.bits, own.tables, own.quality, MAX_VALUE / top)
     return SAMPLES.pack(own.bits, NAMES.index(own.mapping), top), jpeg
 

@@ -91,6 +91,8 @@ def read_jxl(data: bytes, rows: int, width: int) -> Ranges:
     image = np.zeros((rows, width), np.uint16)
     try:
         came = imagecodecs.jpegxl_decode(data, numthreads=1, out=image)
+    except MemoryError:  # no fault of the data
+        raise
     except Exception as error:
         raise SectionError(f"damaged JPEG XL: {error}") from None
     if came is not image:

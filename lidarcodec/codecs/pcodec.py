@@ -68,6 +68,8 @@ def guarded(read: Callable[..., T], *given: object) -> T:
     """What `read` gives; pcodec's own errors and panics become SectionError."""
     try:
         return read(*given)
+    except MemoryError:  # no fault of the data
+        raise
     except Exception as error:
         raise SectionError(f"damaged pcodec data: {error}") from None
     except BaseException as error:  # a panic in pcodec arrives as PanicException, which is no Exception

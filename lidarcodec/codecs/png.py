@@ -21,7 +21,7 @@ from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.quantise import quantise, reconstruct
 from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.errors import SectionError
+from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
 
@@ -43,6 +43,19 @@ class PngSettings(CodecSettings):
 
     level: int = Field(default=4, ge=0, le=9)
     """zlib's compression level."""
+
+
+def write_png(image: Ranges, level: int) -> bytes:
+    """The PNG of a (H, W) image. level: zlib's.
+
+    Raises MemoryError, or LidarCodecError if libpng cannot write it.
+    """
+    try:
+        return bytes(imagecodecs.png_encode(image, level=level, filter=_ONLY_SUB))
+    except imagecodecs.PngError as error:
+        if "memory" in str(error):
+            raise MemoryError(str(error)) from None
+        raise LidarCodecError(f"libpng cannot write {image.shape[1]} x {image.shape[0]} samples: {error}") from None
 
 
 def compressed_pixels(data: bytes, rows: int, width: int) -> bytes:
@@ -104,7 +117,7 @@ class PngEncoder(IntraEncoder):
             return with_step(step, b"")
         filled = filled_left(quantise(frame.range, step), valid)
         level = own_settings(PngSettings, self.settings).level
-        return with_step(step, bytes(imagecodecs.png_encode(filled, level=level, filter=_ONLY_SUB)))
+        return with_step(step, write_png(filled, level))
 
 
 class PngDecoder(ReturnsDecoder):

@@ -6,6 +6,7 @@ from typing import Final
 
 import zstandard
 
+from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.errors import SectionError
 
 _HEAD_BYTES: Final = 18
@@ -14,7 +15,8 @@ _HEAD_BYTES: Final = 18
 
 def compress(data: bytes, level: int) -> bytes:
     """One zstd frame that states its size."""
-    return zstandard.ZstdCompressor(level=level).compress(data)
+    with memory_told():
+        return zstandard.ZstdCompressor(level=level).compress(data)
 
 
 def decompress(data: bytes, size: int) -> bytes:
@@ -26,7 +28,8 @@ def decompress(data: bytes, size: int) -> bytes:
         announced = zstandard.get_frame_parameters(data[:_HEAD_BYTES]).content_size
         if announced != size:
             raise SectionError(f"a zstd frame of {announced} bytes where {size} are expected")
-        plain = zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
+        with memory_told():
+            plain = zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise SectionError(f"damaged zstd frame: {error}") from None
     if len(plain) != size:

@@ -30,6 +30,7 @@ from lidarcodec.entropy.number_series import (
     sums,
 )
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
+from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.errors import SectionError
 from lidarcodec.side import REGULAR_LAYOUT, Role, SideInfo
 from lidarcodec.units import BLOCK_BYTES, BLOCKS_PER_PACKET, HOUR_US, LASERS_PER_BLOCK, MAX_PACKETS
@@ -180,7 +181,8 @@ def _pack_blocks(irregular: npt.NDArray[np.uint8], second: npt.NDArray[np.uint8]
     steps[2:] -= distance[:-2]
     planes = (steps & 0xFF).astype(np.uint8), (steps >> 8).astype(np.uint8), returns[..., 2]
     raw = irregular.tobytes() + b"".join(plane.T.tobytes() for plane in planes)
-    packed = zstandard.ZstdCompressor(level=3).compress(raw)
+    with memory_told():
+        packed = zstandard.ZstdCompressor(level=3).compress(raw)
     return packed if len(packed) < len(raw) else raw  # of the same size it would be read as blocks as they are
 
 
@@ -212,6 +214,7 @@ def _decompress(packed: bytes, size: int, offset: int) -> bytes:
     try:
         if zstandard.frame_content_size(packed) != size:
             raise SectionError(f"side information: blocks that are not {size} bytes", offset)
-        return zstandard.ZstdDecompressor(max_window_size=1 << 23).decompress(packed, allow_extra_data=False)
+        with memory_told():
+            return zstandard.ZstdDecompressor(max_window_size=1 << 23).decompress(packed, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise SectionError(f"side information: blocks that cannot be decompressed ({error})", offset) from None

@@ -23,6 +23,7 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 import lidarcodec
+from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.frame import Frame
 from lidarcodec.interop import ros
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
@@ -96,7 +97,8 @@ class RosbagWriter:
         """Writes index and footer; harmless when called twice. The file itself stays open."""
         if not self._finished:
             self._finished = True
-            self._mcap.finish()  # type: ignore[no-untyped-call]
+            with memory_told():
+                self._mcap.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
 
     def metadata(self, name: str) -> str:
@@ -149,5 +151,6 @@ class RosbagWriter:
         began = any(one.count for one in self.topics)
         self._first_ns = min(self._first_ns, at) if began else at
         self._last_ns = max(self._last_ns, at)
-        self._mcap.add_message(topic.channel, at, data, at, topic.count & 0xFFFFFFFF)
+        with memory_told():
+            self._mcap.add_message(topic.channel, at, data, at, topic.count & 0xFFFFFFFF)
         topic.count += 1

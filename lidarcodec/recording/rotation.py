@@ -6,6 +6,7 @@ never the stream that is recorded. Writing takes as long as the disk takes: call
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import re
@@ -157,14 +158,20 @@ class RotatingRecorder:
         while True:
             path = self.folder / f"{self.vehicle}_{self.sensor}_{time}_{number:04d}.mcap"
             try:
-                self._file = path.open("xb")
+                file = path.open("xb")
                 break
             except FileExistsError:
                 number += 1
-        self._writer = RecordingWriter(self._file, self.vehicle, self.sensor, self.settings, clouds=self.clouds)
+        try:
+            writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, clouds=self.clouds)
+            file.flush()
+            _sync_folder(self.folder)
+        except BaseException:
+            _thrown_away(file, path)
+            raise
+        self._file, self._writer = file, writer
         self._synced = self._in_file = 0
         self.counts["files"] += 1
-        _sync_folder(self.folder)
 
     def _make_room(self, needed: int) -> None:
         """Deletes the oldest files until the current one may take `needed` bytes; ends the recording if it may not."""
@@ -186,16 +193,23 @@ class RotatingRecorder:
         self._writer = self._file = None
         if writer is None or file is None:
             return
+        if not self._in_file:  # not even its first message could be written
+            _thrown_away(file, Path(file.name))
+            self.counts["files"] -= 1
+            return
         with file:
             writer.close()
             os.fsync(file.fileno())
 
     def _guarded(self, work: Callable[[], None]) -> bool:
-        """Does the work; whether the disk let it. If not, the recording is over."""
+        """Does the work; whether disk and memory let it. If not, the recording is over."""
         try:
             work()
         except OSError as error:
             self._stop(f"{error.strerror or error}")
+            return False
+        except MemoryError:  # a message may be there by half: what came after it could not be read
+            self._stop("there was not enough memory")
             return False
         return True
 
@@ -205,8 +219,15 @@ class RotatingRecorder:
             log.error("recording to %s stopped: %s", self.folder, reason)
         try:
             self._end()
-        except OSError:
+        except (OSError, MemoryError):
             log.debug("the last file in %s has no index", self.folder)
+
+
+def _thrown_away(file: IO[bytes], path: Path) -> None:
+    """Closes and deletes a file in which no message is whole."""
+    with contextlib.suppress(OSError):
+        file.close()
+    path.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:

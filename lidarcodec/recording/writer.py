@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 import lidarcodec
 from lidarcodec import wire
+from lidarcodec.entropy.zstd_memory import memory_told
 from lidarcodec.errors import HeaderError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.interop import foxglove
@@ -121,7 +122,8 @@ class RecordingWriter:
         """Writes index and footer; harmless when called twice. The file itself stays open."""
         if not self._finished:
             self._finished = True
-            self._mcap.finish()  # type: ignore[no-untyped-call]
+            with memory_told():
+                self._mcap.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
 
     def __enter__(self) -> RecordingWriter:
@@ -146,5 +148,6 @@ class RecordingWriter:
 
     def _store(self, channel: int, stamp_ns: int, data: bytes, sequence: int) -> None:
         at = max(0, stamp_ns)  # MCAP knows no time before 1970
-        self._mcap.add_message(channel, at, data, at, sequence & 0xFFFFFFFF)
+        with memory_told():
+            self._mcap.add_message(channel, at, data, at, sequence & 0xFFFFFFFF)
         self._stream.flush()

@@ -1,4 +1,4 @@
-#include <nanobind/stl/shared_ptr.h>
+#include <memory>
 
 #include "bindings.hpp"
 #include "error.hpp"
@@ -9,6 +9,29 @@
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
 using lidarcodec::PredictiveCoder;
+using lidarcodec::RiddleNets;
+
+namespace {
+
+// Lets go of the Python object that networks belong to.
+struct LetGo {
+  PyObject* object;
+  void operator()(const RiddleNets*) const noexcept {
+    if (!nb::is_alive()) return;
+    const nb::gil_scoped_acquire held;
+    Py_DECREF(object);
+  }
+};
+
+// Networks shared with Python. nanobind's own caster (nanobind/stl/shared_ptr.h) ends the process where memory is short:
+// it makes a shared_ptr in a function that may not throw.
+std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
+  if (nets.is_none()) return nullptr;
+  const auto* const found = nb::cast<const RiddleNets*>(nets);
+  return {found, LetGo{nets.inc_ref().ptr()}};  // which lets go if there is no memory for what counts
+}
+
+}  // namespace
 
 void bind_predictive(nb::module_& m) {
   m.def(
@@ -24,12 +47,12 @@ void bind_predictive(nb::module_& m) {
       "How many columns the bytes of a slab need to be known; -1 for a whole frame, and for no returns.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
       .def("__init__",
-           [](PredictiveCoder* coder, const char* path, std::shared_ptr<lidarcodec::RiddleNets> nets) {
-             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), std::move(nets));
+           [](PredictiveCoder* coder, const char* path, nb::handle nets) {
+             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), shared(nets));
            },
            nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
       .def(
-          "change", [](PredictiveCoder& coder, std::shared_ptr<lidarcodec::RiddleNets> nets) { coder.change(std::move(nets)); },
+          "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); },
           nb::arg("nets"), "Go on with other networks; what contexts learned stays.")
       .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
       .def(

@@ -1,5 +1,6 @@
 // Any bytes as masks of a stream with memory, and any masks there and back. The input's first bytes say how wide frames are,
-// what fired, how the sensor is made and moved; the rest are numbers and, at the end, the section.
+// what fired, how the sensor is made and moved; the rest are numbers and, at the end, the section. With one bit the rest is
+// damage to a valid section instead: a place and a byte, again and again.
 #include <cstdlib>
 #include <vector>
 
@@ -55,7 +56,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (coded.size() > 1 && receiver.decode(coded.data(), coded.size(), seen.view) != mask) std::abort();
     }
     const Frame seen(width, pattern, turned, kind, numbers);
-    hostile.decode(rest.data(), rest.size(), seen.view);
+    if (kind & 64u) {
+      std::vector<std::uint8_t> coded = sender.encode(seen.any.returns(holes).data(), seen.view);
+      for (std::size_t i = 0; i + 1 < rest.size() && i < 16; i += 2) coded[rest[i] % coded.size()] ^= rest[i + 1];
+      hostile.decode(coded.data(), coded.size(), seen.view);
+    } else {
+      hostile.decode(rest.data(), rest.size(), seen.view);
+    }
   } catch (const Error&) {
   }
   return 0;

@@ -4,7 +4,8 @@
 
 Prints, by target, how many cases gave which error of the project, and how many were decoded after all. Anything else
 than an error of lidarcodec.errors, or a decode that takes over a second of the processor, or 512 MiB more than before,
-ends the run with the case on disk.
+ends the run with the case on disk. All begin with the valid extremes of `tests.fuzz.corpus`; a quarter of the cases are
+messages whose checksums are right again, one after another with valid ones between them (`tests.fuzz.campaign`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import random
 import resource
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from lidarcodec.assembly import Assembler, packets_of
@@ -25,38 +26,26 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
-from tests.fuzz.mutations import mutated, mutated_message
+from tests.fuzz.campaign import LARGEST_MIB, SLOWEST_S, block
+from tests.fuzz.chains import CASES, decode_all
+from tests.fuzz.corpus import SHARES, plans, stream
+from tests.fuzz.mutations import mutated
 from tests.packets import sensor, turning
-from tests.positions import interleaved
 
-SLOWEST_S = 1.0
-LARGEST_MIB = 512
+QUICK = ("extremes", "tiny")
+"""Sizes of messages that take about a millisecond."""
 
 Target = Callable[[random.Random], tuple[bytes, Callable[[bytes], object]]]
 
 
-def decode_all(data: bytes) -> None:
-    """Everything a receiver does with the bytes of a message."""
-    for frame in StreamDecoder().decode(unpack(data)):
-        frame.cloud()
-        if frame.side is not None:
-            packets_of(frame)
-
-
-def message_target(codec: str, *, resealed: bool) -> Target:
-    """Damaged messages of one codec."""
-    clean: list[bytes] = []
-    coarse = {"max_error_m": 0.05} if table.codec(codec).bounded else {}
-    for settings in ({}, {"intensity": "levels=16", **coarse}, {"intensity": "off"}):
-        for packets in (1, 7):
-            encoder = StreamEncoder(settings_from({"codec": codec, **settings}), stream_id=1)
-            given = interleaved(turning(packets * 2), every=packets + 1, first=0)
-            for frame in frames_of(given, sensor(), f"packets:{packets}"):
-                clean += map(pack, encoder.encode(frame, key=True))
-            clean += map(pack, encoder.flush())
+def message_target(codec: str) -> Target:
+    """Damaged messages of one codec, as a bad link damages them: their checksums are wrong."""
+    clean = [
+        data for plan in plans() if plan.name == codec and plan.size in QUICK for data in stream(plan, seed=1).messages
+    ]
 
     def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
-        return mutated_message(rng.choice(clean), rng, resealed=resealed), decode_all
+        return mutated(rng.choice(clean), rng), lambda data: decode_all(StreamDecoder(), data)
 
     return case
 
@@ -100,8 +89,7 @@ def targets() -> dict[str, Target]:
 
     found: dict[str, Target] = {"packets": packet_target, "packet lengths": length_target}
     for codec in table.names():
-        found[f"{codec} messages"] = message_target(codec, resealed=False)
-        found[f"{codec} messages, checksum made right"] = message_target(codec, resealed=True)
+        found[f"{codec} messages"] = message_target(codec)
     files = {"captures": capture_target(), "recordings": recording_target(), "bags": rosbag_target()}
     return found | image_targets() | files | {"riddle weights": weights_target()}
 
@@ -140,6 +128,22 @@ def run(cases: int, seed: int, crash_dir: Path) -> dict[str, Counter[str]]:
     return outcomes
 
 
+def run_sealed(cases: int, seed: int, kept: Path, sizes: Collection[str] = SHARES) -> dict[str, Counter[str]]:
+    """The same of damaged messages with right checksums, in all configurations of these sizes, each its share.
+
+    Raises AssertionError for what broke a rule, with every message that led to it kept in a folder.
+    """
+    chosen, outcomes = [plan for plan in plans() if plan.size in sizes], {}
+    shares = sum(plan.share for plan in chosen)
+    for plan in chosen:
+        limit = max(1, round(cases * plan.share / shares / CASES))
+        counts = block(stream(plan, seed), seed, 0, at=None, kept=kept, limit=limit)
+        if counts.found:
+            raise AssertionError("; ".join(counts.found))
+        outcomes[f"{plan.name}, {plan.size}, sealed"] = Counter(counts.outcomes)
+    return outcomes
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -149,7 +153,8 @@ def main() -> None:
     options = parser.parse_args()
     logging.getLogger("lidarcodec").setLevel(logging.ERROR)  # what is wrong with each case is told in the counts
     began = time.perf_counter()
-    outcomes = run(options.cases, options.seed, options.crashes)
+    outcomes = run(options.cases * 3 // 4, options.seed, options.crashes)
+    outcomes |= run_sealed(options.cases // 4, options.seed, options.crashes)
     for name, counts in outcomes.items():
         listed = ", ".join(f"{what} {n}" for what, n in counts.most_common())
         print(f"{name:45} {counts.total():7} cases: {listed}")

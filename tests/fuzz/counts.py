@@ -1,0 +1,102 @@
+"""The table of a long run of damaged messages (`tests.fuzz.campaign`), by configuration and in all.
+
+python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from tests.fuzz.campaign import Counts
+from tests.fuzz.corpus import Plan, plans
+
+BEGIN, END = "<!-- messages: begin -->\n", "<!-- messages: end -->\n"
+_SHORT = {
+    "decoded": "decoded",
+    "MissingReferenceError": "reference",
+    "TruncatedError": "truncated",
+    "SectionError": "section",
+}
+_HEAD = ("configuration", "cases", "refer to another", *_SHORT.values(), "others", "slowest, ms", "memory, MiB")
+
+
+def _line(cells: Iterable[object]) -> str:
+    return f"| {' | '.join(map(str, cells))} |\n"
+
+
+def _row(name: str, counts: Counts) -> str:
+    of = counts.outcomes
+    others = ", ".join(f"{kind} {n:,}" for kind, n in sorted(of.items()) if kind not in _SHORT)
+    shown = [f"{of.get(kind, 0):,}" for kind in _SHORT]
+    return _line(
+        [name, f"{counts.cases:,}", f"{counts.inter:,}", *shown, others or 0, counts.slowest_ms, counts.jump_mib]
+    )
+
+
+def _joined(parts: Iterable[Counts]) -> Counts:
+    whole = Counts()
+    for part in parts:
+        whole.join(part)
+    return whole
+
+
+def _groups(chosen: dict[str, tuple[Plan, Counts]]) -> Iterable[tuple[str, Counts]]:
+    """What a reader asks first: sizes, reduced frames, weights, and all."""
+    for size in dict.fromkeys(plan.size for plan, _ in chosen.values()):
+        yield f"**all of {size}**", _joined(counts for plan, counts in chosen.values() if plan.size == size)
+    yield "**all reduced**", _joined(counts for plan, counts in chosen.values() if plan.reduced)
+    yield "**all with weights**", _joined(counts for plan, counts in chosen.values() if plan.weights)
+    yield "**all**", _joined(counts for _, counts in chosen.values())
+
+
+def tables(state: Path) -> str:
+    """The tables of a run's folder, and what broke a rule."""
+    values = json.loads((state / "state.json").read_text())
+    known = {f"{plan.name}, {plan.size}": plan for plan in plans()}
+    chosen = {
+        name: (known[name], Counts(**counts))
+        for name, counts in values["configurations"].items()
+        if name in known and counts["cases"]
+    }
+    head = _line(_HEAD) + _line(["---"] + ["---:"] * (len(_HEAD) - 1))
+    found = [why for _, counts in chosen.values() for why in counts.found]
+    text = f"Seed {values['seed']}. Slowest: time of the processor; memory: beyond what was held before.\n\n"
+    text += head + "".join(_row(name, counts) for name, counts in _groups(chosen))
+    text += "\nBy configuration:\n\n" + head + "".join(_row(name, counts) for name, (_, counts) in chosen.items())
+    if not found:
+        return f"{text}\nNothing broke a rule.\n"
+    return f"{text}\nAgainst a rule:\n\n" + "".join(f"- {why}\n" for why in found)
+
+
+def written(page: str, text: str) -> str:
+    """A page with its tables replaced.
+
+    Raises ValueError when the page has no place for them.
+    """
+    head, begin, rest = page.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise ValueError("the page has no place for the tables")
+    return f"{head}{begin}\n{text}\n{end}{tail}"
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("state", type=Path, nargs="?", default=Path("build/fuzz/campaign"))
+    parser.add_argument("--write", type=Path, metavar="PAGE")
+    options = parser.parse_args()
+    text = tables(options.state)
+    if options.write is None:
+        print(text)
+    else:
+        options.write.write_text(written(options.write.read_text(), text))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,195 @@
+"""Inputs for the harnesses of native/fuzz that hold valid sections: each harness's own first bytes, then the section.
+
+A harness makes the geometry of a frame out of its first bytes (native/fuzz/fuzz_geometry.hpp). The same geometry is
+made here, and a section is written for it by the encoder, so that the harness decodes it and goes there and back.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.assembly import packets_of
+from lidarcodec.entropy import fast
+from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
+from tests.fuzz import extremes
+
+Mask = npt.NDArray[np.bool_]
+_WHOLE = -1
+_NUMBER = np.uint64(2654435761)
+_PATTERNS = (0, 0xFF, 0x55, 0x01)
+"""Which of eight halves of columns fired; 0: all of them."""
+_FILLS = (b"\0", b"\xff", b"\0\xff", b"\x7f\x80", bytes(range(256)))
+
+
+class Geometry(NamedTuple):
+    """What `FuzzGeometry` is. fired: (2, W) bool; half, rotation: (64,)."""
+
+    fired: Mask
+    half: npt.NDArray[np.uint8]
+    rotation: npt.NDArray[np.int32]
+
+    @classmethod
+    def of(cls, width: int, pattern: int, turned: int, *, mixed: bool) -> Geometry:
+        """The geometry of a harness's first bytes."""
+        i, rows = np.arange(2 * width), np.arange(LASERS)
+        fired = np.ones(2 * width, np.bool_) if pattern == 0 else (pattern >> (i % 8) & 1).astype(np.bool_)
+        half = (rows % 3 == 0 if mixed else rows >= LASERS // 2).astype(np.uint8)
+        rotation = (turned * rows.astype(np.uint32) * np.uint32(40503001)).astype(np.uint32).view(np.int32)
+        return cls(fired.reshape(2, width), half, rotation)
+
+    @property
+    def cells(self) -> Mask:
+        """(64, W) bool, cells whose half fired."""
+        return np.ascontiguousarray(self.fired[self.half.astype(np.intp)])
+
+    def returns(self, holes: int) -> Mask:
+        """(64, W) bool; the more holes of 255, the fewer."""
+        i = np.arange(self.cells.size, dtype=np.uint64).reshape(self.cells.shape)
+        return self.cells & ((i * _NUMBER >> np.uint64(7)) % np.uint64(256) >= np.uint64(holes))
+
+
+def _ways(most: int) -> Iterator[tuple[int, int, int, bool]]:
+    """Width, pattern, turned, mixed: every width that is special with something of all else."""
+    for at, width in enumerate((0, 1, 2, 7, most // 2, most)):
+        for pattern in _PATTERNS:
+            yield width, pattern, (0, 1, 255)[at % 3], bool(at % 2)
+
+
+def _shapes(cells: Mask, rng: np.random.Generator) -> dict[str, Mask]:
+    """Masks of all kinds within cells that fired."""
+    row, column = np.indices(cells.shape)
+    return {
+        "none": np.zeros_like(cells),
+        "all": cells,
+        "checked": cells & ((row + column) % 2 == 0),
+        "noise": cells & (rng.random(cells.shape) < 0.5),
+        "few": cells & (rng.random(cells.shape) < 0.03),
+        "rows": cells & (row % 2 == 0),
+    }
+
+
+def masks(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_mask."""
+    for width, pattern, turned, mixed in _ways(47):
+        of, split = Geometry.of(width, pattern, turned, mixed=mixed), 200 if mixed else 50
+        for kind in (2, 3):
+            wide = 1 + split % 40 if kind & 1 else 0
+            earlier = ((np.arange(LASERS * wide) * 7 + split) % 11 > 2).reshape(LASERS, wide)
+            for mask in _shapes(of.cells, rng).values():
+                section = fast.encode_mask(mask, *of, earlier, 0)
+                yield struct.pack(">H4BH", width, pattern, turned, split, kind, 0) + section
+
+
+def keeps(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_keep."""
+    for width, pattern, turned, mixed in _ways(47):
+        of, split, step = Geometry.of(width, pattern, turned, mixed=mixed), 200 if mixed else 50, 18
+        turns = (np.arange(2 * width) % max(width, 1) * step % 36000).astype(np.uint16).reshape(2, width)
+        for kind in (0, 1):
+            wide = width if kind & 1 else 0
+            earlier = ((np.arange(LASERS * wide) * 7 + split) % 11 > 8).reshape(LASERS, wide)
+            for keep in _shapes(of.cells, rng).values():
+                section = fast.encode_keep(keep, turns, *of, earlier)
+                yield struct.pack(">H4BH", width, pattern, turned, split, kind, step) + section
+
+
+def intensities(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_intensity."""
+    for width, pattern, turned, mixed in _ways(47):
+        of, kind = Geometry.of(width, pattern, turned, mixed=mixed), 4 if mixed else 0
+        for holes in (0, 100, 255):
+            returns = of.returns(holes)
+            for levels in (1, 2, 16, 256):
+                values = (rng.integers(0, levels, returns.shape) * 255 // max(levels - 1, 1)).astype(np.uint8)
+                section = fast.encode_intensity(np.where(returns, values, 0).astype(np.uint8), returns, *of, 0)
+                yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
+
+
+def ranges(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_predictive: without networks, with and without something expected, whole frames and quick ones."""
+    for width, pattern, turned, mixed in _ways(19):
+        of = Geometry.of(width, pattern, turned, mixed=mixed)
+        level = (turned * np.arange(LASERS) % 1001).astype(np.int32)
+        for holes in (0, 100):
+            returns = of.returns(holes)
+            i = np.arange(returns.size, dtype=np.uint64)
+            guesses = np.where(i % np.uint64(5) != 0, i * np.uint64(40503) >> np.uint64(7), 0).astype(np.uint16)
+            smooth = 3000 + 40 * np.arange(LASERS)[:, None] + rng.integers(0, 9, returns.shape)
+            noise = rng.integers(1, 65536, returns.shape)
+            for image in (np.full(returns.shape, 65535), np.ones(returns.shape), smooth, noise):
+                coded = np.where(returns, image, 0).astype(np.uint16)
+                for step, expects, quick in ((1, False, False), (1, True, False), (63, False, True)):
+                    kind = (4 if mixed else 0) + (16 if expects else 0)
+                    expected = guesses.reshape(returns.shape) if expects else np.zeros((LASERS, 0), np.uint16)
+                    given = (coded, returns, step, level, *of, 0, 0, expected, _WHOLE, None, quick)
+                    section = fast.NativePredictiveCoder().encode(*given)
+                    head = struct.pack(">H4BHB", width, pattern, holes, turned, kind, 0, step // 2)
+                    yield head + section
+
+
+def azimuths(_: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_azimuth."""
+    for seed in (1, 2):
+        for frame in extremes.small(seed, 8):
+            if frame.width < 500:
+                yield struct.pack(">H", frame.width) + fast.encode_azimuth(frame.azimuth, frame.fired)
+
+
+def numbers(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_numbers: its three streams."""
+    for counts in ((0, 0, 0), (1, 0, 0), (99, 299, 19), (5, 60, 3)):
+        for most in (1, 2, 256, 2**32, 2**63):
+            streams = [rng.integers(0, most, count, dtype=np.uint64) for count in counts]
+            yield struct.pack(">3H", *counts) + fast.encode_numbers(streams)
+        yield struct.pack(">3H", *counts) + fast.encode_numbers([np.full(n, 2**64 - 1, np.uint64) for n in counts])
+
+
+def packets(_: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_assembly: whole payloads, and heads of blocks."""
+    for frame in extremes.small(1, 2):
+        if frame.side is not None:
+            yield b"\0" + b"".join(packet.payload for packet in packets_of(frame))
+    for fill in _FILLS:
+        yield b"\1" + (fill * 2 * BLOCKS_PER_PACKET * 4)[: 2 * BLOCKS_PER_PACKET * 4]
+
+
+def plain(_: np.random.Generator) -> Iterator[bytes]:
+    """For harnesses that take numbers and no section: every kind they know, with numbers at their limits."""
+    for kind in (0, 1, 2, 4, 8, 16, 32, 64, 128, 255):
+        for fill in _FILLS:
+            yield bytes([kind, 0, 40, 0, 30, 0, 18]) + (fill * 1024)[:1024]
+
+
+def streams_of_masks(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_mask_stream, which writes valid masks itself: every kind, without damage and with a little."""
+    for width, pattern, turned, mixed in _ways(47):
+        for kind in (64, 66, 72, 74, 78, 90, 106, 127):
+            damage = rng.bytes(2 * int(rng.integers(0, 4)))
+            yield struct.pack(">H4B", width, pattern, turned, kind | mixed, 40) + damage
+
+
+HARNESSES = {
+    "fuzz_mask": masks,
+    "fuzz_keep": keeps,
+    "fuzz_intensity": intensities,
+    "fuzz_predictive": ranges,
+    "fuzz_azimuth": azimuths,
+    "fuzz_numbers": numbers,
+    "fuzz_assembly": packets,
+    "fuzz_groups": plain,
+    "fuzz_reduction": plain,
+    "fuzz_riddle_train": plain,
+    "fuzz_warp": plain,
+    "fuzz_mask_stream": streams_of_masks,
+}
+"""Where the inputs of each harness come from."""
+
+
+def seeds(harness: str, seed: int) -> list[bytes]:
+    """Inputs for a harness of native/fuzz, none twice."""
+    return list(dict.fromkeys(HARNESSES[harness](np.random.default_rng(seed))))
