@@ -152,6 +152,7 @@ PANELS = (
             target("increase(lidarcodec_viewers_refused_total[$__rate_interval])", "no room for a viewer"),
             target("increase(lidarcodec_viewers_ended_total[$__rate_interval])", "sent away: {{reason}}"),
             target("increase(lidarcodec_streams_left_out_total[$__rate_interval])", "no room for a stream"),
+            target("increase(lidarcodec_vehicle_streams_left_out_total[$__rate_interval])", "of which {{vehicle}}"),
         ],
     ),
     graph(

@@ -99,9 +99,9 @@ def test_all_sensors_share_one_session_and_stop_soon_when_it_cannot_be_opened():
         ("sensors: [{name: a, source: x}, {name: a, source: y}]", "two sensors have the name 'a'"),
         ("sensors: [{name: a, source: x, record: {folder: d, gb: -1}}]", "sensors.0.record.gb"),
         ("[1, 2]", "holds no fields"),
-        ("a: [", "is no YAML"),
-        ("[" * 5000, "is no YAML"),
-        ("sensors: !!python/object/apply:os.system ['true']", "is no YAML"),
+        ("a: [", "is not YAML"),
+        ("[" * 5000, "nested more than 16 deep"),
+        ("sensors: !!python/object/apply:os.system ['true']", "anchors or tags"),
     ],
 )
 def test_a_mistake_in_the_file_is_named_by_its_field(text, said):

@@ -18,6 +18,7 @@ FOR_WORK = {
     ("lidarcodec/apps/learning.py", "_allowed"),
     ("lidarcodec/apps/udp_out.py", "_run"),
     ("lidarcodec/apps/recorder.py", "_run"),
+    ("lidarcodec/apps/spot_check.py", "_run"),
     ("lidarcodec/transport/memory.py", "_run"),
     ("lidarcodec/transport/memory.py", "receive"),
     ("lidarcodec/transport/zenoh.py", "receive"),

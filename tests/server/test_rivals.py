@@ -159,10 +159,13 @@ def test_two_servers_with_settings_for_one_vehicle_say_so_and_come_to_rest(tmp_p
         car.wait(30)
         car = start(*publish, variables=where)
         until_now(lambda: {server.get(STREAM)["settings"]["key_interval"] for server in servers} in ({5}, {9}))
-        time.sleep(4.0)  # until both have seen its first status, and what the other one did
-        before = [len(server.get(f"{STREAM}/audit")) for server in servers]
-        time.sleep(3.0)
-        assert [len(server.get(f"{STREAM}/audit")) for server in servers] == before, "they do not go on for ever"
+
+        def at_rest() -> bool:
+            before = [len(server.get(f"{STREAM}/audit")) for server in servers]
+            time.sleep(3.0)
+            return [len(server.get(f"{STREAM}/audit")) for server in servers] == before
+
+        until_now(at_rest)  # they do not go on for ever
     finally:
         for process in (car, *(server.process for server in servers)):
             process.terminate()
