@@ -152,7 +152,12 @@ PANELS = (
             target("increase(lidarcodec_viewers_refused_total[$__rate_interval])", "no room for a viewer"),
             target("increase(lidarcodec_viewers_ended_total[$__rate_interval])", "sent away: {{reason}}"),
             target("increase(lidarcodec_streams_left_out_total[$__rate_interval])", "no room for a stream"),
-            target("increase(lidarcodec_vehicle_streams_left_out_total[$__rate_interval])", "of which {{vehicle}}"),
+            target(
+                "sum by (vehicle) (increase(lidarcodec_vehicle_streams_left_out_total[$__rate_interval]))",
+                "of which {{vehicle}}",
+            ),
+            target("increase(lidarcodec_statuses_refused_total[$__rate_interval])", "statuses refused"),
+            target("increase(lidarcodec_status_fields_dropped_total[$__rate_interval])", "status fields dropped"),
         ],
     ),
     graph(
