@@ -161,6 +161,13 @@ PANELS = (
         ],
     ),
     graph(
+        "Connections", "none",
+        [
+            target("lidarcodec_connections", "open"),
+            target("increase(lidarcodec_connections_ended_total[$__rate_interval])", "ended: {{reason}}"),
+        ],
+    ),
+    graph(
         "Recordings and playbacks", "none",
         [target("lidarcodec_recordings_running", "recordings"), target("lidarcodec_playbacks_running", "playbacks")],
     ),
