@@ -52,12 +52,13 @@ def test_a_viewer_that_reports_what_it_never_received_throttles_nobody(tmp_path)
                 assert eventually(lambda: live.next(1.0) is not None, 30)
                 seen = frames_of(live, 4.0)
                 flight = publisher.status()["flight"]
-            stop.set()
-            liar.join(10.0)
+                stop.set()
+                liar.join(10.0)
+                alone = frames_of(live, 4.0)
         assert flight["following"] == "ben"
         assert flight["receivers"] == ["ben"]
         assert sum(flight["refused"].values()) > 100
-        assert seen >= 20, "of 40; with the liar followed there were 5"
+        assert seen >= alone / 2, "with the liar followed there was an eighth"
     finally:
         stop.set()
         made.close()
