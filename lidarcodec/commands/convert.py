@@ -24,6 +24,7 @@ from lidarcodec.pipeline import check_offline
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.spec import parse
 from lidarcodec.units import FRAME_PACKETS
 from lidarcodec.whole_files import check_free, whole
 
@@ -62,7 +63,10 @@ def run(
         progress("converting", frames) as tick,
         whole(out, force=force, contents=contents) as output,
     ):
-        beside = _calibration_file(out, wanted.form, source.sensor, force)
+        read = parse(spec).path
+        beside = _calibration_file(
+            out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
+        )
         wanted_packets = part_of(source.packets(), 0, None if limit is None else skip * FRAME_PACKETS + limit)
         turns = Turns(wanted_packets, stopped, tick)
         turns.pass_over(skip)
@@ -118,9 +122,12 @@ def _needs_file(form: Form, sensor: SensorModel) -> bool:
     return form != "recording" and sensor.origin not in IN_THE_STREAM
 
 
-def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
+def _calibration_file(
+    out: Path, form: Form, sensor: SensorModel, force: bool, beside_input: Path | None
+) -> Path | None:
     """Where the calibration is kept so that it is found again with OUT; None if that is not needed, or done already.
 
+    beside_input: where that of what is read lies, if it has one; it is never replaced
     Raises SettingsError if another one is in the way.
     """
     if not _needs_file(form, sensor):
@@ -128,15 +135,19 @@ def _calibration_file(out: Path, form: Form, sensor: SensorModel, force: bool) -
     if not out.suffix:
         return out / CALIBRATION
     path = _calibration_of(out)
-    if not os.path.lexists(path) or force:
+    if not os.path.lexists(path):
         return path
     try:
         same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
     except CalibrationError:
         same = False
-    if not same:
+    if same:
+        return None
+    if not force:
         raise SettingsError(f"{path} is another calibration than that of {out}: --force replaces it", "force")
-    return None
+    if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
+        raise SettingsError(f"{path} is the calibration of what is read: give the output another name", "force")
+    return path
 
 
 def _calibration_of(out: Path) -> Path:

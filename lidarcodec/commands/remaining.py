@@ -41,7 +41,7 @@ def stopped(
     ]
     if out.suffix.lower() in JOINED:
         force = ["--force"] if os.path.lexists(out) else []
-        lines.append(f"  then both: {_quoted(['join', *force, str(kept), str(rest), str(out)])}")
+        lines.append(f"  then both: {_quoted(['join', *force, _word(kept), _word(rest), _word(out)])}")
     return StoppedError("\n".join(lines))
 
 
@@ -63,9 +63,14 @@ def rest_words(words: Sequence[str], out: Path, rest: Path, skip: int, frames: i
             kept.append(word)
     places = [at for at, word in enumerate(kept) if Path(word) == out]
     if places:
-        kept[places[-1]] = str(rest)
+        kept[places[-1]] = _word(rest)
     counts = ["--skip", str(skip), *(["--frames", str(frames)] if frames is not None else [])]
     return [*kept[:1], *counts, *kept[1:]]
+
+
+def _word(path: Path) -> str:
+    """A path as a word of a command line, where none may look like an option."""
+    return f"./{path}" if str(path).startswith("-") else str(path)
 
 
 def _free(out: Path) -> Path:

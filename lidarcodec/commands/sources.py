@@ -29,8 +29,11 @@ def check_recorded(spec: str) -> None:
 def check_not_input(out: Path, spec: str | Path) -> None:
     """Raise SettingsError if writing `out` would destroy what is read: opening it for writing empties it."""
     path = spec if isinstance(spec, Path) else parse(spec).path
-    if out.is_file() and path.exists() and out.samefile(path):
-        raise SettingsError(f"{out} is what is read: give the output another name")
+    if not (out.exists() and path.exists()):
+        return
+    ours, read = out.resolve(), path.resolve()
+    if out.samefile(path) or ours in read.parents or read in ours.parents:
+        raise SettingsError(f"{out} is what is read, or a part of it: give the output another name")
 
 
 def identity(spec: str) -> str:

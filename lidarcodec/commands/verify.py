@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
+from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +55,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
     broken = [
         *missing_parts(recorded),
         *broken_promises(settings, comparison),
-        *([] if coverage is None or allow_part else not_covered(coverage)),
+        *([] if coverage is None or allow_part else not_covered(coverage) + not_given(source.counts)),
     ]
     result = comparison.result() | {
         "complete": coverage is not None,
@@ -77,6 +79,17 @@ def not_covered(found: Coverage) -> list[str]:
         return []
     missing = found.source_packets - found.packets
     return [f"{missing} of {found.source_packets} packets of the source are missing; --allow-part if a part was meant"]
+
+
+def not_given(counts: Counter[str]) -> list[str]:
+    """What the source holds, or held before it was damaged, and never gave: no recording of it can have that."""
+    broken = []
+    if counts["truncated"] or counts["damaged"]:
+        broken.append("the source itself is cut or damaged, and ends before its time; --allow-part if that is known")
+    left = unkept(Counter({cause: counts[cause] for cause in OF_THE_SENSOR}))
+    if left is not None:
+        broken.append(f"the source holds more that was not kept: {left}; --allow-part if that is known")
+    return broken
 
 
 def missing_parts(recorded: RecordedFrames) -> list[str]:

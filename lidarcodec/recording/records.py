@@ -30,7 +30,6 @@ MAX_NAME: Final = 4096
 MAX_ABOUT: Final = MIB
 """Bytes of metadata."""
 _WINDOW: Final = 128 * MIB
-_CHECKED_EVERY: Final = 4096
 
 _HEAD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -118,7 +117,7 @@ class Work:
         for number, record in enumerate(found):
             if number == MAX_CHUNK_RECORDS:
                 raise DamagedError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
-            if not number % _CHECKED_EVERY and not self._records.spend(_CHECKED_EVERY, chunk.start + chunk.length):
+            if not self._records.spend(1, chunk.start + chunk.length):
                 raise DamagedError("more records than files of this size have")
             yield record
 

@@ -40,6 +40,20 @@ CAUSES: Final[dict[str, str]] = {
 }
 """Cause in the counts -> what was not kept. Other counts tell of what was noticed, or lost before it came here."""
 
+OF_THE_SENSOR: Final = (
+    "other stream",
+    UNKEPT_POSITIONS,
+    OTHER_POSITIONS,
+    "cut packets",
+    "bad packets",
+    "lost fragments",
+    "bad fragments",
+    "bad scans",
+    "undecoded messages",
+    "missing references",
+)
+"""Causes that can concern packets of the sensor. Datagrams of other programs and other traffic are no loss."""
+
 
 def unkept(counts: Counter[str]) -> str | None:
     """What was not kept, the most first; None if all was."""
