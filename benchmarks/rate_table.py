@@ -78,6 +78,7 @@ def run(frames: list[Frame], settings: StreamSettings, changes: dict[int, dict] 
         if changes and position in changes:
             encoder.apply(encoder.settings.changed(**changes[position]))
         take(encoder.encode(frame))
+        done += encoder.left_out
     take(encoder.flush())
     seconds = np.array([frame.side.packets * PACKET_INTERVAL_US * 1e-6 for frame in frames])  # type: ignore[union-attr]
     return Sent(seconds, bits, encoder.rate or {})

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from lidarcodec.apps.publish import Publisher
     from lidarcodec.apps.subscribe import LiveStream, subscribe
     from lidarcodec.assembly import packets_of
+    from lidarcodec.filling import filled
     from lidarcodec.frame import Frame
     from lidarcodec.message import Message
     from lidarcodec.packet import Packet, data_packets
@@ -36,6 +37,7 @@ _HOME = {
     "data_packets": "packet",
     "decode": "api",
     "encode": "api",
+    "filled": "filling",
     "open_source": "sources",
     "pack": "wire",
     "packets_of": "assembly",
@@ -61,6 +63,7 @@ __all__ = [
     "data_packets",
     "decode",
     "encode",
+    "filled",
     "open_source",
     "pack",
     "packets_of",

@@ -102,13 +102,16 @@ def encode(
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
+    allow_missed: Annotated[
+        bool, _option("--allow-missed", help="End with 0 though the target bitrate was missed.")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Encode a source into a recording."""
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force, allow_missed)
 
 
 @app.command()

@@ -17,6 +17,7 @@ LidarCodecError
   TransportError                      a network session that cannot be opened or used
   WorkerError(cause, resting)         the process in which a codec runs crashed, hung or cannot be started
   RoundTripError                      what was encoded does not decode to what it was made from
+  TargetMissedError                   what was encoded takes more than the target bitrate
 """
 
 from __future__ import annotations
@@ -113,6 +114,10 @@ class WorkerError(LidarCodecError):
     def __init__(self, message: str, cause: str, *, resting: bool = False) -> None:
         super().__init__(message)
         self.cause, self.resting = cause, resting
+
+
+class TargetMissedError(LidarCodecError):
+    """What was encoded takes more than the target bitrate, because of what is pinned or of the scene."""
 
 
 class RoundTripError(LidarCodecError):

@@ -41,6 +41,8 @@ class Frame:
     side:      what an image cannot hold; None where the frame never was packets
     keep:      (64, W) bool or None: returns that a reducer leaves; the others decode as no return
     pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
+    lattice:   (K,) uint16 or None: the columns that are sent, ascending, where a frame is thinned to some of them
+    filled:    (64, W) bool or None: returns that a receiver made up between those; never measured, never sent
     """
 
     index: int
@@ -53,6 +55,8 @@ class Frame:
     side: SideInfo | None = None
     keep: npt.NDArray[np.bool_] | None = None
     pose: npt.NDArray[np.float64] | None = None
+    lattice: npt.NDArray[np.uint16] | None = None
+    filled: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         shape_of_range = getattr(self.range, "shape", None)
@@ -66,10 +70,12 @@ class Frame:
             "fired": (np.bool_, (2, width)),
             "keep": (np.bool_, (LASERS, width)),
             "pose": (np.float64, (4, 4)),
+            "lattice": (np.uint16, (-1 if self.lattice is None else len(self.lattice),)),
+            "filled": (np.bool_, (LASERS, width)),
         }
         for name, (dtype, shape) in wanted.items():
             array = getattr(self, name)
-            if array is None and name in ("keep", "pose"):
+            if array is None and name in ("keep", "pose", "lattice", "filled"):
                 continue
             if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
                 found = f"{array.dtype}{array.shape}" if isinstance(array, np.ndarray) else type(array).__name__

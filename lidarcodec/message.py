@@ -23,6 +23,7 @@ class SectionType(IntEnum):
     WEIGHTS = 9
     POSE = 10
     FILLER = 11
+    LATTICE = 12
     POSITION = 13
 
 

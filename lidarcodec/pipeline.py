@@ -16,7 +16,9 @@ from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
 from lidarcodec.errors import SettingsError
+from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
+from lidarcodec.lattice import on_lattice, thinned
 from lidarcodec.message import Message
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
@@ -24,6 +26,7 @@ from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import AUTO, StreamSettings
+from lidarcodec.thinned_stream import LatticeNotes, in_own_columns
 
 
 def frames_of(
@@ -90,28 +93,47 @@ class StreamEncoder:
         self._rate = self._rate_control(self.settings)
         self._steer()
         self._held: list[Message] = []
+        self._lattices = LatticeNotes()
         self._last_index = -1
         self._index_again = False
         self.reduced: Frame | None = None
         """The last frame, as it was encoded: with `keep` set where it was reduced."""
+        self.left_out = False
+        """Whether the last frame was not encoded, because the target bitrate does not carry all frames."""
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
-        frame = self.reduced = self._reducing.reduce(frame)
-        key = key or self._index_again
-        if self._rate is not None:
-            key_is_due = key or (self._rate.dear and self._encoder.apply(self._rate.settings))
-            self._encoder.apply(self._rate.settings_for(frame, key=key_is_due))
-        messages = self._encoder.encode(frame, key=key)
-        if self._rate is not None and self._rate.spilled(frame, messages):
-            self._encoder.apply(self._rate.settings_for(frame, key=True))
-            messages = self._encoder.encode(frame, key=True)
-        if self._rate is not None:
-            self._rate.sent(frame, messages)
+        frame = self._reducing.reduce(measured_only(frame))
+        held, self._held = self._held, []
+        rate, key = self._rate, key or self._index_again
+        self.left_out = rate is not None and not key and rate.leaves_out(frame)
+        if self.left_out:
+            return held
+        messages = self._coded(frame, key=key) if rate is None else self._coded_to_rate(frame, rate, key=key)
         # An index that was there before names two frames: what needs it might go on from the wrong one.
         self._index_again, self._last_index = frame.index <= self._last_index, frame.index
-        held, self._held = self._held, []
         return held + messages
+
+    def _coded_to_rate(self, frame: Frame, rate: RateControl, *, key: bool) -> list[Message]:
+        key_is_due = key or (rate.dear and self._encoder.apply(rate.settings))
+        self._encoder.apply(rate.settings_for(frame, key=key_is_due))
+        thin = self._on_lattice(frame, rate)
+        messages = self._coded(thin, key=key)
+        if rate.spilled(thin, messages):
+            self._encoder.apply(rate.settings_for(frame, key=True))
+            thin = self._on_lattice(frame, rate)
+            messages = self._coded(thin, key=True)
+        rate.sent(thin, messages)
+        return messages
+
+    def _on_lattice(self, frame: Frame, rate: RateControl) -> Frame:
+        return on_lattice(frame, rate.step, rolling=table.codec(self.settings.codec).rolling)
+
+    def _coded(self, frame: Frame, *, key: bool) -> list[Message]:
+        self.reduced = frame
+        messages = self._encoder.encode(thinned(frame), key=key)
+        self._lattices.goes_in(frame)
+        return [self._lattices.noted(message) for message in messages]
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
@@ -177,7 +199,7 @@ class StreamEncoder:
         return self._reducing.report()
 
     def _flushed(self) -> list[Message]:
-        messages = self._encoder.flush()
+        messages = [self._lattices.noted(message) for message in self._encoder.flush()]
         if self._rate is not None:
             self._rate.sent(None, messages)
         return messages
@@ -212,7 +234,7 @@ class StreamDecoder:
             fresh = self._make_decoder(message.codec)
             frames = self.flush()
             self._decoder, self._of = fresh, of
-        return frames + self._decoder.decode(message)
+        return frames + in_own_columns(self._decoder.decode(message), message)
 
     def flush(self) -> list[Frame]:
         """Frames that were held back."""

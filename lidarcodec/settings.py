@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -23,7 +23,10 @@ MAX_NAME = 64
 MAX_BOUND_M = 20.0
 MAX_KBPS = 1e6
 AUTO: Literal["auto"] = "auto"
-"""As target: the bitrate that the path carries, found while the stream runs."""
+"""As target: the bitrate that the path carries, found while the stream runs. As intensity or reduction: what the target
+has bits for, all without a target."""
+LATTICE: Final = "lattice"
+Purpose = Literal["look", "archive"]
 
 
 def step_of(max_error_m: float) -> int:
@@ -48,10 +51,11 @@ class StreamSettings(BaseModel):
     target_kbps: float | Literal["auto"] | None = None
     """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
     path carries."""
-    intensity: str = "lossless"
-    """`lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`."""
-    reduction: str = "all"
-    """Which returns are sent."""
+    intensity: str = AUTO
+    """`auto`, `lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`. `auto`: what a target has bits for,
+    lossless without one."""
+    reduction: str = AUTO
+    """Which returns are sent. `auto`: as many columns as a target has bits for, all without one."""
     keep_points: int | None = Field(default=None, ge=1)
     """How many returns of a frame a reduction leaves."""
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
@@ -60,6 +64,9 @@ class StreamSettings(BaseModel):
     """What a frame is: `packets` (348, about a turn), `packets:N`, or `revolution`."""
     key_interval: int = Field(default=50, ge=1, le=100_000)
     """Frames from one key frame to the next."""
+    purpose: Purpose = "look"
+    """What a target is spent on. `look`: the picture that a person sees; `archive`: every return of every frame kept as
+    long as it can be, and only intensity and the bound given up."""
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""
 
@@ -75,11 +82,11 @@ class StreamSettings(BaseModel):
     @field_validator("intensity")
     @classmethod
     def _intensity(cls, value: str) -> str:
-        if value in ("lossless", "off"):
+        if value in (AUTO, "lossless", "off"):
             return value
         found = re.fullmatch(r"levels=([0-9]{1,3})", value)
         if not found or not 2 <= int(found[1]) <= 256:
-            raise ValueError("intensity is lossless, levels=N with N from 2 to 256, or off")
+            raise ValueError("intensity is auto, lossless, levels=N with N from 2 to 256, or off")
         return value
 
     @field_validator("target_kbps")
@@ -119,9 +126,14 @@ class StreamSettings(BaseModel):
 
     @property
     def intensity_levels(self) -> int:
-        """Number of intensity levels sent: 256 = lossless, 0 = off."""
-        fixed = {"lossless": 256, "off": 0}
+        """Number of intensity levels sent: 256 = lossless, 0 = off. Of `auto` it is what is sent without a target."""
+        fixed = {AUTO: 256, "lossless": 256, "off": 0}
         return fixed[self.intensity] if self.intensity in fixed else int(self.intensity.removeprefix("levels="))
+
+    @property
+    def reduces(self) -> bool:
+        """Whether a reduction is chosen, and not left to the target."""
+        return self.reduction not in (AUTO, "all")
 
     @property
     def frame_packets(self) -> int | None:

@@ -117,7 +117,7 @@ class Demo:
             self._fidelity = "lossy, without a bound"
         elif settings.step > 1:
             self._fidelity = f"no range off by more than {settings.max_error_m} m"
-        elif settings.intensity != "lossless":
+        elif settings.intensity_levels != 256:
             self._fidelity = f"ranges exact, intensity {settings.intensity}"
         self._interrupted, self._parent = False, os.getppid()
         self._live: LiveStream | None = None

@@ -121,6 +121,7 @@ class Sending:
                 self.adapting.aim(self._encoder, self._feed.replaced)
                 messages = self._encoder.encode(frame, key=key)
                 encoded, settings = self._encoder.reduced or frame, self._encoder.settings
+                left_out = self._encoder.left_out
             data = [(message, pack(message)) for message in messages]
         except Exception as error:  # whatever a codec does, the stream goes on with a key frame
             if self._stop.is_set():
@@ -136,7 +137,7 @@ class Sending:
             if number > 0:  # a codec that held frames back gave way to another one
                 self._wait_alone()
             self._put(sender, message, packed)
-        if self._recorder is not None:
+        if self._recorder is not None and not left_out:
             self._recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:

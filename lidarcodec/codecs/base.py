@@ -105,6 +105,8 @@ class Codec(NamedTuple):
     settings: model of its own settings; encoder: of (codec id, settings, stream id); decoder: of (codec id);
     bounded: whether it can keep `max_error_m`; knob: what a target bitrate turns, None where nothing can
     isolated: whether live use gives it a process of its own, because it hands bytes to large libraries of others
+    rolling: whether a thinned stream may begin at another column in each frame; not where a frame is predicted from the
+        picture before
     """
 
     settings: type[CodecSettings]
@@ -113,3 +115,4 @@ class Codec(NamedTuple):
     bounded: bool = True
     knob: RateKnob | None = None
     isolated: bool = False
+    rolling: bool = True

@@ -52,23 +52,6 @@ class JpegDecoder(ReturnsDecoder):
         return ranges_of(values, level_offsets(sensor), valid)
 
 
-KNOB = quality_knob(
-    (
-        (1, 0.132),
-        (3, 0.349),
-        (5, 0.515),
-        (10, 0.825),
-        (20, 1.25),
-        (35, 1.72),
-        (50, 2.03),
-        (65, 2.37),
-        (80, 2.93),
-        (90, 3.86),
-        (95, 4.55),
-        (98, 6.48),
-        (100, 6.48),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = quality_knob()
 
 CODEC = Codec(JpegSettings, JpegEncoder, JpegDecoder, bounded=False, knob=KNOB)

@@ -216,23 +216,6 @@ class LayeredDecoder:
         return []
 
 
-KNOB = quality_knob(
-    (
-        (1, 0.137),
-        (3, 0.387),
-        (5, 0.579),
-        (10, 0.928),
-        (20, 1.39),
-        (35, 1.82),
-        (50, 2.12),
-        (65, 2.44),
-        (80, 3),
-        (90, 3.95),
-        (95, 4.68),
-        (98, 6.68),
-        (100, 6.68),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = quality_knob()
 
-CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False, knob=KNOB)
+CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False, knob=KNOB, rolling=False)

@@ -68,24 +68,6 @@ class JxlDecoder(ReturnsDecoder):
         return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.225),
-        (10, 0.291),
-        (5, 0.447),
-        (2.5, 0.572),
-        (1, 0.846),
-        (0.5, 1.15),
-        (0.25, 1.52),
-        (0.1, 2.12),
-        (0.05, 2.73),
-        (0.02, 3.75),
-        (0.01, 4.54),
-        (0.004, 5.67),
-        (0.002, 6.40),
-        (0, 8.07),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(JxlSettings, JxlEncoder, JxlDecoder, knob=KNOB)

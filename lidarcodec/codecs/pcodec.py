@@ -135,24 +135,6 @@ class PcodecDecoder(ReturnsDecoder):
         return reconstruct(decompress_groups(coded, size), step)
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.094),
-        (10, 0.161),
-        (5, 0.239),
-        (2.5, 0.329),
-        (1, 0.518),
-        (0.5, 0.722),
-        (0.25, 0.988),
-        (0.1, 1.48),
-        (0.05, 1.99),
-        (0.02, 2.85),
-        (0.01, 3.61),
-        (0.004, 4.66),
-        (0.002, 5.38),
-        (0, 6.96),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(PcodecSettings, PcodecEncoder, PcodecDecoder, knob=KNOB)

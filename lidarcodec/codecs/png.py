@@ -132,24 +132,6 @@ class PngDecoder(ReturnsDecoder):
         return reconstruct(read_png(png, *valid.shape)[valid], step)
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.202),
-        (10, 0.315),
-        (5, 0.441),
-        (2.5, 0.591),
-        (1, 0.882),
-        (0.5, 1.20),
-        (0.25, 1.62),
-        (0.1, 2.35),
-        (0.05, 3.07),
-        (0.02, 4.27),
-        (0.01, 5.32),
-        (0.004, 6.70),
-        (0.002, 7.62),
-        (0, 9.59),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(PngSettings, PngEncoder, PngDecoder, knob=KNOB)

@@ -97,24 +97,6 @@ class PredictiveDecoder(ExpectingDecoder):
         return self._coder.decode(coded, *given, expected=expected, slab_after=edge)
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.055),
-        (10, 0.091),
-        (5, 0.147),
-        (2.5, 0.213),
-        (1, 0.369),
-        (0.5, 0.536),
-        (0.25, 0.753),
-        (0.1, 1.19),
-        (0.05, 1.66),
-        (0.02, 2.45),
-        (0.01, 3.18),
-        (0.004, 4.23),
-        (0.002, 4.96),
-        (0, 6.55),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(PredictiveSettings, PredictiveEncoder, PredictiveDecoder, knob=KNOB)

@@ -277,24 +277,6 @@ def _split(data: bytes) -> tuple[int, int, str, bytes]:
     return step, rest[0], rest[1 : 1 + _NAME_BYTES].hex(), rest[1 + _NAME_BYTES :]
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.052),
-        (10, 0.090),
-        (5, 0.149),
-        (2.5, 0.208),
-        (1, 0.356),
-        (0.5, 0.477),
-        (0.25, 0.650),
-        (0.1, 1.035),
-        (0.05, 1.461),
-        (0.02, 2.221),
-        (0.01, 2.937),
-        (0.004, 3.972),
-        (0.002, 4.700),
-        (0, 6.311),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(RiddleSettings, RiddleEncoder, RiddleDecoder, knob=KNOB)

@@ -64,24 +64,6 @@ class ZstdDecoder(ReturnsDecoder):
         return reconstruct(summed_differences(planes), step)
 
 
-KNOB = bound_knob(
-    (
-        (20, 0.137),
-        (10, 0.235),
-        (5, 0.347),
-        (2.5, 0.467),
-        (1, 0.713),
-        (0.5, 0.973),
-        (0.25, 1.31),
-        (0.1, 1.92),
-        (0.05, 2.49),
-        (0.02, 3.44),
-        (0.01, 4.25),
-        (0.004, 5.36),
-        (0.002, 6.06),
-        (0, 7.57),
-    )
-)
-"""Bits of a return's range, mean of two drives (benchmarks/rate_traces.py)."""
+KNOB = bound_knob()
 
 CODEC = Codec(ZstdSettings, ZstdEncoder, ZstdDecoder, knob=KNOB)

@@ -13,7 +13,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
-from lidarcodec.units import PACKET_BYTES
+from lidarcodec.units import PACKET_BYTES, PACKET_INTERVAL_US
 from lidarcodec.wire import pack
 
 VEHICLE, SENSOR = "vehicle", "lidar"
@@ -24,7 +24,8 @@ class CodedRecording:
 
     `write` and `close` raise RoundTripError when something else comes out than the settings promise.
 
-    frames, packets: taken so far;  coded: bytes of the messages;  clouds: whether points are written
+    frames, packets: taken so far;  left_out: frames of these that the target did not carry
+    seconds: that the sensor took for them;  coded: bytes of the messages;  clouds: whether points are written
     """
 
     def __init__(
@@ -33,15 +34,20 @@ class CodedRecording:
         self._encoder, self.clouds = encoder, clouds
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about, clouds=clouds)
         self._check = RoundTrip(encoder.settings)
-        self.frames = self.packets = self.coded = 0
+        self.frames = self.packets = self.coded = self.left_out = 0
+        self.seconds = 0.0
 
     def write(self, frame: Frame) -> None:
         """Encode one frame."""
         messages = self._encoder.encode(frame)
-        self._check.sent(self._encoder.reduced or frame)
+        if self._encoder.left_out:
+            self.left_out += 1
+        else:
+            self._check.sent(self._encoder.reduced or frame)
         self._put(messages)
         self.frames += 1
         self.packets += frame.side.packets if frame.side else 0
+        self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
 
     def close(self) -> None:
         """End the recording, not the file."""
@@ -53,7 +59,8 @@ class CodedRecording:
         """What went in and what came out, in a line."""
         size = self.packets * PACKET_BYTES
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
-        return f"{self.frames} frames, {coded}, all decoded again and compared"
+        left = f"; {self.left_out} frames left out to keep the target" * bool(self.left_out)
+        return f"{self.frames} frames, {coded}, all decoded again and compared{left}"
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:

@@ -12,8 +12,11 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.commands.unkept import say_unkept
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import SettingsError, SourceError, TargetMissedError
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
+from lidarcodec.ratecontrol.controller import TOLERANCE
+from lidarcodec.ratecontrol.reach import pinned
+from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
 from lidarcodec.whole_files import check_free, whole
@@ -31,6 +34,7 @@ def run(
     clouds: bool = False,
     learn: int = 0,
     force: bool = False,
+    allow_missed: bool = False,
 ) -> None:
     """Encode frame by frame. OUT is there whole at the end; after a signal what is done is kept under another name."""
     if out.suffix.lower() != ".mcap":
@@ -75,3 +79,21 @@ def run(
     print(f"{output.kept}: {coded.summary()}" + clouds * f"; with clouds the file has {size:,}")
     if part:
         raise remaining.stopped(out, output.kept, coded.frames, skip=skip, frames=frames, live=source.live)
+    missed = missed_target(encoder.settings, coded)
+    if missed is not None and not allow_missed:
+        raise TargetMissedError(missed)
+
+
+def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:
+    """What to say of a recording that takes more than its target bitrate; None for any other."""
+    if not isinstance(settings.target_kbps, int | float) or not coded.seconds:
+        return None
+    kbps = coded.coded * 8 / coded.seconds / 1e3
+    if kbps <= settings.target_kbps * (1.0 + TOLERANCE):
+        return None
+    names = pinned(settings)
+    set_here = f"set by you: {', '.join(names)}; " if names else ""
+    return (
+        f"the target of {settings.target_kbps:g} kbit/s was missed: {kbps:.0f} are needed ({set_here}take a higher "
+        "target, or set less); --allow-missed ends with 0"
+    )

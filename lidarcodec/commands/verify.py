@@ -39,7 +39,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
             message = recorded.message
             promise = None if message is None else promise_of(message)
             if promise is not None and settings is not None and settings.codec == "raw":  # its messages do not say it
-                promise = promise._replace(reduced=settings.reduction != "all")
+                promise = promise._replace(reduced=settings.reduces)
             comparison.add(frame, packets, promise)
             tick()
         comparison.finish(packets)
@@ -161,7 +161,7 @@ def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list
         broken.append(f"the largest error is {worst_m:.3f} m, the bound is {bound_m:.3f} m")
     if found.errors.lost or found.errors.invented:
         broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
-    whole = settings.step == 1 and settings.intensity == "lossless" and settings.reduction == "all"
+    whole = settings.step == 1 and settings.intensity_levels == 256 and not settings.reduces
     if whole and not found.packets_identical:
         broken.append(f"only {found.identical_packets} of {found.packets} packets are identical")
     return broken

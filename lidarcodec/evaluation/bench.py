@@ -25,6 +25,7 @@ from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
 from lidarcodec.evaluation.metrics import RangeErrors, Sizes, times_ms
 from lidarcodec.evaluation.range_bands import RangeBands
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet, data_packets
@@ -112,15 +113,21 @@ class MoreErrors:
 
     bands: RangeBands = field(default_factory=RangeBands)
     clouds: CloudErrors = field(default_factory=CloudErrors)
+    filled: CloudErrors = field(default_factory=CloudErrors)
 
     def add(self, original: Frame, decoded: Frame) -> None:
         """Compare a frame, all of its returns, with what came back."""
         self.bands.add(original.range, decoded.range)
-        self.clouds.add(xyz_of(original.with_(keep=None).cloud()), xyz_of(decoded.cloud()))
+        whole = xyz_of(original.with_(keep=None, lattice=None).cloud())
+        self.clouds.add(whole, xyz_of(decoded.cloud()))
+        if decoded.lattice is None:
+            self.filled.take(self.clouds)
+        else:
+            self.filled.add(whole, xyz_of(filled(decoded).cloud()))
 
     def result(self) -> dict[str, Any]:
-        """`range_errors` and the fields of `CloudErrors`."""
-        return {"range_errors": self.bands.result(), **self.clouds.result()}
+        """`range_errors`, the fields of `CloudErrors`, and in `filled` the same with what a receiver fills in."""
+        return {"range_errors": self.bands.result(), **self.clouds.result(), "filled": self.filled.result()}
 
 
 @dataclass
@@ -146,6 +153,7 @@ class _Run:
     decoder: StreamDecoder
     more: MoreErrors | None = None
     frames: int = 0
+    left_out: int = 0
     packets: int = 0
     points: int = 0
     identical: bool = True
@@ -176,7 +184,11 @@ class _Run:
 
     def _reduced_and_encoded(self, frame: Frame, payloads: list[bytes]) -> list[Message]:
         messages = self.encoder.encode(frame)
-        self.waiting[frame.index] = self.encoder.reduced or frame, payloads
+        if self.encoder.left_out:
+            self.left_out += 1
+            self.identical = False
+        else:
+            self.waiting[frame.index] = self.encoder.reduced or frame, payloads
         return messages
 
     def _encode(self, messages: Callable[[], list[Message]]) -> None:
@@ -217,6 +229,7 @@ class _Run:
             "codec": self.encoder.settings.codec,
             "settings": effective(self.encoder.settings),
             "frames": self.frames,
+            "frames_left_out": self.left_out,
             "points": self.points,
             "points_per_frame": round(self.points / self.frames, 3),
             "bits_per_point": self.sizes.bits_per(self.points),

@@ -132,6 +132,12 @@ class CloudErrors:
         self.plane.append(max(_mean_square(_dots(off_there, normals)), plane_back))
         self.d2.append(max(_mean_square(_dots(off_there, of_decoded[there])), plane_back))
 
+    def take(self, other: CloudErrors) -> None:
+        """Count the last frame of another one here, too."""
+        for name in ("chamfer_m", "d1", "plane", "d2"):
+            getattr(self, name).extend(getattr(other, name)[-1:])
+        self.one_is_empty |= other.one_is_empty
+
     def result(self) -> dict[str, Any]:
         """`chamfer_m`, `point_to_plane_psnr_db`, `d1_psnr_db`, `d2_psnr_db`.
 

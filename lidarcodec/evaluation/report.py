@@ -7,7 +7,7 @@ from typing import Any
 
 from lidarcodec.evaluation.bench import effective
 from lidarcodec.evaluation.peers.table import is_peer
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 
 Result = dict[str, Any]
 
@@ -80,7 +80,7 @@ def text_table(results: Sequence[Result]) -> str:
         f"{first['source']}: {first['frames']} frames, {first['points_per_frame']:,.0f} points a frame, "
         f"calibration {calibration['origin']} {calibration['hash']}; bits per point"
     )
-    reduced = any(result["settings"].get("reduction", "all") != "all" for result in results)
+    reduced = any(result["settings"].get("reduction", AUTO) not in (AUTO, "all") for result in results)
     shown = COLUMNS | (_reduced_columns() if reduced else {}) | (_more_columns() if "chamfer_m" in first else {})
     rows = [list(shown), *([cell(result) for cell in shown.values()] for result in results)]
     return "\n".join([head, *aligned(rows)])

@@ -15,11 +15,14 @@ from collections import deque
 import numpy as np
 
 from lidarcodec.codecs import table
+from lidarcodec.codecs.intensity import FORM_LEVELS, MODELLED
 from lidarcodec.errors import LidarCodecError, RoundTripError
 from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
+from lidarcodec.lattice import thinned
+from lidarcodec.message import Message, SectionType
 from lidarcodec.pipeline import StreamDecoder
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.wire import unpack
 
@@ -59,13 +62,13 @@ class RoundTrip:
         try:
             message = unpack(data)
             frames = self._decoder.decode(message)
-            step = promise_of(message).step
+            step, levels = promise_of(message).step, levels_in(message)
         except LidarCodecError as error:
             raise _fault(
                 f"{self._named()} does not decode again as {self.settings.codec} encoded it ({error})"
             ) from None
         for frame in frames:
-            self._compare(frame, step)
+            self._compare(frame, step, levels)
         return frames
 
     def end(self) -> list[Frame]:
@@ -78,14 +81,16 @@ class RoundTrip:
             raise _fault(f"{self._named()} did not come out of what {self.settings.codec} encoded{others}")
         return frames
 
-    def _compare(self, came: Frame, step: int | None) -> None:
+    def _compare(self, came: Frame, step: int | None, levels: int | None = None) -> None:
         if not self._sent or self._sent[0][0].index != came.index:
             if self._joining:
                 return
             raise _fault(f"frame {came.index} came out of what {self.settings.codec} encoded, and was not sent now")
         sent, settings = self._sent.popleft()
         self._joining = False
-        wrong = difference(came, sent, settings, step)
+        if settings.intensity != AUTO or settings.target_kbps is None:
+            levels = settings.intensity_levels
+        wrong = difference(came, sent, settings, step, levels)
         if wrong is not None:
             raise _fault(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
         self.compared += 1
@@ -98,13 +103,31 @@ def _fault(what: str) -> RoundTripError:
     return RoundTripError(f"{what}: take another codec or other settings, and report this")
 
 
-def difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
+def levels_in(message: Message) -> int:
+    """How many levels of intensity a message tells, 0 for none and 256 for all."""
+    coded = next((section.data for section in message.sections if section.type == SectionType.INTENSITY), None)
+    if coded is None:
+        return 0
+    return coded[1] + 1 if len(coded) > 1 and coded[0] % MODELLED == FORM_LEVELS else 256
+
+
+def difference(
+    came: Frame, sent: Frame, settings: StreamSettings, step: int | None, levels: int | None = None
+) -> str | None:
     """What of a decoded frame is not as settings promise, in words; None: all is.
 
-    step: quantiser width that its message tells, None where it tells none
+    step: quantiser width that its message tells, None where it tells none;  levels: of intensity, None: as in settings
     """
     if came.range.shape != sent.range.shape:
         return f"{came.width} columns, where it had {sent.width}"
+    if sent.lattice is not None or came.lattice is not None:
+        if not np.array_equal(came.lattice, sent.lattice):  # type: ignore[arg-type]
+            return "other columns than were sent"
+        if not _same_side(came.side, sent.side):
+            return "other packets"
+        if not np.array_equal(came.fired, sent.fired):
+            return "other halves of columns fired"
+        came, sent = thinned(came), thinned(sent)
     valid = sent.valid
     if not np.array_equal(came.range > 0, valid):
         return f"{came.points} returns, where {int(np.count_nonzero(valid))} were sent, or others"
@@ -119,7 +142,9 @@ def difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | N
         return "another time, pose or calibration, or other azimuths"
     if not _same_side(came.side, sent.side):
         return "other packets"
-    return _range_difference(came, sent, settings, step) or _intensity_difference(came, sent, settings)
+    return _range_difference(came, sent, settings, step) or _intensity_difference(
+        came, sent, settings.intensity_levels if levels is None else levels
+    )
 
 
 def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
@@ -134,8 +159,7 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
     return f"a range {bound_of(2 * off):g} m off, where {bound_of(2 * allowed):g} m are allowed"
 
 
-def _intensity_difference(came: Frame, sent: Frame, settings: StreamSettings) -> str | None:
-    levels = settings.intensity_levels
+def _intensity_difference(came: Frame, sent: Frame, levels: int) -> str | None:
     if not levels:
         return "intensities, which are off" if came.intensity.any() else None
     if levels == 256:

@@ -53,7 +53,7 @@ def promise_of(message: Message) -> Promise:
     Raises UnsupportedVersionError for a codec that this build does not know.
     """
     name = table.codec_name(message.codec)
-    reduced = message.has(SectionType.KEEP)
+    reduced = any(section.type in (SectionType.KEEP, SectionType.LATTICE) for section in message.sections)
     if not table.codec(name).bounded:
         return Promise(None, False, reduced)
     if name == "raw":

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 from lidarcodec.codecs import table
-from lidarcodec.codecs.rate_knob import BOUND
 from lidarcodec.errors import SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
@@ -23,15 +23,18 @@ from lidarcodec.ratecontrol.controller import (
     RateState,
     Sizes,
     chosen,
+    left_out,
     limited_by,
     measured,
     on_target,
     reachable_kbps,
     retargeted,
+    skips,
     surprised,
 )
+from lidarcodec.ratecontrol.curve import Curve, Pins, WorkingPoint, operating_curve
 from lidarcodec.ratecontrol.fitting import fitted
-from lidarcodec.settings import AUTO, StreamSettings
+from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 from lidarcodec.units import FIRINGS_PER_PACKET, PACKET_INTERVAL_US
 from lidarcodec.wire import size_of
 
@@ -39,8 +42,6 @@ logger = logging.getLogger(__name__)
 
 PACKET_S: Final = PACKET_INTERVAL_US * 1e-6
 """An HDL-64 sends a packet every 288 us (6 firings of 48 us), however fast it turns."""
-AUTO_COARSEST_M: Final = 1.0
-"""A target that nobody chose makes ranges no coarser, unless a bound is set: from there on fewer frames say more."""
 STAMP_FACTOR: Final = 4.0
 """Stamps that say a packet took 4 times as long, or a quarter, tell of a pause or of a clock that was set."""
 STAMP_GAIN: Final = 0.2
@@ -66,8 +67,13 @@ class RateControl:
         self._told: bool = before is None or before._told
         self._untold_s: float = 0.0 if before is None else before._untold_s
         self._waiting: deque[tuple[int, Load]] = deque()
-        self._fitted: deque[int] = deque()  # levels of messages that `range_of` saw, and `sent` did not yet
+        self._fitted: deque[tuple[Plan, int]] = deque()  # of messages that `range_of` saw, and `sent` did not yet
         self._level, self._turned = 0, False
+        self._exact: WorkingPoint | None = None  # of a group, whose knob was fitted
+        self._begun: tuple[int, Load] | None = None  # the frame that is being encoded
+        self._since_s: float = 0.0 if before is None else before._since_s
+        self.left_out: int = 0 if before is None else before.left_out
+        """Frames that were not encoded, because the target does not carry them."""
         self._take(settings)
         if before is not None and before._plan.target_bps != self._plan.target_bps:
             self._state = retargeted(self._state)
@@ -75,10 +81,10 @@ class RateControl:
     def apply(self, settings: StreamSettings) -> None:
         """Take other settings of the same codec from the next frame on."""
         target_bps = self._plan.target_bps
-        at = self._plan.levels[self._level]
+        at = self.point
         self._auto_kbps = target_bps / 1e3
         self._take(settings)
-        self._level = min(range(len(self._plan.levels)), key=lambda i: abs(self._plan.levels[i] - at))
+        self._level = _nearest_to(at, self._plan.curve)
         if self._plan.target_bps != target_bps:
             self._state = retargeted(self._state)
 
@@ -96,14 +102,44 @@ class RateControl:
     @property
     def settings(self) -> StreamSettings:
         """The settings of the frame before."""
-        return self._knob.with_value(self._settings, self._plan.levels[self._level])
+        return self._at(self.point)
+
+    @property
+    def point(self) -> WorkingPoint:
+        """The working point of the frame before."""
+        if self._exact is not None:
+            return self._exact
+        return self._plan.curve.points[min(self._level, len(self._plan.curve.points) - 1)]
+
+    @property
+    def step(self) -> int:
+        """The step of the lattice to which the frame before is thinned; 1 where a reduction is pinned."""
+        return self.point.step if self._settings.reduction == AUTO else 1
+
+    def leaves_out(self, frame: Frame) -> bool:
+        """Whether a frame is not to be encoded: not even the cheapest working point keeps the target with all frames.
+
+        A frame that is left out counts as time in which nothing was sent.
+        """
+        load = self._load(frame)
+        if self._waiting or not skips(self._state, self._plan, load, self._since_s):
+            self._since_s = 0.0
+            return False
+        self._since_s += load.seconds
+        self.left_out += 1
+        self._state = left_out(self._state, self._plan, load)
+        self._tell(load.seconds)
+        return True
 
     def settings_for(self, frame: Frame, *, key: bool = False) -> StreamSettings:
-        """The settings with which to encode a frame. A group keeps those with which it began.
+        """The settings with which to encode a frame, of which the lattice is `step`. A group keeps those with which it
+        began.
 
         key: it will be a key frame.
         """
+        self._begun = (frame.index, self._load(frame))
         if not self._waiting:
+            self._exact = None
             last = self._level if self._turned else None
             self._level, self._turned = chosen(self._state, self._plan, self._load(frame), last, key=key), True
         return self.settings
@@ -123,15 +159,17 @@ class RateControl:
 
         message: as it will be, but without ranges; code: the ranges with the knob at the place in those settings
         """
-        load = _sum([self._load(frame) for frame in frames])
-        self._level, data = fitted(
-            self._state,
-            self._plan,
-            load,
-            8.0 * size_of(message),
-            lambda level: code(self._knob.with_value(self._settings, self._plan.levels[level])),
+        known = dict(self._waiting) | dict([self._begun] if self._begun is not None else [])
+        load = _sum([known.get(frame.index) or self._load(frame) for frame in frames])
+        at = self.point
+        pins = pins_of(self._settings)._replace(step=at.step, levels=at.levels)
+        plan = replace(self._plan, curve=operating_curve(self._settings.codec, pins))
+        points = plan.curve.points
+        level, data = fitted(
+            self._state, plan, load, 8.0 * size_of(message), lambda level: code(self._at(points[level]))
         )
-        self._fitted.append(self._level)
+        self._fitted.append((plan, level))
+        self._level, self._exact = _nearest_to(points[level], self._plan.curve), points[level]
         return data
 
     def sent(self, frame: Frame | None, messages: list[Message]) -> None:
@@ -145,8 +183,9 @@ class RateControl:
             loads = [self._waiting.popleft()[1] for _ in range(min(message.frame_count, len(self._waiting)))]
             if not loads:
                 continue
-            load, level = _sum(loads), self._fitted.popleft() if self._fitted else self._level
-            self._state = measured(self._state, self._plan, level, load, _sizes(message), len(loads))
+            load = _sum(loads)
+            plan, level = self._fitted.popleft() if self._fitted else (self._plan, self._level)
+            self._state = measured(self._state, plan, level, load, _sizes(message), len(loads))
             self._tell(load.seconds)
 
     def report(self) -> dict[str, Any]:
@@ -160,8 +199,15 @@ class RateControl:
             "limited_by": self._limited_by(),
             "reached": self._reached(),
             "kbps_5s": None if mean is None else round(mean, 1),
-            self._knob.setting: plan.levels[min(self._level, len(plan.levels) - 1)],
+            self._knob.setting: self.point.value,
+            "intensity": _intensity_of(self.point.levels),
+            "step": self.step,
+            "frames_left_out": self.left_out,
         }
+
+    def _at(self, point: WorkingPoint) -> StreamSettings:
+        settings = self._knob.with_value(self._settings, point.value)
+        return settings.model_copy(update={"intensity": _intensity_of(point.levels)})
 
     def _take(self, settings: StreamSettings) -> None:
         knob = table.codec(settings.codec).knob
@@ -169,15 +215,11 @@ class RateControl:
             raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
-        if settings.reduction != "all":  # a return among few costs more than one among many
+        if settings.reduces:  # a return among few costs more than one among many
             model += f" {settings.reduction} {settings.keep_points} {settings.keep_fraction}"
         self._settings, self._knob = settings, knob
-        if settings.target_kbps != AUTO:
-            self._plan = Plan.of(settings, knob, model)
-            return
-        if settings.max_error_m is None and knob.setting == BOUND:
-            settings = settings.model_copy(update={BOUND: AUTO_COARSEST_M})
-        self._plan = replace(Plan.of(settings, knob, model), target_bps=1e3 * self._auto_kbps)
+        target_kbps = self._auto_kbps if settings.target_kbps == AUTO else float(settings.target_kbps)
+        self._plan = Plan(1e3 * target_kbps, model, operating_curve(settings.codec, pins_of(settings)), knob.renewal)
 
     def _reached(self) -> bool:
         """Whether the target is kept; one that follows the path is compared with no mean of five seconds."""
@@ -186,11 +228,12 @@ class RateControl:
         return on_target(self._state, self._plan)
 
     def _limited_by(self) -> str:
-        limit = limited_by(self._state, self._plan, min(self._level, len(self._plan.levels) - 1))
+        limit = limited_by(self._state, self._plan)
         return "path" if limit == "target" and self._settings.target_kbps == AUTO else limit
 
     def _load(self, frame: Frame) -> Load:
-        returns = frame.points if frame.keep is None else int(frame.valid.sum())
+        whole = frame.keep is None or frame.lattice is not None
+        returns = frame.points if whole else int(frame.valid.sum())
         packets = _packets(frame)
         return Load(returns, packets, packets * self._packet_s)
 
@@ -221,6 +264,30 @@ class RateControl:
             low,
             high,
         )
+
+
+def pins_of(settings: StreamSettings) -> Pins:
+    """What settings pin."""
+    knob = table.codec(settings.codec).knob
+    own = None if knob is None else settings.codec_settings.get(knob.setting)
+    name, _, number = settings.reduction.partition(":")
+    step = None if settings.reduction == AUTO else int(number) if name == LATTICE else 1
+    levels = None if settings.intensity == AUTO else settings.intensity_levels
+    return Pins(step, levels, settings.max_error_m, None if own is None else float(own), settings.purpose)
+
+
+def _nearest_to(point: WorkingPoint, curve: Curve) -> int:
+    """Index of the point of a curve that is most like another one."""
+
+    def unlike(place: int) -> tuple[float, float, float]:
+        of = curve.points[place]
+        return abs(math.log(of.step / point.step)), abs(of.value - point.value), abs(of.levels - point.levels)
+
+    return min(range(len(curve.points)), key=unlike)
+
+
+def _intensity_of(levels: int) -> str:
+    return {0: "off", 256: "lossless"}.get(levels, f"levels={levels}")
 
 
 def _sum(loads: Sequence[Load]) -> Load:

@@ -3,16 +3,14 @@
 A message of one frame that took too much is made up for by the next, 0.1 s later. A group of eight is 0.8 s of the
 stream: nothing that follows within a second can take it back, so it has to be right when it is sent.
 
->>> from lidarcodec.codecs.rate_knob import quality_knob
->>> from lidarcodec.settings import StreamSettings
->>> knob = quality_knob(((1, 0.5), (50, 2.0), (100, 8.0)))
->>> plan = Plan.of(StreamSettings(codec="jpeg-layered", target_kbps=2500), knob, "jpeg-layered")
+>>> from lidarcodec.ratecontrol.curve import Pins, operating_curve
+>>> plan = Plan(2.5e6, "jpeg-layered", operating_curve("jpeg-layered", Pins(step=1, levels=0)))
 >>> load = Load(returns=800_000, packets=2784, seconds=0.8)
->>> def twice_as_much(level: int) -> bytes:
-...     return bytes(int(load.returns * plan.curve[level] * 2 / 8))
->>> level, data = fitted(RateState(), plan, load, 0.0, twice_as_much)
->>> int(plan.levels[level]), round(len(data) * 8 / load.seconds / 1e3)
-(33, 2473)
+>>> def a_half_more(level: int) -> bytes:
+...     return bytes(int(load.returns * plan.curve.range[level] * 1.5 / 8))
+>>> level, data = fitted(RateState(), plan, load, 0.0, a_half_more)
+>>> abs(len(data) * 8 / load.seconds / 2.5e6 - 1) < 0.05
+True
 """
 
 from __future__ import annotations
@@ -38,9 +36,9 @@ STEEPEST: Final = 0.5
 def fitted(
     state: RateState, plan: Plan, load: Load, beside: float, attempt: Callable[[int], bytes]
 ) -> tuple[int, bytes]:
-    """Index of the level, and the ranges coded at it, with which a message takes what the budget gives it.
+    """Index of the point, and the ranges coded at it, with which a message takes what the budget gives it.
 
-    load: of the whole message; beside: its bits but for the ranges; attempt: ranges coded at a level
+    load: of the whole message; beside: its bits but for the ranges; attempt: ranges coded at a point
     """
     wanted = share(state.budget, load.seconds, load.seconds, plan.target_bps)
     guess = expected_range(state, plan, load)

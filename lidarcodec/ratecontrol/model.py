@@ -27,8 +27,8 @@ MAX_RENEWAL: Final = 4.0
 RENEWAL_SHARE: Final = 0.3
 DROP: Final = 0.2
 """A picture like one that was just sent costs next to nothing, and says nothing about the next."""
-FIXED_BITS_PER_PACKET: Final = 70.0
-"""Mask, azimuth, side information and header before any was measured."""
+MOST_SCALE: Final = 30.0
+"""Slabs of few packets have many times the headers of the whole turns that curves were measured with."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,10 @@ class RangeModel:
 
 
 @dataclass(frozen=True)
-class FixedModel:
-    """per_return: bits of intensity; per_packet: bits of all else but ranges and calibration; seen: as above."""
+class Scale:
+    """How often a part takes what the curve says; seen: messages learned from."""
 
-    per_return: float
-    per_packet: float = FIXED_BITS_PER_PACKET
+    times: float = 1.0
     seen: int = 0
 
 
@@ -101,23 +100,9 @@ def renewed(model: RangeModel, seconds: float, bits: float, returns: int, guess:
     return RangeModel(roughness, after.seen, min(max(times, 1.0), MAX_RENEWAL))
 
 
-def learned_fixed(
-    model: FixedModel, seconds: float, intensity: float, rest: float, returns: int, packets: int
-) -> FixedModel:
-    """The model after a message of so many bits of intensity and of the rest."""
-    weight = gain(seconds, model.seen)
-    per_return = intensity / returns if returns else model.per_return
-    return FixedModel(
-        model.per_return + weight * (per_return - model.per_return),
-        model.per_packet + weight * (rest / max(packets, 1) - model.per_packet),
-        model.seen + 1,
-    )
-
-
-def first_fixed(levels: int, before: FixedModel | None) -> FixedModel:
-    """What to expect of so many intensity levels: KITTI takes 3.8 bits a return for all of them, 1.8 for 16.
-
-    before: what was learned with other levels.
-    """
-    per_return = 0.0 if levels == 0 else min(0.45 * math.log2(levels), 3.8)
-    return FixedModel(per_return) if before is None else FixedModel(per_return, before.per_packet)
+def scaled(scale: Scale, seconds: float, bits: float, guess: float) -> Scale:
+    """The scale after a message whose part took `bits` where the curve says `guess`; of no guess nothing is learned."""
+    if guess <= 0.0:
+        return scale
+    times = scale.times + gain(seconds, scale.seen) * (bits / guess - scale.times)
+    return Scale(min(max(times, 1.0 / MOST_SCALE), MOST_SCALE), scale.seen + 1)

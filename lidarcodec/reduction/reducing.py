@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from lidarcodec.codecs.table import codec
 from lidarcodec.frame import Frame
 from lidarcodec.reduction.base import Reducer
+from lidarcodec.reduction.lattice import LatticeReducer
 from lidarcodec.reduction.table import budget_of, make_reducer, note_of
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 
 
 class Reducing:
@@ -21,11 +23,13 @@ class Reducing:
         self._name, self._budget = settings.reduction, budget_of(settings)
         goes_on = before is not None and before._name == self._name
         self._reducer: Reducer = before._reducer if before is not None and goes_on else make_reducer(settings)
+        if isinstance(self._reducer, LatticeReducer):
+            self._reducer.rolling = codec(settings.codec).rolling
         self._last: dict[str, Any] = before._last if before is not None and goes_on else {}
 
     def reduce(self, frame: Frame) -> Frame:
         """The frame with `keep` set; as it is when all of it stays."""
-        if self._name == "all":
+        if self._name in (AUTO, "all"):
             return frame
         self._reducer.budget = self._budget
         reduced = self._reducer.reduce(frame)
@@ -35,7 +39,7 @@ class Reducing:
     def report(self) -> dict[str, Any] | None:
         """What a status says: the name, `returns` of the last frame and `kept` of them (null before the first), what
         the reducer adds, and a `note` if it has one; None where all returns are sent."""
-        if self._name == "all":
+        if self._name in (AUTO, "all"):
             return None
         note = note_of(self._name)
         about = {"name": self._name, "returns": None, "kept": None, **self._last}

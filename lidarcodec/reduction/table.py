@@ -17,7 +17,9 @@ from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction
 from lidarcodec.settings import StreamSettings
 
 _TABLE: Final = {
+    "auto": "lidarcodec.reduction.keep_all",
     "all": "lidarcodec.reduction.keep_all",
+    "lattice": "lidarcodec.reduction.lattice",
     "columns": "lidarcodec.reduction.columns",
     "random": "lidarcodec.reduction.random_points",
     "voxel": "lidarcodec.reduction.voxel",
@@ -30,7 +32,7 @@ _NEEDED: Final = {"poconet": "onnxruntime", "poconet-paper": "onnxruntime"}
 
 
 def names() -> tuple[str, ...]:
-    """Names of all reducers that can be had here; `columns` takes a number, as `columns:8`."""
+    """Names of all reducers that can be had here; `columns` and `lattice` take a number, as `lattice:4`."""
     return tuple(name for name in _TABLE if _is_offered(name))
 
 
@@ -45,7 +47,7 @@ def reduction(name: str) -> Reduction:
     Raises SettingsError.
     """
     if name not in _TABLE:
-        known = ", ".join(f"{name}:n" if name == "columns" else name for name in names())
+        known = ", ".join(f"{name}:n" if name in ("columns", "lattice") else name for name in names())
         raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
     if not _is_offered(name):
         raise SettingsError(

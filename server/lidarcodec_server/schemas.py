@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
+from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server.control import State
 from lidarcodec_server.fleet import Stream
@@ -53,6 +54,14 @@ class SettingsAnswer(BaseModel):
         return cls(applied=state.applied, desired=desired, operator=state.operator, refused=state.refused)
 
 
+class WarningAnswer(BaseModel):
+    """Something that an operator should know of a change that was made."""
+
+    code: str = Field(description="For programs: `target_out_of_reach`.")
+    message: str
+    remedy: str
+
+
 class ChangeAnswer(BaseModel):
     """What became of a change."""
 
@@ -61,12 +70,18 @@ class ChangeAnswer(BaseModel):
     )
     desired: StreamSettings | None = Field(description="All settings once the vehicle follows.")
     first_frame: int | None = Field(description="The first frame that can have the new settings.")
+    warnings: list[WarningAnswer] = Field(
+        default=[], description="What was set and cannot be kept, such as a target bitrate that is out of reach."
+    )
 
     @classmethod
     def of(cls, state: State) -> ChangeAnswer:
         """From where a stream's settings stand after a change."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
-        return cls(applied=state.applied, desired=desired, first_frame=state.first_frame)
+        in_force = state.applied or desired
+        warning = None if in_force is None else reach_warning(in_force)
+        warnings = [] if warning is None else [WarningAnswer(**warning._asdict())]
+        return cls(applied=state.applied, desired=desired, first_frame=state.first_frame, warnings=warnings)
 
 
 class KeyFrameAnswer(BaseModel):
@@ -116,6 +131,7 @@ class Reach(BaseModel):
     range_kbps: tuple[float, float] = Field(
         description="The same in kbit/s, at 10 frames a second with 110,000 returns. Mask and intensity come on top."
     )
+    kbps: tuple[float, float] = Field(description="All in all, likewise: what a target can be.")
 
 
 class CodecAnswer(BaseModel):

@@ -188,6 +188,9 @@ _FIELDS: Final[dict[str, Check]] = {
             max_error_m=number,
             quality=number,
             crf=number,
+            intensity=_word,
+            step=number,
+            frames_left_out=number,
         )
     ),
     "reduction": or_null(

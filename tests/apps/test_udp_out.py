@@ -233,7 +233,7 @@ def test_position_packets_leave_at_their_place_to_their_port(driver):
     assert dict(out.counts) == {"frames": 1, "packets": 348, "position packets": 25}
     assert (np.diff(due_s(frame.side)) >= 0).all()
     half = driver.times[174]
-    assert sum(at < half for at in other.times) in (11, 12, 13, 14)
+    assert 6 <= sum(at < half for at in other.times) <= 19, "between the data packets, not before or behind them"
 
 
 def test_position_packets_without_a_port_are_counted_and_said_once(udp, driver, caplog):

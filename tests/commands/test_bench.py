@@ -88,7 +88,7 @@ def test_settings_without_a_codec_to_take_them_are_refused(capsys):
 
 
 def test_all_metrics_are_there_when_asked_for_and_only_then(capsys):
-    more = {"range_errors", "chamfer_m", "point_to_plane_psnr_db", "d1_psnr_db", "d2_psnr_db"}
+    more = {"range_errors", "chamfer_m", "point_to_plane_psnr_db", "d1_psnr_db", "d2_psnr_db", "filled"}
     usual, _ = bench(capsys, "pcodec", ["max_error_m=0.05"])
     found, _ = bench(capsys, "pcodec", ["max_error_m=0.05"], metrics="all")
     assert found[0].keys() - usual[0].keys() == more

@@ -12,7 +12,7 @@ from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
 
-ARGUMENTS = {"columns": "4"}
+ARGUMENTS = {"columns": "4", "lattice": "4"}
 
 
 def settings_of(name: str, **budget: object) -> StreamSettings:

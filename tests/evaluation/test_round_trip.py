@@ -28,7 +28,7 @@ SENT = [frames.scene(3, index=index) for index in range(5)]
     [
         {"codec": "pcodec"},
         {"codec": "predictive", "max_error_m": 0.05, "intensity": "levels=8"},
-        {"codec": "riddle", "target_kbps": 900.0},
+        {"codec": "riddle", "target_kbps": 20000.0},
         {"codec": "jpeg-layered", "intensity": "off"},
         {"codec": "raw", "reduction": "random", "keep_fraction": 0.4},
         {"codec": "h264", "reduction": "random", "keep_fraction": 0.4},
@@ -40,8 +40,9 @@ def test_what_holds_is_counted(values: dict[str, object]) -> None:
     came = 0
     for frame in SENT:
         messages = encoder.encode(frame)
-        assert encoder.reduced is not None
-        check.sent(encoder.reduced)
+        if not encoder.left_out:
+            assert encoder.reduced is not None
+            check.sent(encoder.reduced)
         came += sum(len(check.message(pack(message))) for message in messages)
     came += sum(len(check.message(pack(message))) for message in encoder.flush()) + len(check.end())
     assert (came, check.compared, check.waiting) == (5, 5, 0)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from lidarcodec.codecs import table
 from lidarcodec.ratecontrol.budget import covered_s, kbps
+from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.controller import (
     Load,
     Plan,
@@ -26,6 +27,7 @@ from lidarcodec.ratecontrol.controller import (
     retargeted,
     surprised,
 )
+from lidarcodec.ratecontrol.curve import operating_curve
 from lidarcodec.settings import StreamSettings
 
 PACKETS, SECONDS = 348, 0.1002
@@ -44,7 +46,7 @@ class Recorded:
         trace = traces()[drive][codec]
         self.knob = table.codec(codec).knob
         values = sorted((float(value) for value in trace["range"]), reverse=self.knob.setting == "max_error_m")
-        self.places = self.knob._places(values)
+        self.places = self.knob.places(values)
         self.bits = np.log(np.array([trace["range"][f"{value:g}"] for value in values], float))
         self.trace = trace
 
@@ -55,13 +57,18 @@ class Recorded:
         return Load(self.trace["points"][frame], PACKETS, SECONDS)
 
     def sizes(self, frame: int, value: float, intensity: bool = False) -> Sizes:
-        ranges = math.exp(np.interp(self.knob._places([value])[0], self.places, self.bits[:, frame]))
+        ranges = math.exp(np.interp(self.knob.places([value])[0], self.places, self.bits[:, frame]))
         return Sizes(ranges, self.trace["intensity"][frame] if intensity else 0.0, self.trace["rest"][frame])
 
 
 def plan_of(codec: str, target_kbps: float, **others: object) -> Plan:
-    settings = StreamSettings(codec=codec, target_kbps=target_kbps, **{"intensity": "off", **others})
-    return Plan.of(settings, table.codec(codec).knob, codec)
+    """A plan in which only the knob moves."""
+    settings = StreamSettings(codec=codec, target_kbps=target_kbps, reduction="all", intensity="off", **others)
+    return Plan(1e3 * target_kbps, codec, operating_curve(codec, pins_of(settings)), table.codec(codec).knob.renewal)
+
+
+def values(plan: Plan) -> list[float]:
+    return [point.value for point in plan.curve.points]
 
 
 def play(state: RateState, plan: Plan, recorded: Recorded, frames: range) -> tuple[RateState, list[float]]:
@@ -70,7 +77,7 @@ def play(state: RateState, plan: Plan, recorded: Recorded, frames: range) -> tup
     for frame in frames:
         load = recorded.load(frame)
         level = chosen(state, plan, load)
-        sizes = recorded.sizes(frame, plan.levels[level])
+        sizes = recorded.sizes(frame, values(plan)[level])
         state = measured(state, plan, level, load, sizes)
         spent.append(sum(sizes))
     return state, spent
@@ -82,8 +89,13 @@ def kbps_of(bits: list[float], frames: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("drive", ["sfnd", "0013"])
-@pytest.mark.parametrize("codec", ["zstd", "pcodec", "jpeg"])
-@pytest.mark.parametrize("target", [700, 1200, 2000, 3500, 5000])
+@pytest.mark.parametrize(
+    ("codec", "target"),
+    [
+        *((c, t) for c in ("zstd", "pcodec", "jpeg") for t in (2500, 3500, 5000)),
+        ("pcodec", 1500),
+    ],
+)
 def test_a_drive_keeps_to_the_target(drive: str, codec: str, target: float) -> None:
     recorded = Recorded(drive, codec)
     _, spent = play(RateState(), plan_of(codec, target), recorded, range(len(recorded)))
@@ -126,7 +138,7 @@ def test_the_reachable_interval_is_right_far_from_where_the_knob_stands() -> Non
             ends = reachable_kbps(state, plan)
             assert ends is not None
             last = len(recorded) - 1
-            for said, value, within in zip(ends, (plan.levels[0], plan.levels[-1]), (0.4, 0.2), strict=True):
+            for said, value, within in zip(ends, (values(plan)[0], values(plan)[-1]), (0.4, 0.2), strict=True):
                 true = sum(recorded.sizes(last, value)) / SECONDS / 1e3
                 assert said == pytest.approx(true, rel=within)
 
@@ -136,7 +148,7 @@ def test_out_of_reach_gives_the_best_and_says_so() -> None:
     for target, best in ((100, 0), (20_000, -1)):
         plan = plan_of("pcodec", target)
         state, _ = play(RateState(), plan, recorded, range(40))
-        assert plan.levels[chosen(state, plan, recorded.load(40))] == plan.levels[best]
+        assert values(plan)[chosen(state, plan, recorded.load(40))] == values(plan)[best]
         assert not on_target(state, plan)
         reachable = plan_of("pcodec", 2500)
         assert not on_target(state, reachable)
@@ -156,9 +168,9 @@ def test_a_target_in_reach_again_is_kept_at_once() -> None:
 
 
 @pytest.mark.parametrize("codec", ["zstd", "pcodec"])
-@pytest.mark.parametrize("bound", [0.0, 0.001, 0.01, 0.0333, 1.0, 20.0])
+@pytest.mark.parametrize("bound", [0.0, 0.001, 0.01, 0.0333, 0.3])
 def test_a_bound_leaves_no_coarser_level(codec: str, bound: float) -> None:
-    levels = plan_of(codec, 500, max_error_m=bound).levels
+    levels = values(plan_of(codec, 500, max_error_m=bound))
     steps = [StreamSettings(max_error_m=level).step for level in levels]
     assert steps[0] == StreamSettings(max_error_m=bound).step
     assert steps[-1] == 1
@@ -171,18 +183,18 @@ def video_plan(target_kbps: float) -> Plan:
 
 def test_a_dear_knob_rests_while_what_it_gives_is_near_enough() -> None:
     """Each turn costs a picture that refers to none before: a tenth of the bits if it were turned with every frame."""
-    plan, state, last, levels = video_plan(800), RateState(), None, []
+    plan, state, last, levels = video_plan(2000), RateState(), None, []
     rng = np.random.default_rng(4)
     load = Load(120_000, PACKETS, SECONDS)
     for _ in range(100):
         level = chosen(state, plan, load, last)
         renewed = level != last
-        bits = float(plan.curve[level]) * load.returns * (1.3 if renewed else 1.0) * math.exp(0.05 * rng.normal())
+        bits = float(plan.curve.range[level]) * load.returns * (1.3 if renewed else 1.0) * math.exp(0.05 * rng.normal())
         state = measured(state, plan, level, load, Sizes(bits, 0.0, 18e3, renewed=renewed))
         levels.append(level)
         last = level
     assert np.count_nonzero(np.diff(levels)) < 12
-    assert kbps(state.budget, 5.0) == pytest.approx(800, rel=0.03)
+    assert kbps(state.budget, 5.0) == pytest.approx(2000, rel=0.03)
 
 
 def test_a_picture_that_repeats_one_does_not_open_the_floodgates() -> None:
@@ -191,15 +203,15 @@ def test_a_picture_that_repeats_one_does_not_open_the_floodgates() -> None:
     load = Load(120_000, PACKETS, SECONDS)
     level = chosen(state, plan, load)
     for share in (1.15, 1.0, 1.0, 1.0, 0.1):
-        bits = share * float(plan.curve[level]) * load.returns
+        bits = share * float(plan.curve.range[level]) * load.returns
         state = measured(state, plan, level, load, Sizes(bits, 0.0, 18e3, renewed=share > 1))
     after = chosen(state, plan, load, level)
-    assert plan.curve[after] < 1.5 * plan.curve[level]
+    assert plan.curve.range[after] < 1.5 * plan.curve.range[level]
 
 
 def test_only_a_picture_that_takes_far_too_much_is_coded_anew() -> None:
     plan, state = video_plan(800), RateState()
-    load, level = Load(120_000, PACKETS, SECONDS), 40
+    load, level = Load(120_000, PACKETS, SECONDS), 20
     for share, renewed, anew in ((1.5, False, False), (1.7, True, False), (1.7, False, True)):
         known = surprised(state, plan, level, load, Sizes(share * 800e3 * SECONDS, 0.0, 0.0, renewed=renewed))
         assert (known is not None) == anew
@@ -229,7 +241,7 @@ def test_whatever_frames_take_the_controller_stays_sane(events: list, target: fl
             plan = plan_of(codec, target)
             load = Load(returns, packets, packets * packet_s)
             level = last[codec] = chosen(state, plan, load, last.get(codec))
-            assert 0 <= level < len(plan.levels)
+            assert 0 <= level < len(plan.curve.points)
             state = measured(state, plan, level, load, sizes, frames)
             low, high = reachable_kbps(state, plan)
             assert 0 <= low <= high < math.inf

@@ -7,26 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.codecs import table
 from lidarcodec.ratecontrol.budget import MAX_DEBT_S, Budget
 from lidarcodec.ratecontrol.controller import Load, Plan, RateState
+from lidarcodec.ratecontrol.curve import Pins, operating_curve
 from lidarcodec.ratecontrol.fitting import ATTEMPTS, fitted
-from lidarcodec.settings import StreamSettings
 
 GROUP = Load(800_000, 2784, 0.8)
-KNOB = table.codec("jpeg-layered").knob
-assert KNOB is not None
 
 
 def plan_of(target: float) -> Plan:
-    return Plan.of(StreamSettings(codec="jpeg-layered", target_kbps=target), KNOB, "jpeg-layered")
+    return Plan(1e3 * target, "jpeg-layered", operating_curve("jpeg-layered", Pins(step=1, levels=0)))
 
 
 class Codec:
     """Takes what the curve says, bent: more by a factor, and steeper or flatter."""
 
     def __init__(self, plan: Plan, factor: float = 1.0, power: float = 1.0, load: Load = GROUP) -> None:
-        self.sizes = (load.returns * factor * plan.curve**power / 8).astype(int)
+        self.sizes = (load.returns * factor * plan.curve.range**power / 8).astype(int)
         self.calls: list[int] = []
 
     def __call__(self, level: int) -> bytes:

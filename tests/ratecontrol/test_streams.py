@@ -143,7 +143,8 @@ def test_slabs_and_whole_turns_are_steered_by_time_not_by_count() -> None:
 
 
 def test_a_bound_holds_and_the_missed_target_is_reported(city: list[Frame], caplog) -> None:
-    encoder, decoder = StreamEncoder(StreamSettings(target_kbps=300, max_error_m=0.01)), StreamDecoder()
+    pinned = StreamSettings(target_kbps=300, max_error_m=0.01, intensity="lossless", reduction="all", purpose="archive")
+    encoder, decoder = StreamEncoder(pinned), StreamDecoder()
     with caplog.at_level(logging.WARNING, "lidarcodec"):
         for frame in city[:15]:
             for message in encoder.encode(frame):
@@ -156,7 +157,8 @@ def test_a_bound_holds_and_the_missed_target_is_reported(city: list[Frame], capl
     assert rate["max_error_m"] == 0.01
     low, high = rate["reachable_kbps"]
     assert 300 < low < high
-    assert rate["kbps_5s"] == pytest.approx(low, rel=0.05)
+    assert rate["frames_left_out"] > 8, "what no frame can give up, frames give up"
+    assert rate["kbps_5s"] < 0.4 * low
     (record,) = caplog.records
     assert "target of 300 kbit/s missed" in record.message
 

@@ -15,16 +15,22 @@ from lidarcodec.settings import StreamSettings
 @pytest.mark.parametrize(
     ("settings", "field", "says"),
     [
-        ({"reduction": "voxels"}, "reduction", "unknown reduction 'voxels': known are all, columns:n, random, voxel"),
+        (
+            {"reduction": "voxels"},
+            "reduction",
+            "unknown reduction 'voxels': known are auto, all, lattice:n, columns:n, random, voxel",
+        ),
         ({"reduction": "voxel:3"}, "reduction", "takes nothing behind a colon"),
         ({"reduction": "columns"}, "reduction", "n from 1 to 1000"),
+        ({"reduction": "lattice:65"}, "reduction", "n from 1 to 64"),
+        ({"reduction": "lattice"}, "reduction", "n from 1 to 64"),
         ({"reduction": "columns:"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "columns:0"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "columns:-4"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "columns:99999999999"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "columns:٣"}, "reduction", "n from 1 to 1000"),
         ({"reduction": ""}, "reduction", "unknown reduction ''"),
-        ({"keep_points": 1000}, "keep_points", "says nothing to the reduction 'all'.* take one of random, voxel"),
+        ({"keep_points": 1000}, "keep_points", "says nothing to the reduction 'auto'.* take one of random, voxel"),
         ({"keep_fraction": 0.5}, "keep_fraction", "says nothing"),
         ({"reduction": "columns:4", "keep_points": 9000}, "keep_points", "says nothing"),
     ],
@@ -38,7 +44,7 @@ def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], f
 
 def test_settings_that_can_be_followed() -> None:
     for name in names():
-        settings = StreamSettings(reduction=name if name != "columns" else "columns:8")
+        settings = StreamSettings(reduction=f"{name}:8" if name in ("columns", "lattice") else name)
         assert check(settings) is settings
     assert check(StreamSettings(reduction="voxel", keep_points=4500)).keep_points == 4500
 

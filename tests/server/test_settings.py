@@ -59,6 +59,26 @@ async def test_a_change_is_applied_answered_and_audited_and_zenoh_says_the_same(
         assert (entry["old"]["max_error_m"], entry["new"]) == (None, body["applied"])
 
 
+async def test_a_target_that_what_is_set_keeps_out_of_reach_is_said_so_or_refused(serving, vehicle):
+    """Without a word the vehicle would send two frames a second, and nobody would know why."""
+    car = vehicle()
+    async with serving() as client:
+        await there(client)
+        free = (await client.patch(f"{STREAM}/settings", json={"target_kbps": 1000})).json()
+        assert free["warnings"] == []
+        pinned = {"intensity": "lossless", "reduction": "all"}
+        refused = await client.patch(f"{STREAM}/settings?strict=true", json=pinned)
+        assert refused.status_code == 422
+        assert refused.json()["type"] == "urn:lidarcodec:problem:target_out_of_reach"
+        assert car.settings.intensity == "auto"
+        body = (await client.patch(f"{STREAM}/settings", json=pinned)).json()
+        (warning,) = body["warnings"]
+        assert warning["code"] == "target_out_of_reach"
+        assert "with intensity, reduction as set" in warning["message"]
+        assert warning["remedy"].startswith("set intensity and reduction back")
+        assert body["applied"]["intensity"] == "lossless", "what an operator sets is kept all the same"
+
+
 async def test_a_new_codec_starts_with_its_own_default_settings(serving, vehicle):
     vehicle(StreamSettings(codec="pcodec", codec_settings={"level": 9}))
     async with serving() as client:

@@ -95,7 +95,10 @@ def received(
     for at, frame in enumerate(frames):
         place[frame.index] = at
         found.sent += frame.points
-        decode(map(pack, encoder.encode(frame if choose is None else choose(frame))))
+        messages = encoder.encode(frame if choose is None else choose(frame))
+        if encoder.left_out:
+            del place[frame.index]
+        decode(map(pack, messages))
         tick()
     decode(map(pack, encoder.flush()))
     take(decoder.flush())

@@ -176,6 +176,7 @@ class _Run:
             "codec": self.name,
             "settings": {self.peer.knob: value, "holds": feed},
             "frames": self.frames,
+            "frames_left_out": 0,
             "points": self.points,
             "points_per_frame": round(self.points / self.frames, 3),
             "bits_per_point": bits if whole else bits | {"geometry": bits["total"]},

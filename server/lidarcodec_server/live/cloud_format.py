@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import xyz_of
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
@@ -21,13 +22,15 @@ from lidarcodec_server.live.options import Encoding
 FORMAT_VERSION: Final = 1
 MAGIC: Final = {"points": b"LDCP", "range": b"LDCR"}
 HEADER: Final = struct.Struct("<4s2H2Q2q2H3If4f2HI12x")
-FLAGS: Final = {"intensity": 1, "ring": 2, "range": 4, "original": 16}
+FLAGS: Final = {"intensity": 1, "ring": 2, "range": 4, "original": 16, "filled": 64}
 POSED: Final = 32
 """Flag: the header goes on with the pose."""
 POSE: Final = struct.Struct("<12d")
 Ranges = npt.NDArray[np.uint16]
 THINNED: Final = 8
 """Flag: max_points left points out."""
+MADE_UP: Final = 128
+"""Flag: some of the returns are made up, between columns that were sent."""
 STEP_M: Final = 0.004
 _LARGEST: Final = 32767
 _NOT_ANGLES: Final = ("focal_distance_m", "focal_slope", "min_intensity", "max_intensity")
@@ -49,20 +52,37 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
 
     original: the ranges before coding, for an encoding that asks for them; without them it goes without
     """
+    if encoding.fill and "original" not in encoding.attributes:  # what is compared was measured
+        frame = filled(frame)
     if encoding.form == "range":
         return _range_image(frame, facts, encoding, original)
     chosen = np.flatnonzero(frame.valid.T)
-    returns = len(chosen)
-    if encoding.max_points is not None and returns > encoding.max_points:
-        chosen = chosen[np.arange(encoding.max_points, dtype=np.int64) * returns // encoding.max_points]
+    there = len(chosen)
+    if encoding.max_points is not None and there > encoding.max_points:
+        chosen = chosen[np.arange(encoding.max_points, dtype=np.int64) * there // encoding.max_points]
     axes = [axis.ravel()[chosen] for axis in xyz_of(frame, np.float32)]
     reach_m = max((float(np.abs(axis).max()) for axis in axes), default=0.0) if len(chosen) else 0.0
     step_m = float(np.float32(max(STEP_M, reach_m * 1.0001 / _LARGEST)))
     arrays: list[npt.NDArray[Any]] = [np.rint(axis / np.float32(step_m)).astype("<i2") for axis in axes]
-    images: dict[str, npt.NDArray[Any]] = {"intensity": frame.intensity, "range": frame.range}
+    images: dict[str, npt.NDArray[Any]] = {
+        "intensity": frame.intensity,
+        "range": frame.range,
+        "filled": _made_up(frame),
+    }
     for name in encoding.attributes:
         arrays.append((chosen % LASERS).astype(np.uint8) if name == "ring" else images[name].T.ravel()[chosen])
-    return _message(frame, facts, encoding, len(chosen), returns, step_m, arrays)
+    return _message(frame, facts, encoding, len(chosen), len(chosen) < there, step_m, arrays)
+
+
+def _made_up(frame: Frame) -> npt.NDArray[np.uint8]:
+    """(64, W) uint8, 1 for a return that was made up."""
+    return np.zeros(frame.range.shape, np.uint8) if frame.filled is None else frame.filled.view(np.uint8)
+
+
+def _measured(frame: Frame) -> int:
+    """How many returns were sent."""
+    valid = frame.valid if frame.filled is None else frame.valid & ~frame.filled
+    return int(np.count_nonzero(valid))
 
 
 def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None) -> bytes:
@@ -77,7 +97,9 @@ def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Range
             encoding = encoding._replace(attributes=tuple(name for name in encoding.attributes if name != "original"))
         else:
             arrays.append(original)
-    return _message(frame, facts, encoding, returns, returns, frame.sensor.range_step_m, arrays)
+    if "filled" in encoding.attributes:
+        arrays.append(_made_up(frame))
+    return _message(frame, facts, encoding, returns, False, frame.sensor.range_step_m, arrays)
 
 
 def _message(
@@ -85,7 +107,7 @@ def _message(
     facts: Facts,
     encoding: Encoding,
     count: int,
-    returns: int,
+    thinned: bool,
     step_m: float,
     arrays: list[npt.NDArray[Any]],
 ) -> bytes:
@@ -94,12 +116,12 @@ def _message(
     for array in arrays:
         data = array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
         parts += [data, b"\0" * (-len(data) % 4)]
-    flags = sum(FLAGS[name] for name in encoding.attributes) | (THINNED if count < returns else 0)
-    flags |= POSED if pose else 0
+    flags = sum(FLAGS[name] for name in encoding.attributes) | (THINNED if thinned else 0)
+    flags |= (POSED if pose else 0) | (MADE_UP if frame.filled is not None else 0)
     latency_ms = float("nan") if facts.latency_ms is None else facts.latency_ms
     parts[0] = HEADER.pack(
         MAGIC[encoding.form], FORMAT_VERSION, HEADER.size + len(pose), facts.stream_id, frame.index, frame.stamp_ns,
-        facts.decoded_ns, facts.codec, flags, count, returns, min(facts.missing, 2**32 - 1), latency_ms,
+        facts.decoded_ns, facts.codec, flags, count, _measured(frame), min(facts.missing, 2**32 - 1), latency_ms,
         step_m, 0.0, 0.0, 0.0, frame.width, LASERS, HEADER.size + sum(map(len, parts)),
     )  # fmt: skip
     return b"".join(parts)

@@ -14,6 +14,7 @@ from typing import Any, Final
 from lidarcodec.apps.picture import perspective_of, png_of, range_strip_of
 from lidarcodec.apps.timings import Timings
 from lidarcodec.errors import TransportError
+from lidarcodec.filling import filled
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.options import View
@@ -252,4 +253,4 @@ class LiveHub:
 
 def _picture(view: FrameView, what: View) -> bytes:
     draw = perspective_of if what == "cloud" else range_strip_of
-    return png_of(draw(view.frame))
+    return png_of(draw(filled(view.frame)))

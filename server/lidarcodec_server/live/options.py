@@ -1,7 +1,7 @@
 """What a viewer asks for in the query of its socket.
 
 >>> CloudOptions.of({"attributes": "ring", "max_points": "50000"}).encoding
-Encoding(form='points', attributes=('ring',), max_points=50000)
+Encoding(form='points', attributes=('ring',), max_points=50000, fill=True)
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ View = Literal["range", "cloud"]
 """Pictures that there are of a frame."""
 Form = Literal["points", "range"]
 ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {
-    "points": ("intensity", "ring", "range"),
-    "range": ("intensity", "original"),
+    "points": ("intensity", "ring", "range", "filled"),
+    "range": ("intensity", "original", "filled"),
 }
 """Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent."""
 DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring", "range": "intensity"}
@@ -27,11 +27,15 @@ MAX_WINDOW: Final = 8
 
 
 class Encoding(NamedTuple):
-    """What the bytes of a frame depend on: viewers with the same encoding share them."""
+    """What the bytes of a frame depend on: viewers with the same encoding share them.
+
+    fill: whether a thinned frame gets returns that are made up between those that were sent
+    """
 
     form: Form
     attributes: tuple[str, ...]
     max_points: int | None
+    fill: bool = True
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class CloudOptions:
     @classmethod
     def of(cls, query: Mapping[str, str]) -> CloudOptions:
         """From a query. Raises SettingsError with the field."""
-        _only(query, "form", "attributes", "max_points", "rate", "window")
+        _only(query, "form", "attributes", "max_points", "fill", "rate", "window")
         form = next((known for known in get_args(Form) if known == query.get("form", "points")), None)
         if form is None:
             raise SettingsError(f"form is {' or '.join(get_args(Form))}, not '{query['form'][:40]}'", "form")
@@ -74,8 +78,11 @@ class CloudOptions:
         max_points = _whole(query, "max_points", MAX_POINTS)
         if max_points is not None and form == "range":
             raise SettingsError("a range image is sent whole: max_points needs form points", "max_points")
+        if query.get("fill", "1") not in ("0", "1"):
+            raise SettingsError("fill is 0 or 1", "fill")
         attributes = tuple(name for name in ATTRIBUTES[form] if name in wanted)
-        return cls(Encoding(form, attributes, max_points), _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
+        encoding = Encoding(form, attributes, max_points, query.get("fill", "1") == "1")
+        return cls(encoding, _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
 
     def shown(self) -> dict[str, Any]:
         """For the hello."""

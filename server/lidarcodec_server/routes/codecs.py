@@ -11,6 +11,8 @@ from pydantic import TypeAdapter
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Codec
 from lidarcodec.codecs.riddle_shelf import shipped
+from lidarcodec.ratecontrol.curve import Pins, operating_curve
+from lidarcodec.ratecontrol.reach import RETURNS_A_SECOND
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.schemas import CodecAnswer, Reach
@@ -19,8 +21,6 @@ router = APIRouter(prefix="/api/v1/codecs", tags=["codecs"])
 
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 """Weights are named by their bytes."""
-RETURNS_A_SECOND = 1_100_000
-"""Ten frames of KITTI's 82 to 87 % returns of 64 x 2088 directions, rounded."""
 
 
 @router.get("", response_model=list[CodecAnswer])
@@ -61,19 +61,23 @@ def _answer(name: str) -> CodecAnswer:
         bound=codec.bounded,
         target=codec.knob is not None,
         settings_schema=codec.settings.model_json_schema(),
-        reach=_reach(codec),
+        reach=_reach(name, codec),
     )
 
 
-def _reach(codec: Codec) -> Reach | None:
+def _reach(name: str, codec: Codec) -> Reach | None:
     if codec.knob is None:
         return None
-    values = codec.knob.values
-    low, high = (float(bits) for bits in codec.knob.guess((values[0], values[-1])))
+    curve = operating_curve(name, Pins())
+    low, high = float(curve.range[0]), float(curve.range[-1])
     return Reach(
         setting=codec.knob.setting,
-        coarsest=values[0],
-        finest=values[-1],
+        coarsest=curve.points[0].value,
+        finest=curve.points[-1].value,
         range_bits_per_return=(round(low, 3), round(high, 3)),
         range_kbps=(round(low * RETURNS_A_SECOND / 1e3, 1), round(high * RETURNS_A_SECOND / 1e3, 1)),
+        kbps=(
+            round(float(curve.bits[0]) * RETURNS_A_SECOND / 1e3, 1),
+            round(float(curve.bits[-1]) * RETURNS_A_SECOND / 1e3, 1),
+        ),
     )

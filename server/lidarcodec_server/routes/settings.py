@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 from starlette.concurrency import run_in_threadpool
 
+from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.control import State
 from lidarcodec_server.operations import Operation, operates
+from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import JsonObject, TheService, TheStream, known_stream
 from lidarcodec_server.schemas import ChangeAnswer, KeyFrameAnswer, SettingsAnswer
 
@@ -55,10 +57,13 @@ async def change(
     operation: Annotated[Operation, operates("settings")],
     changes: JsonObject,
     response: Response,
+    strict: Annotated[bool, Query(description="Refuse a target bitrate that is out of reach, with 422.")] = False,
 ) -> ChangeAnswer:
     """Change some settings, all or none, between two frames. What is set here wins over the vehicle's command line."""
 
     def work() -> State:
+        if strict:
+            _check_reach(service.control.state(keys), changes)
         with service.limits.slot(operation.client.name):
             return service.control.change(keys, changes, operation.client.name, operation.entered)
 
@@ -66,6 +71,14 @@ async def change(
     if state.applied is None:
         response.status_code = 202
     return ChangeAnswer.of(state)
+
+
+def _check_reach(state: State, changes: dict[str, Any]) -> None:
+    """Raise ProblemError if settings with these changes have a target bitrate that is out of reach."""
+    before = state.applied or StreamSettings.model_validate(state.desired or {})
+    warning = reach_warning(before.changed(**changes))
+    if warning is not None:
+        raise ProblemError(422, f"{warning.message}: {warning.remedy}", warning.code, field="target_kbps")
 
 
 @router.delete("/settings")

@@ -1,0 +1,124 @@
+"""What a target bitrate shows, with no other setting touched: the table in docs/evaluation.md.
+
+    python -m benchmarks.rate_pictures [--codecs riddle,pcodec] [--drives 0005] [--write docs/evaluation.md]
+
+For each target: kbit/s sent with everything counted, the mean of five seconds that is furthest above the target (of the
+whole stretch if it is shorter), the Chamfer distance with gaps filled in at the receiver and of measured returns alone,
+bits of intensity over returns of the original frames, and frames that were left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from benchmarks.marks import Marks
+from benchmarks.rate_table import Sent
+from benchmarks.scenes import DATA
+from lidarcodec import api
+from lidarcodec.evaluation.geometry import Cloud, xyz_of
+from lidarcodec.filling import filled
+from lidarcodec.frame import Frame
+from lidarcodec.message import SectionType
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.units import PACKET_INTERVAL_US
+from lidarcodec.wire import size_of
+
+MARKS: Final = Marks("<!-- rate pictures: begin -->", "<!-- rate pictures: end -->")
+TARGETS: Final = (300, 450, 600, 750, 1000, 1500, 2500, 4000)
+DRIVES: Final = {
+    "0005": "kitti_0005.pcap.xz",
+    "0013": "kitti_0013_f052-107.pcap.xz",
+    "sfnd": "kitti_sfnd_f000-049.pcap.xz",
+    "0006": "kitti_tracking0006_f000-010.pcap.xz",
+    "city": "sim:city?frames=60",
+}
+COMPARED: Final = 5
+"""Distances are those of every so many-th frame."""
+
+
+def shown(frames: list[Frame], codec: str, target: float) -> dict[str, Any]:
+    """A row: what came of the target."""
+    encoder, decoder = StreamEncoder(StreamSettings(codec=codec, target_kbps=target), 1), StreamDecoder()
+    bits = np.zeros(len(frames))
+    by_index = {frame.index: place for place, frame in enumerate(frames)}
+    intensity, left, near, far = 0.0, 0, [], []
+
+    def take(messages: list[Any]) -> None:
+        nonlocal intensity
+        for message in messages:
+            first = by_index[message.frame_index]
+            bits[first : first + message.frame_count] = 8 * size_of(message) / message.frame_count
+            intensity += 8 * sum(len(s.data) for s in message.sections if s.type == SectionType.INTENSITY)
+            for back in decoder.decode(message):
+                place = by_index[back.index]
+                if place % COMPARED == 0:
+                    original = Cloud(xyz_of(frames[place].cloud()))
+                    far.append(_chamfer(original, back))
+                    near.append(far[-1] if back.lattice is None else _chamfer(original, filled(back)))
+
+    for frame in frames:
+        take(encoder.encode(frame))
+        left += encoder.left_out
+    take(encoder.flush())
+    seconds = np.array([PACKET_INTERVAL_US * 1e-6 * (frame.side.packets if frame.side else 348) for frame in frames])
+    window = min(5.0, float(seconds.sum()) - 1e-6)
+    worst = Sent(seconds, bits, {}).means(window, 0.0).max()
+    points = sum(frame.points for frame in frames)
+    return {
+        "sent": bits.sum() / seconds.sum() / 1e3,
+        "worst": worst / target - 1.0,
+        "filled_m": float(np.mean(near)),
+        "measured_m": float(np.mean(far)),
+        "intensity": intensity / points,
+        "left": left,
+    }
+
+
+def _chamfer(original: Cloud, decoded: Frame) -> float:
+    points = xyz_of(decoded.cloud())
+    if not len(points):
+        return float("inf")
+    other = Cloud(points)
+    there = np.linalg.norm(original.points - other.points[other.nearest(original.points)], axis=1)
+    back = np.linalg.norm(other.points - original.points[original.nearest(other.points)], axis=1)
+    return float(max(there.mean(), back.mean()))
+
+
+def main() -> None:
+    """Measure, print, and with --write put the table between its marks."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--codecs", default="riddle,predictive,pcodec")
+    parser.add_argument("--drives", default="0005")
+    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--write", type=Path)
+    given = parser.parse_args()
+    lines = [
+        "| drive | codec | target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
+        "| intensity, bits a return | frames left out |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    print("\n".join(lines))
+    for drive in given.drives.split(","):
+        spec = DRIVES[drive]
+        source = spec if spec.startswith("sim:") else str(DATA / spec)
+        frames = list(islice(api.read_frames(source), given.frames))
+        for codec in given.codecs.split(","):
+            for target in TARGETS:
+                row = shown(frames, codec, target)
+                lines.append(
+                    f"| {drive} | `{codec}` | {target:,} | {row['sent']:,.0f} | {100 * row['worst']:+.1f} % |"
+                    f" {row['filled_m']:.3f} | {row['measured_m']:.3f} | {row['intensity']:.2f} | {row['left']} |"
+                )
+                print(lines[-1], flush=True)
+    if given.write:
+        MARKS.write(given.write, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

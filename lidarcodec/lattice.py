@@ -1,0 +1,143 @@
+"""A frame thinned to some of its columns: coded as a smaller frame, and put back into its own columns by the receiver.
+
+Every codec codes a thinned frame as it codes any narrow one, so its mask, azimuths and predictions cost what so few
+columns cost. A LATTICE section of the message says which columns they are (thinned_stream.py). The first and the last
+column are always among them, so that everything between can be filled in (filling.py).
+
+>>> columns_of(width=12, step=4, phase=2).tolist()
+[0, 2, 6, 10, 11]
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.side import Role, SideInfo
+from lidarcodec.units import AZIMUTH_TURN, LASERS
+
+MAX_STEP: Final = 64
+_PHASES: Final = 8
+"""Phases repeat after so many frames at most."""
+
+Columns = npt.NDArray[np.uint16]
+
+
+class Lattice(NamedTuple):
+    """width: of the whole frame; columns: (K,) uint16, those that are sent, ascending; side: of the whole frame."""
+
+    width: int
+    columns: Columns
+    side: SideInfo | None = None
+
+
+def columns_of(width: int, step: int, phase: int = 0) -> Columns:
+    """(K,) uint16, every `step`-th column from `phase` on, with the first and the last one."""
+    if not width:
+        return np.empty(0, np.uint16)
+    chosen = np.zeros(width, np.bool_)
+    chosen[phase::step] = True
+    chosen[[0, -1]] = True
+    return np.flatnonzero(chosen).astype(np.uint16)
+
+
+def phase_of(index: int, step: int) -> int:
+    """Where the columns of frame `index` begin: the phases of a step follow each other with gaps as even as can be, so
+    that something thin which stands still is seen after a few frames."""
+    count = min(step, _PHASES)
+    bits = max(count - 1, 1).bit_length()
+    order = sorted(range(count), key=lambda place: int(f"{place:0{bits}b}"[::-1], 2))
+    return order[index % count] * step // count
+
+
+def lattice_of(frame: Frame, step: int, *, rolling: bool = True) -> Columns:
+    """(K,) uint16, the columns of a frame that a thinning to every `step`-th sends.
+
+    rolling: whether each frame begins at another column than the one before
+    Where the halves of columns are fired in turns (HDL-64E S3), it is every `step`-th of those that fired each half.
+    """
+    phase = phase_of(frame.index, step) if rolling else 0
+    if frame.fired.all():
+        return columns_of(frame.width, step, phase)
+    halves = [np.flatnonzero(fired) for fired in frame.fired]
+    return np.unique(np.concatenate([fired[columns_of(len(fired), step, phase)] for fired in halves])).astype(np.uint16)
+
+
+def on_lattice(frame: Frame, step: int, *, rolling: bool = True) -> Frame:
+    """The frame of which the columns of `lattice_of` are kept; as it is for a step of 1."""
+    if step == 1 or not frame.width:
+        return frame
+    columns = lattice_of(frame, step, rolling=rolling)
+    keep = np.zeros(frame.range.shape, np.bool_)
+    keep[:, columns] = frame.valid[:, columns]
+    return frame.with_(keep=keep, lattice=columns)
+
+
+def thinned(frame: Frame) -> Frame:
+    """The frame of the columns in `frame.lattice` alone, which codecs code; without packets to rebuild."""
+    if frame.lattice is None:
+        return frame
+    columns = frame.lattice
+    keep = None if frame.keep is None else frame.keep[:, columns]
+    valid = frame.valid[:, columns]
+    if keep is not None and np.array_equal(valid, frame.range[:, columns] > 0):
+        keep = None  # nothing was left out but columns
+    return frame.with_(
+        range=frame.range[:, columns],
+        intensity=np.where(valid, frame.intensity[:, columns], np.uint8(0)),
+        azimuth=frame.azimuth[:, columns],
+        fired=frame.fired[:, columns],
+        side=None,
+        keep=keep,
+        lattice=None,
+    )
+
+
+def expanded(frame: Frame, lattice: Lattice) -> Frame:
+    """A thinned frame in its own columns, the inverse of `thinned`: what was not sent has no return.
+
+    Azimuths between columns that were sent are on a straight line. Of a frame without packets columns that were not
+    sent did not fire.
+    Raises SectionError if the lattice is not that of the frame.
+    """
+    width, columns, side = lattice
+    if len(columns) != frame.width:
+        raise SectionError(f"a lattice of {len(columns)} columns for a frame of {frame.width}")
+    ranges = np.zeros((LASERS, width), np.uint16)
+    intensity = np.zeros((LASERS, width), np.uint8)
+    fired = np.zeros((2, width), np.bool_) if side is None else fired_halves(side)
+    ranges[:, columns], intensity[:, columns], fired[:, columns] = frame.range, frame.intensity, frame.fired
+    azimuth = _azimuths(frame.azimuth, columns, width)
+    return frame.with_(
+        range=ranges, intensity=intensity, azimuth=azimuth, fired=fired, lattice=columns, side=side, keep=None
+    )
+
+
+def fired_halves(side: SideInfo) -> npt.NDArray[np.bool_]:
+    """(2, W) bool, which half of each column the packets held."""
+    of_layout = []
+    for roles in side.layouts:
+        columns: list[list[bool]] = []
+        for role in roles:
+            if role in (Role.UPPER_OPENS, Role.LOWER_OPENS):
+                columns.append([role == Role.UPPER_OPENS, role == Role.LOWER_OPENS])
+            elif role in (Role.UPPER_JOINS, Role.LOWER_JOINS) and columns:
+                columns[-1][int(role == Role.LOWER_JOINS)] = True
+        of_layout.append(np.array(columns, np.bool_).reshape(-1, 2))
+    rows = np.concatenate([of_layout[number] for number in side.layout]) if len(side.layout) else np.empty((0, 2), bool)
+    return np.ascontiguousarray(rows.T)
+
+
+def _azimuths(azimuth: npt.NDArray[np.uint16], columns: Columns, width: int) -> npt.NDArray[np.uint16]:
+    """(2, width) uint16, azimuths of all columns from those of some: straight between them, the short way round."""
+    known = azimuth.astype(np.int64)
+    steps = known[:, 1:] - known[:, :-1]
+    steps = (steps + AZIMUTH_TURN // 2) % AZIMUTH_TURN - AZIMUTH_TURN // 2
+    at = np.concatenate([known[:, :1], steps], axis=1).cumsum(axis=1)
+    wide = np.stack([np.interp(np.arange(width), columns, row) for row in at])
+    turned: npt.NDArray[np.uint16] = np.mod(np.rint(wide), AZIMUTH_TURN).astype(np.uint16)
+    return turned

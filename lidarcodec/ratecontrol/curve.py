@@ -1,0 +1,180 @@
+"""Operating curves: for each number of bits the working point that shows most, out of what was measured.
+
+A working point is a step of the lattice of columns, a value of the codec's knob and a number of intensity levels.
+`working_points.json` has, for each codec, what points of a grid took and showed on training drives (how:
+`benchmarks/working_points.py`). From it a curve is made for what the operator left free: what is pinned stays, the
+rest moves. Along a curve more bits never show less.
+
+>>> curve = operating_curve("riddle", Pins())
+>>> bool((np.diff(curve.bits) > 0).all()), bool((np.diff(curve.cost) < 0).all())
+(True, True)
+>>> {point.step for point in operating_curve("riddle", Pins(step=1)).points}
+{1}
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.codecs import table
+from lidarcodec.codecs.rate_knob import BOUND
+from lidarcodec.settings import Purpose, step_of
+from lidarcodec.units import RANGE_STEP_M
+
+Floats = npt.NDArray[np.float64]
+
+COARSEST_M: Final = 0.3
+"""No automatic choice makes a larger range error, nor a larger RMSE of a codec that keeps no bound."""
+COARSEST_RMSE_M: Final = 0.2
+"""RMSE on training drives up to which a codec without a bound is used: other scenes are rougher."""
+GAIN: Final = 0.005
+"""A point is on the curve if it shows more than the one below it by this share of the cost at least."""
+INTENSITY_M: Final = 0.0012
+"""What one step of RMSE in intensity (of 255) weighs, in metres of Chamfer distance, where it is small."""
+INTENSITY_KNEE: Final = 10.0
+"""RMSE of intensity from which on more of it weighs less and less: a person sees shades or does not."""
+
+
+class WorkingPoint(NamedTuple):
+    """step: every step-th column is sent; value: of the codec's knob; levels: of intensity, 256 lossless, 0 none."""
+
+    step: int
+    value: float
+    levels: int
+
+
+class Pins(NamedTuple):
+    """What is pinned; None is free.
+
+    step: of the lattice; levels: of intensity; bound_m: the coarsest; value: of the knob of a codec without a bound
+    """
+
+    step: int | None = None
+    levels: int | None = None
+    bound_m: float | None = None
+    value: float | None = None
+    purpose: Purpose = "look"
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """points: from fewest bits to most; of each point (N,): `range`, `intensity` and `rest`, in bits per return of the
+    original frame, and `cost`, what is missing from the picture, in metres."""
+
+    points: tuple[WorkingPoint, ...]
+    range: Floats
+    intensity: Floats
+    rest: Floats
+    cost: Floats
+
+    @property
+    def bits(self) -> Floats:
+        """(N,) bits per return of the original frame, all in all."""
+        return self.range + self.intensity + self.rest
+
+
+@lru_cache(maxsize=1)
+def _measured() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(files("lidarcodec.ratecontrol").joinpath("working_points.json").read_text())
+    return found
+
+
+def has_curve(codec: str) -> bool:
+    """Whether the working points of a codec were measured."""
+    return codec in _measured()
+
+
+@lru_cache(maxsize=64)
+def operating_curve(codec: str, pins: Pins) -> Curve:
+    """The curve of a codec around what is pinned. At least one point.
+
+    Where a pinned value was not measured, what lies nearest is where the rate control begins to learn.
+    """
+    entry = _measured()[codec]
+    values, grids = _fine(entry, codec, pins.bound_m)
+    steps = np.array(entry["steps"])
+    levels = np.array(entry["levels"])
+    allowed_steps = steps if pins.step is None else steps[[np.abs(np.log(steps / pins.step)).argmin()]]
+    if pins.purpose == "archive":
+        allowed_steps = allowed_steps[:1]
+    allowed_levels = levels if pins.levels is None else levels[[np.abs(levels - pins.levels).argmin()]]
+    fine_enough = _allowed(entry, codec, values, grids["rmse_m"], pins)
+    missed = _missed(np.array(entry["intensity_rmse"]))
+    parts: list[list[Floats]] = []
+    for step in allowed_steps:
+        at = int(np.flatnonzero(steps == step)[0])
+        for of in np.flatnonzero(np.isin(levels, allowed_levels)):
+            chosen = np.flatnonzero(fine_enough[at])
+            ones = np.ones(len(chosen))
+            parts.append(
+                [ones * step, values[chosen], ones * levels[of], grids["range_bits"][at, chosen],
+                 ones * entry["intensity_bits"][at][of], ones * entry["rest_bits"][at],
+                 grids["chamfer_m"][at, chosen] + missed[at, of]]
+            )  # fmt: skip
+    found = _envelope(np.array([np.concatenate(column) for column in zip(*parts, strict=True)]))
+    points = tuple(
+        WorkingPoint(pins.step or int(step), float(value), int(level) if pins.levels is None else pins.levels)
+        for step, value, level in found[:3].T
+    )
+    return Curve(points, *found[3:])
+
+
+def _missed(rmse: Floats) -> Floats:
+    """What RMSEs of intensity weigh, in metres; same shape."""
+    missed: Floats = INTENSITY_M * INTENSITY_KNEE * np.log1p(rmse / INTENSITY_KNEE)
+    return missed
+
+
+def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Floats, dict[str, Floats]]:
+    """All values of the knob between those that were measured, a pinned bound too, and the measured grids at them."""
+    knob = table.codec(codec).knob
+    assert knob is not None
+    places: Floats = np.array(knob.places(entry["values"]))
+    own = () if bound_m is None or knob.setting != BOUND else ((step_of(bound_m) - 1) // 2 * RANGE_STEP_M,)
+    all_values = np.unique([*knob.values, *own])[:: -1 if knob.setting != "quality" else 1]
+    all_places = np.array(knob.places(all_values.tolist()))
+    inside = (all_places >= places[0] - 1e-9) & (all_places <= places[-1] + 1e-9)
+    at = all_places[inside]
+    grids = {
+        name: np.array([np.exp(np.interp(at, places, np.log(np.maximum(row, 1e-6)))) for row in entry[name]])
+        for name in ("range_bits", "chamfer_m", "rmse_m")
+    }
+    return all_values[inside], grids
+
+
+def _allowed(entry: dict[str, Any], codec: str, values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
+    """(steps, values) bool, what no automatic choice may exceed left out; the finest value is always there."""
+    if entry["knob"] != BOUND:
+        fine = rmse <= COARSEST_RMSE_M
+        if pins.value is not None:
+            fine = np.zeros_like(fine)
+            fine[:, np.abs(values - pins.value).argmin()] = True
+    else:
+        bound_m = COARSEST_M if pins.bound_m is None else pins.bound_m
+        steps = np.array([step_of(value) for value in values])
+        fine = np.broadcast_to(steps <= step_of(bound_m), rmse.shape).copy()
+    fine[:, -1] |= ~fine.any(axis=1)
+    return fine
+
+
+def _envelope(found: Floats) -> Floats:
+    """(7, N) of (7, M) step, value, levels, bits of ranges, of intensity and of the rest, cost, a column a point: those
+    of which none takes fewer bits and shows as much; with more bits the step never grows."""
+    bits = found[3] + found[4] + found[5]
+    kept: list[int] = []
+    for place in np.lexsort((found[6], bits)).tolist():
+        if kept and not found[6, place] < (1.0 - GAIN) * found[6, kept[-1]]:
+            continue
+        if kept and found[0, place] > found[0, kept[-1]]:
+            continue
+        if kept and bits[place] <= bits[kept[-1]]:
+            kept.pop()
+        kept.append(place)
+    return found[:, kept]

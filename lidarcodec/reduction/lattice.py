@@ -1,0 +1,36 @@
+"""`lattice:n`: every n-th column is sent, beginning elsewhere in each frame, and the receiver fills in between.
+
+For viewers: the same bits show more than `columns:n`, because a frame of so few columns is coded as a narrow frame.
+"""
+
+from __future__ import annotations
+
+from lidarcodec.frame import Frame
+from lidarcodec.lattice import MAX_STEP, on_lattice
+from lidarcodec.reduction.base import Reducer, Reduction
+
+
+def step_of(argument: str) -> int:
+    """The n of `lattice:n`.
+
+    Raises ValueError.
+    """
+    if not (argument.isascii() and argument.isdigit() and len(argument) < 3 and 1 <= int(argument) <= MAX_STEP):
+        raise ValueError(f"lattice:n sends every n-th column, with n from 1 to {MAX_STEP}")
+    return int(argument)
+
+
+class LatticeReducer(Reducer):
+    """Keeps the columns of a lattice.
+
+    rolling: whether each frame begins at another column; not for codecs that refer to the picture before
+    """
+
+    rolling = True
+
+    def reduce(self, frame: Frame) -> Frame:
+        """The frame with all returns of those columns."""
+        return on_lattice(frame, step_of(self.argument or ""), rolling=self.rolling)
+
+
+REDUCTION = Reduction(LatticeReducer, argument=step_of, budgeted=False)

@@ -1,0 +1,161 @@
+"""A thinned frame comes back in its own columns, and what is made up between them is near the surface, marked, and
+never sent on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarcodec.assembly import packets_of
+from lidarcodec.codecs import table
+from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
+from lidarcodec.filling import JUMP_SHARE, JUMP_STEPS, between, filled, measured_only
+from lidarcodec.frame import Frame
+from lidarcodec.lattice import Lattice, columns_of, expanded, lattice_of, on_lattice, phase_of, thinned
+from lidarcodec.message import SectionType
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
+from lidarcodec.settings import StreamSettings
+from lidarcodec.side import Position
+from lidarcodec.thinned_stream import lattice_bytes, read_lattice
+from lidarcodec.wire import pack, unpack
+from tests.contracts import frames as made
+from tests.positions import position
+
+FRAMES = {
+    "scene": made.scene(4),
+    "three to one": made.three_to_one(4),
+    "irregular": made.irregular_side(4),
+    "one return": made.one_return(4),
+    "nothing": made.scene(4, holes=1.0),
+}
+
+
+@pytest.mark.parametrize("codec", table.names())
+@pytest.mark.parametrize("name", FRAMES)
+@pytest.mark.parametrize("step", [2, 5, 64])
+def test_what_is_sent_comes_back_where_it_was(codec: str, name: str, step: int) -> None:
+    frame = FRAMES[name]
+    encoder, decoder = StreamEncoder(StreamSettings(codec=codec, reduction=f"lattice:{step}")), StreamDecoder()
+    messages = encoder.encode(frame) + encoder.flush()
+    (back,) = [one for message in messages for one in decoder.decode(unpack(pack(message)))]
+    sent = encoder.reduced
+    assert sent is not None
+    assert back.width == frame.width
+    assert np.array_equal(back.lattice, sent.lattice)
+    assert np.array_equal(back.range > 0, sent.valid)
+    assert np.array_equal(back.fired, frame.fired)
+    assert np.array_equal(back.azimuth[:, back.lattice], frame.azimuth[:, back.lattice])
+    if table.codec(codec).bounded:
+        assert np.array_equal(back.range, np.where(sent.valid, frame.range, 0))
+        assert np.array_equal(back.intensity, np.where(sent.valid, frame.intensity, 0))
+    assert len(packets_of(back)) == len(packets_of(frame)), "its packets can be rebuilt, without what was left out"
+
+
+def test_position_packets_are_not_lost_with_the_columns() -> None:
+    encoder, decoder = StreamEncoder(StreamSettings(reduction="lattice:4")), StreamDecoder()
+    frame = FRAMES["scene"]
+    positions = (Position(1, 5_000, position(5).payload),)
+    (message,) = encoder.encode(frame.with_(side=replace(frame.side, positions=positions)))
+    (back,) = decoder.decode(unpack(pack(message)))
+    assert back.side.positions == positions
+
+
+@given(st.integers(0, 3000), st.integers(1, 64), st.integers(0, 1000))
+def test_the_ends_are_always_sent_and_no_gap_is_wider_than_the_step(width: int, step: int, index: int) -> None:
+    columns = columns_of(width, step, phase_of(index, step))
+    assert (len(columns) == 0) is (width == 0)
+    if width:
+        assert (columns[0], columns[-1]) == (0, width - 1)
+        assert int(np.diff(columns).max(initial=1)) <= step
+    assert np.array_equal(read_lattice(lattice_bytes(Lattice(width, columns))).columns, columns)
+
+
+def test_every_column_is_seen_after_some_frames() -> None:
+    for step in (2, 3, 4, 8):
+        seen = np.unique(np.concatenate([columns_of(960, step, phase_of(index, step)) for index in range(8)]))
+        assert len(seen) == 960
+
+
+def test_both_halves_are_sent_where_they_are_fired_in_turns() -> None:
+    frame = FRAMES["three to one"]
+    columns = lattice_of(frame, 4)
+    for half in frame.fired:
+        assert half[columns].sum() >= half.sum() // 4
+
+
+@given(st.binary(max_size=80))
+def test_no_section_raises_anything_but_our_own_errors(data: bytes) -> None:
+    try:
+        lattice = read_lattice(data)
+    except DecodeError:
+        return
+    assert len(lattice.columns) <= lattice.width
+
+
+def test_damaged_sections_are_refused() -> None:
+    encoder = StreamEncoder(StreamSettings(reduction="lattice:4"))
+    (message,) = encoder.encode(FRAMES["scene"])
+    rng = np.random.default_rng(5)
+    good = next(section for section in message.sections if section.type == SectionType.LATTICE)
+    for _ in range(300):
+        data = bytearray(good.data)
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        damaged = good._replace(data=bytes(data[: rng.integers(len(data) + 1)] if rng.random() < 0.3 else data))
+        sections = tuple(damaged if one is good else one for one in message.sections)
+        try:
+            StreamDecoder().decode(unpack(pack(replace(message, sections=sections))))
+        except LidarCodecError:
+            continue
+    narrow = thinned(on_lattice(FRAMES["scene"], 4))
+    with pytest.raises(SectionError, match="a lattice of 3 columns for a frame"):
+        expanded(narrow, Lattice(12, columns_of(12, 8)))
+
+
+@given(st.integers(1, 65535), st.integers(1, 64), st.data())
+def test_what_is_made_up_lies_between_its_neighbours(a: int, gap: int, data: st.DataObject) -> None:
+    near = data.draw(st.integers(max(1, a - JUMP_STEPS), min(65535, a + JUMP_STEPS)))
+    place = data.draw(st.integers(0, gap))
+    (made_up,) = between(np.array([a]), np.array([near]), place, gap)
+    assert min(a, near) <= made_up <= max(a, near)
+
+
+def wall(width: int = 200) -> Frame:
+    """A wall seen aslant, 10 m away, with a pole in front of it."""
+    base = made.scene(width // 6 + 1)
+    angle = np.radians(np.arange(base.width) * 0.17)
+    away = np.rint(5000 / np.cos(angle - 0.3)).astype(np.uint16)
+    ranges = np.broadcast_to(away, base.range.shape).copy()
+    ranges[:, 90:92] = 2000
+    return base.with_(range=ranges, intensity=np.full(base.range.shape, 40, np.uint8))
+
+
+def test_a_wall_is_filled_in_to_the_millimetre_and_an_edge_is_not() -> None:
+    frame = wall()
+    sent = expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side))
+    back = filled(sent)
+    assert back.filled is not None
+    assert back.filled.sum() > 0.8 * frame.range.size
+    off = np.abs(back.range.astype(int) - frame.range)[back.filled]
+    flat = np.abs(frame.range.astype(int) - 2000)[back.filled] > 0
+    assert off[flat].max() <= 2
+    columns = sent.lattice
+    for left, right in pairwise(columns):
+        if 90 in (left, right) or 91 in (left, right):
+            assert not back.filled[:, left + 1 : right].any(), "between the pole and the wall nobody knows"
+    assert np.array_equal(measured_only(back).range, sent.range)
+    assert filled(back) is back
+    assert JUMP_SHARE == 20
+
+
+def test_a_filled_frame_is_sent_as_it_was_measured() -> None:
+    frame = wall()
+    (message,) = StreamEncoder(StreamSettings(reduction="lattice:8"), 1).encode(frame)
+    (back,) = StreamDecoder().decode(message)
+    (again,) = StreamEncoder(StreamSettings(), 1).encode(filled(back))
+    (twice,) = StreamDecoder().decode(again)
+    assert np.array_equal(twice.range, back.range)
