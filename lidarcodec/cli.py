@@ -276,6 +276,9 @@ def publish(
     health_file: Annotated[
         Path | None, _option("--health-file", metavar="FILE", help="Say there once a second how it goes, for `health`.")
     ] = None,
+    weights_dir: Annotated[
+        Path | None, _option("--weights-dir", metavar="DIR", help="Own weights of `riddle`, which settings may name.")
+    ] = None,
 ) -> None:
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
     from lidarcodec.commands import publish as command
@@ -292,7 +295,7 @@ def publish(
                 "--calibration": calibration, "--poses": poses, "--original": original,
             }
         )  # fmt: skip
-        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file)
+        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
         return
     if source is None:
         raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
@@ -302,7 +305,7 @@ def publish(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
-        health_file, original,
+        health_file, original, weights_dir,
     )  # fmt: skip
 
 

@@ -65,7 +65,7 @@ class RiddleSettings(CodecSettings):
     motion: bool = True
     """Whether it also expects what was seen a turn ago, moved as the sensor moved; only with `memory`."""
     weights: str = ""
-    """A name, of the package or of the folder LIDARCODEC_WEIGHTS_DIR; on the encoder's own command line also a path."""
+    """A name, of the package or of the folder of `--weights-dir`; on the encoder's own command line also a path."""
     learn_ms: float = Field(0, ge=0, le=MOST_LEARN_MS)
     """Milliseconds a frame that a live publisher may train the network on what it sends, on a spare core; 0: none."""
 

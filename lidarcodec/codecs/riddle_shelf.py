@@ -17,7 +17,7 @@ from lidarcodec import entropy
 from lidarcodec.codecs.riddle_update import applied, is_update, names_of
 from lidarcodec.codecs.riddle_weight_file import read_weights, unpack_weights
 from lidarcodec.codecs.riddle_weights import Net, Weights
-from lidarcodec.errors import MissingReferenceError, SectionError, UnknownNameError
+from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnknownNameError
 
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
@@ -27,6 +27,7 @@ _FOLDER: Final = Path(__file__).parent / "weights"
 _FROM_STREAM: Final = 4
 SUFFIX: Final = ".lcrw"
 FOLDER_VARIABLE: Final = "LIDARCODEC_WEIGHTS_DIR"
+"""Names the folder of own weights, for this process and for those that it starts to code in."""
 
 
 @cache
@@ -40,10 +41,20 @@ def _default() -> Weights:
     return read_weights(_FOLDER / f"{DEFAULT}.lcrw")
 
 
+def look_in(folder: Path) -> None:
+    """Look for weights by name in a folder, too, here and in processes that are started from now on.
+
+    Raises SettingsError when it is not there.
+    """
+    if not folder.is_dir():
+        raise SettingsError(f"weights_dir: there is no folder {folder}", "weights_dir")
+    os.environ[FOLDER_VARIABLE] = str(folder.resolve())
+
+
 def weights_of(given: str) -> Weights:
     """Those of a name or of a file, read anew each time; by default the package's own.
 
-    given: a name is looked for in the package, then in the folder that LIDARCODEC_WEIGHTS_DIR names. What has a slash,
+    given: a name is looked for in the package, then in the folder of `look_in`. What has a slash,
            or the ending of weight files, is a path: only this machine's command line and files may say one
     Raises UnknownNameError for a name that is nowhere, else as `read_weights`.
     """

@@ -10,6 +10,7 @@ from typing import Any, cast
 from lidarcodec.apps.health import SensorState, told_in
 from lidarcodec.apps.publish import Publisher, Rate
 from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.codecs.riddle_shelf import look_in
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
@@ -80,10 +81,13 @@ def run(
     poses: Path | None,
     health_file: Path | None,
     original: bool,
+    weights_dir: Path | None,
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
         raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
+    if weights_dir is not None:
+        look_in(weights_dir)
     settings = one_setting(codec, pairs)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
     own_poses = poses == OWN_POSES

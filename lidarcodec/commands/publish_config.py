@@ -20,6 +20,7 @@ from lidarcodec.apps.publish import Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.budgets import FileTooLargeError, read_file
+from lidarcodec.codecs.riddle_shelf import look_in
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
 from lidarcodec.commands.settings import settings_of
@@ -102,6 +103,7 @@ class VehicleConfig(_Strict):
     connect: list[str] = []
     listen: list[str] = []
     zenoh_config: Path | None = None
+    weights_dir: Path | None = None
     sensors: list[SensorConfig] = Field(min_length=1, max_length=64)
 
     @model_validator(mode="after")
@@ -114,8 +116,8 @@ class VehicleConfig(_Strict):
         return self
 
 
-def parse(text: str, where: str) -> VehicleConfig:
-    """The configuration in a text.
+def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConfig:
+    """The configuration in a text. From then on weights are looked for in its `weights_dir`, or in the one given.
 
     Raises SettingsError naming the field.
     """
@@ -125,8 +127,13 @@ def parse(text: str, where: str) -> VehicleConfig:
         raise SettingsError(f"{where}: {error}", "config") from None
     if not isinstance(values, dict):
         raise SettingsError(f"{where} holds no fields: it begins with `vehicle: NAME` and `sensors:`", "config")
+    folder = weights_dir or values.get("weights_dir")
     try:
+        if isinstance(folder, str | Path):
+            look_in(Path(folder))  # before settings of sensors are checked, which may name what lies there
         return VehicleConfig.model_validate(values)
+    except SettingsError as error:
+        raise SettingsError(str(error) if weights_dir else f"{where}: {error}", "weights_dir") from None
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -137,8 +144,8 @@ def parse(text: str, where: str) -> VehicleConfig:
         raise SettingsError(f"{where}: {place}{joint}{reason}" if place else f"{where}: {reason}", place) from None
 
 
-def read(path: Path) -> VehicleConfig:
-    """The configuration in a file.
+def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
+    """The configuration in a file; weights_dir: as in `parse`.
 
     Raises SettingsError when it is missing, too long, or wrong.
     """
@@ -150,12 +157,12 @@ def read(path: Path) -> VehicleConfig:
         raise SettingsError(f"{path} is not text in UTF-8", "config") from None
     except FileTooLargeError as error:
         raise SettingsError(f"{path}: {error}", "config") from None
-    return parse(text, str(path))
+    return parse(text, str(path), weights_dir)
 
 
-def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None) -> None:
+def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None, weights_dir: Path | None) -> None:
     """Publish until every source has ended or a signal comes. What stands on the command line wins."""
-    config = read(path)
+    config = read(path, weights_dir)
     connect, listen, zenoh_config = given
     if not (connect or listen or zenoh_config):
         connect, listen, zenoh_config = config.connect, config.listen, config.zenoh_config

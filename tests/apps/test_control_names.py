@@ -2,10 +2,13 @@
 
 import pytest
 
+from lidarcodec.apps import worker_process
 from lidarcodec.apps.control import settings_with
-from lidarcodec.codecs.riddle_shelf import weights_of
+from lidarcodec.codecs.riddle_shelf import FOLDER_VARIABLE, look_in, weights_of
+from lidarcodec.commands import publish_config
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
+from tests.command_line import run_here
 
 RIDDLE = StreamSettings(codec="riddle")
 
@@ -39,3 +42,53 @@ def test_a_name_is_of_the_package_or_of_the_folder_that_was_named(tmp_path, monk
     (tmp_path / "mine.lcrw").write_bytes(weights_of("").data)
     monkeypatch.setenv("LIDARCODEC_WEIGHTS_DIR", str(tmp_path))
     assert weights_of("mine").name == weights_of("").name
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with weights `mine`; the environment is as it was afterwards."""
+    monkeypatch.setenv(FOLDER_VARIABLE, "/nowhere")
+    made = tmp_path / "weights"
+    made.mkdir()
+    (made / "mine.lcrw").write_bytes(weights_of("").data)
+    return made
+
+
+def test_publish_takes_names_from_the_folder_of_weights_dir(folder, tmp_path):
+    words = ("publish", "sim:city?frames=2", "--rate", "100", "--codec", "riddle", "--weights-dir", folder)
+    done = run_here(*words, "--set", "weights=mine")
+    assert done.returncode == 0, done.stderr
+    done = run_here(*words, "--set", "weights=other")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "unknown weights 'other': choose one of mine, riddle-sim" in done.stderr
+    done = run_here(*words[:-1], tmp_path / "none", "--set", "weights=mine")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert f"there is no folder {tmp_path / 'none'}" in done.stderr
+
+
+def config(weights, folder=None):
+    return f"""
+{f"weights_dir: {folder}" if folder else ""}
+sensors:
+  - {{name: roof, source: "sim:city", codec: riddle, settings: {{weights: {weights}}}}}
+"""
+
+
+def test_a_config_file_names_the_folder_and_the_command_line_wins(folder, tmp_path):
+    assert publish_config.parse(config("mine", folder), "a.yaml").weights_dir == folder
+    publish_config.parse(config("mine", tmp_path / "none"), "a.yaml", folder)
+    (tmp_path / "a.yaml").write_text(config("other", folder))
+    done = run_here("publish", "--config", tmp_path / "a.yaml")
+    assert done.returncode == 1
+    assert "vehicle/roof: unknown weights 'other': choose one of mine, riddle-sim" in done.stderr
+    with pytest.raises(SettingsError, match=r"a\.yaml: weights_dir: there is no folder"):
+        publish_config.parse(config("mine", tmp_path / "none"), "a.yaml")
+    with pytest.raises(SettingsError, match="weights_dir: Input"):
+        publish_config.parse(config("riddle-sim", "[1]"), "a.yaml")
+
+
+def test_a_folder_is_told_to_the_process_that_codes(folder):
+    look_in(folder)
+    assert worker_process._environment()[FOLDER_VARIABLE] == str(folder)
+    assert settings_with(RIDDLE, {"codec_settings": {"weights": "mine"}}).codec_settings["weights"] == "mine"
