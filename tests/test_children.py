@@ -2,6 +2,7 @@
 
 import ast
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = sorted([*(ROOT / "lidarcodec").rglob("*.py"), *(ROOT / "server" / "lidarcodec_server").rglob("*.py")])
+SPAWNING = ("ProcessPoolExecutor", "get_context", "multiprocessing", "num_workers", "create_subprocess_exec")
 HOSTILE = "import os, pathlib; pathlib.Path(os.environ['WITNESS']).write_text(__file__)\nraise SystemExit(66)\n"
 
 
@@ -37,14 +39,75 @@ def test_every_child_is_started_with_dash_P():
     assert found >= 3
 
 
-def test_a_demonstration_imports_nothing_from_a_hostile_folder(tmp_path):
-    for name in ("numpy", "typing", "zenoh", "sqlite3", "lidarcodec"):
-        (tmp_path / f"{name}.py").write_text(HOSTILE)
-    witness = tmp_path.parent / f"{tmp_path.name}.witness"
+def test_no_other_way_to_start_a_process_is_used_but_one_that_is_made_safe():
+    """`multiprocessing` writes its own command lines: where it is used, PYTHONSAFEPATH is set for them."""
+    found = {}
+    for path in SHIPPED:
+        for node in ast.walk(ast.parse(path.read_text())):
+            name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+            whole = ast.unparse(node) if name else ""
+            if name in SPAWNING or whole.startswith(("os.exec", "os.spawn", "os.posix_spawn", "os.popen", "os.system")):
+                found.setdefault(path.relative_to(ROOT).as_posix(), []).append(node.lineno)
+    assert set(found) == {"lidarcodec/training/annotate.py"}, found
+    assert "with _safe_path(), ProcessPoolExecutor(" in (ROOT / "lidarcodec/training/annotate.py").read_text()
+
+
+@pytest.fixture
+def hostile(tmp_path):
+    """A folder of modules that leave a witness when they are imported."""
+    folder = tmp_path / "hostile"
+    folder.mkdir()
+    for name in ("numpy", "typing", "zenoh", "sqlite3", "lidarcodec", "multiprocessing", "pickle", "struct"):
+        (folder / f"{name}.py").write_text(HOSTILE)
+    return folder
+
+
+def ran(words, folder):
+    """What a process in a folder gave; no hostile module may have been imported, here or in what it starts."""
+    witness = folder.with_name("witness")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    environment = os.environ | {"WITNESS": str(witness), "LIDARCODEC_LOOPBACK_PORT": port}
+    environment.pop("PYTHONSAFEPATH", None)
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert not witness.exists(), witness.read_text()
+    return done
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["demo", "--no-browser", "--seconds", "2"],
+        ["swarm", "2", "sim:city", "--frames", "1", "--processes", "2", "--seconds", "1"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_command_imports_nothing_from_a_hostile_folder(hostile, words):
     program = Path(sys.executable).with_name("lidarcodec")
     if not program.exists():
         pytest.skip("the command line is not installed")
-    environment = os.environ | {"WITNESS": str(witness)}
-    words = ["demo", "--no-browser", "--seconds", "2"]
-    subprocess.run([program, *words], cwd=tmp_path, env=environment, capture_output=True, timeout=120, check=False)
-    assert not witness.exists(), witness.read_text()
+    done = ran([program, *words], hostile)
+    assert done.returncode == 0, done.stderr
+
+
+ANNOTATING = """
+import os
+from pathlib import Path
+from lidarcodec.training.annotate import AnnotationSettings, _spread
+from lidarcodec.training.annotation_folder import AnnotationFolder
+
+def work(path, settings, first):
+    (path / str(first)).touch()
+
+if __name__ == "__main__":
+    _spread(work, AnnotationFolder(Path(os.environ["OUT"])), AnnotationSettings("-"), [0, 1], 2, lambda: None)
+"""
+
+
+def test_what_annotation_spawns_imports_nothing_from_a_hostile_folder(hostile, tmp_path, monkeypatch):
+    (tmp_path / "made").mkdir()
+    (tmp_path / "annotating.py").write_text(ANNOTATING)
+    monkeypatch.setenv("OUT", str(tmp_path / "made"))
+    done = ran([sys.executable, tmp_path / "annotating.py"], hostile)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {"0", "1"}

@@ -12,6 +12,7 @@ in pieces of 25 frames, in this process or in several; what comes out does not d
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -282,6 +283,19 @@ def _label_chunk(path: Path, settings: AnnotationSettings, first: int) -> None:
         drive.folder.write_labels(k, Labels(images[0].T.copy(), images[1].T.copy(), least))
 
 
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Processes that are started meanwhile import nothing from the current folder: `spawn` gives Python no -P."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop("PYTHONSAFEPATH")
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
 def _spread(
     work: Callable[[Path, AnnotationSettings, int], None],
     folder: AnnotationFolder,
@@ -299,7 +313,8 @@ def _spread(
             tick()
         _drive.cache_clear()
         return
-    with ProcessPoolExecutor(min(workers, len(firsts)), mp_context=get_context("spawn")) as pool:
+    spawn = get_context("spawn")
+    with _safe_path(), ProcessPoolExecutor(min(workers, len(firsts)), mp_context=spawn) as pool:
         pieces: list[Future[None]] = [pool.submit(work, path, settings, first) for first in firsts]
         try:
             for piece in as_completed(pieces):
