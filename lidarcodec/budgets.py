@@ -53,7 +53,7 @@ BUDGETS: Final[dict[str, Budget]] = {
     "zenoh": Budget("`--zenoh-config` `.json5`", 1, 128, 5),
     "certificates": Budget("`ca.pem`, `ca.key`, `deployment.json`, `users.txt`, TLS files", 1, 64, 2),
     "about": Budget("`annotation.json` and what else says what a folder holds", 1, 64, 2),
-    "secret": Budget("a password or a token in a file", 1 / 256, 16, 1),
+    "secret": Budget("a password in a file", 1 / 256, 16, 1),
 }
 """Kind -> budget. Of networks in ONNX only those of the package are read."""
 

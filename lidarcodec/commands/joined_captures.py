@@ -8,9 +8,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
-from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.whole_files import check_free, whole
 
 log = logging.getLogger(__name__)
@@ -93,9 +94,9 @@ def _records(handle: BinaryIO, path: Path, order: str) -> Iterator[Record]:
 def _calibration(paths: Sequence[Path]) -> bytes | None:
     """What lies beside the parts; None if nothing does.
 
-    Raises SettingsError if they have different ones.
+    Raises SettingsError if they have different ones, CalibrationError if one is too large.
     """
-    found = [(path, _calibration_of(path).read_bytes()) for path in paths if _calibration_of(path).is_file()]
+    found = [(path, _read(_calibration_of(path))) for path in paths if _calibration_of(path).is_file()]
     for path, table in found:
         if table != found[0][1]:
             raise SettingsError(f"{path} has another calibration beside it than {found[0][0]}: they are of two sensors")
@@ -104,10 +105,17 @@ def _calibration(paths: Sequence[Path]) -> bytes | None:
 
 def _to_be_written(path: Path, table: bytes, force: bool) -> bool:
     """Whether the calibration is not there yet. Raises SettingsError if another one is in the way."""
-    if path.is_file() and not path.is_symlink() and path.read_bytes() == table:
+    if path.is_file() and not path.is_symlink() and path.stat().st_size == len(table) and path.read_bytes() == table:
         return False
     check_free(path, force=force)
     return True
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_file(path, "calibration")
+    except FileTooLargeError as error:
+        raise CalibrationError(f"{path}: {error}") from None
 
 
 def _calibration_of(path: Path) -> Path:

@@ -13,18 +13,20 @@ True
 from __future__ import annotations
 
 import math
+import pickletools
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
-from zipfile import is_zipfile
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 import torch
 
 from lidarcodec.budgets import largest
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.untrusted_npz import check_archive
+from lidarcodec.untrusted_npz import ArraysRefusedError, check_archive
 from lidarcodec.whole_files import written_whole
 
 Value = str | int | float | bool | None | list[Any]
@@ -32,6 +34,10 @@ Value = str | int | float | bool | None | list[Any]
 
 _KIND: Final = "lidarcodec training run"
 _VERSION: Final = 1
+_NAMES: Final = ("collections OrderedDict", "torch._utils _rebuild_tensor_v2")
+_STORAGE: Final = re.compile(r"torch [A-Z][A-Za-z0-9]{0,15}Storage")
+_LOOKUPS: Final = ("GLOBAL", "STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4")
+"""What a checkpoint may name, and the opcodes of a pickle that name something."""
 
 
 def choose_device(name: str = "auto") -> torch.device:
@@ -129,6 +135,32 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         torch.save(values, beside)
 
 
+def _check_names(archive: ZipFile) -> None:
+    """Raises ArraysRefusedError when a checkpoint names anything but tensors: torch would also build a `bytearray` of
+    any length, from a number."""
+    for member in archive.namelist():
+        if not member.endswith("data.pkl"):
+            continue
+        for opcode, argument, _ in pickletools.genops(archive.read(member)):
+            known = argument in _NAMES or (isinstance(argument, str) and _STORAGE.fullmatch(argument))
+            if opcode.name in _LOOKUPS and not (opcode.name == "GLOBAL" and known):
+                raise ArraysRefusedError("it names what no checkpoint holds")
+
+
+def _check_tensors(values: object) -> None:
+    """Raises ArraysRefusedError for a tensor that says it has more numbers than are stored."""
+    left = [values]
+    while left:
+        one = left.pop()
+        if isinstance(one, torch.Tensor):
+            if one.numel() * one.element_size() > one.untyped_storage().nbytes():
+                raise ArraysRefusedError("it has a tensor that is larger than what is stored of it")
+        elif isinstance(one, Mapping):
+            left.extend(one.values())
+        elif isinstance(one, list | tuple):
+            left.extend(one)
+
+
 def load_checkpoint(path: Path, device: torch.device | None = None) -> Checkpoint | None:
     """The checkpoint at `path`, its tensors on `device` (else the CPU); None if there is none.
 
@@ -141,9 +173,10 @@ def load_checkpoint(path: Path, device: torch.device | None = None) -> Checkpoin
     if not is_zipfile(path):  # torch's older forms are never written here
         raise SourceError(damaged)
     try:
-        with path.open("rb") as file:
-            check_archive(file, largest("checkpoint") or 0, stored=True).close()
+        with path.open("rb") as file, check_archive(file, largest("checkpoint") or 0, stored=True) as archive:
+            _check_names(archive)
         values = torch.load(path, map_location=device or "cpu", weights_only=True)
+        _check_tensors(values)
     except OSError as error:
         raise SourceError(f"cannot read the checkpoint {path}: {error.strerror or error}") from None
     except Exception:  # a damaged archive may raise anything at all

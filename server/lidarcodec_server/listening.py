@@ -10,6 +10,7 @@ import ssl
 import sys
 from importlib.util import find_spec
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.config import ServerConfig
 
@@ -42,9 +43,11 @@ def check_tls(config: ServerConfig) -> None:
         return
     for path, name in ((config.tls_certificate, "tls_certificate"), (config.tls_key, "tls_key")):
         try:
-            path.read_bytes()
+            read_file(path, "certificates")
         except OSError as error:
             raise SettingsError(f"cannot read {path}: {error.strerror or error}", name) from None
+        except FileTooLargeError as error:
+            raise SettingsError(f"cannot read {path}: {error}", name) from None
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key, password="")
     except (ssl.SSLError, ValueError):

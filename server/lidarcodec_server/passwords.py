@@ -10,21 +10,21 @@ from pathlib import Path
 import sqlalchemy as sa
 from sqlalchemy.exc import ArgumentError
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import SettingsError
-
-MAX_BYTES = 4096
 
 
 def with_password(url: str | None, file: Path) -> str:
     """The URL with the first line of the file as its password.
 
-    Raises SettingsError when there is no such file or no URL, or when the URL has a password already.
+    Raises SettingsError when the file is not there or too long, and when there is no URL or it has a password already.
     """
     try:
-        with file.open("rb") as found:
-            password = found.read(MAX_BYTES).decode().partition("\n")[0].rstrip("\r")
+        password = read_file(file, "secret").decode().partition("\n")[0].rstrip("\r")
     except OSError as error:
         raise SettingsError(f"{file}: {error.strerror}", "database_password_file") from None
+    except FileTooLargeError as error:
+        raise SettingsError(f"{file}: {error}", "database_password_file") from None
     except UnicodeDecodeError:
         password = ""
     if not password:

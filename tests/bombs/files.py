@@ -3,9 +3,11 @@
 import gzip
 import io
 import lzma
+import pickle
 import sqlite3
 import struct
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import lz4.frame
@@ -20,12 +22,17 @@ from lidarcodec.sensors import read_calibration
 from lidarcodec.sources import open_source
 from lidarcodec.sources.kitti_points import find_scans, read_points
 from lidarcodec.sources.poses import read_poses
+from lidarcodec.training.annotation_folder import AnnotationFolder
 from lidarcodec.transport.zenoh import party_in
 from lidarcodec.untrusted_npz import read_npy
+from lidarcodec_server.config import ServerConfig
+from lidarcodec_server.listening import check_tls
+from lidarcodec_server.passwords import with_password
 
 PCAP = bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000")
 PCAPNG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
 MIB = 1 << 20
+DATABASE = "postgresql://lidarcodec@localhost/lidarcodec"
 
 
 def empty_records(folder):
@@ -176,6 +183,36 @@ def npy(folder):
     return text(folder, path.name, head.getvalue())
 
 
+class LongBytes:
+    """Pickled as the name `bytearray` and a number."""
+
+    def __reduce__(self):
+        return bytearray, (4_400_000_000,)
+
+
+def checkpoint(folder, values=None, zeros_mib=0):
+    """An archive as torch writes one."""
+    path = folder / "run.pt"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED if zeros_mib else zipfile.ZIP_STORED) as archive:
+        archive.writestr("run/data.pkl", pickle.dumps(values, protocol=2))
+        archive.writestr("run/version", "3")
+        with archive.open("run/data/0", "w") as member:
+            for _ in range(zeros_mib):
+                member.write(bytes(MIB))
+    return path
+
+
+def linked_to_zeros(folder):
+    (folder / "annotation.json").symlink_to("/dev/zero")
+    return folder
+
+
+def load_checkpoint(path):
+    from lidarcodec.training.runs import load_checkpoint as load  # imports torch, which takes seconds
+
+    load(path)
+
+
 def opened(path):
     """Read as far as there is anything."""
     with open_source(path) as source:
@@ -237,5 +274,22 @@ BOMBS = {
         lambda _: Path("/dev/zero"),
         lambda path: read_deployment(path, None, None),
     ),
+    "certificates, TLS without end": (
+        "certificates",
+        lambda _: Path("/dev/zero"),
+        lambda path: check_tls(ServerConfig(tls_certificate=path, tls_key=path)),
+    ),
+    "about, depth": (
+        "about",
+        lambda f: text(f, "annotation.json", "[" * 500_000).parent,
+        lambda folder: AnnotationFolder(folder).about(),
+    ),
+    "about, no end": ("about", linked_to_zeros, lambda folder: AnnotationFolder(folder).about()),
+    "secret, no end": ("secret", lambda _: Path("/dev/zero"), lambda path: with_password(DATABASE, path)),
 }
+if find_spec("torch") is not None:
+    BOMBS |= {
+        "checkpoint, bytes by a number": ("checkpoint", lambda f: checkpoint(f, LongBytes()), load_checkpoint),
+        "checkpoint, compressed": ("checkpoint", lambda f: checkpoint(f, zeros_mib=256), load_checkpoint),
+    }
 """What -> kind of budget, what makes the file in a folder, what opens it."""

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs.expecting import as_decoded
 from lidarcodec.codecs.motion_finder import MotionFinder
 from lidarcodec.codecs.riddle_shelf import EFFORTS, networks_of
@@ -183,7 +184,7 @@ class SampleStore:
         text = json.dumps(self._plan, sort_keys=True, indent=1)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            if path.exists() and path.read_text() != text:
+            if path.exists() and not _says(path, text):
                 raise SettingsError(f"{self.folder} has samples of other sources or settings: give another folder")
             with written_whole(path) as beside:
                 beside.write_text(text)
@@ -192,6 +193,13 @@ class SampleStore:
 
     def _path(self, number: int, turn: int, expects: bool) -> Path:
         return self.folder / f"{turn:03d}-{number:05d}-{_kind(expects)}.rows"
+
+
+def _says(path: Path, text: str) -> bool:
+    try:
+        return read_file(path, "about") == text.encode()
+    except FileTooLargeError:
+        return False
 
 
 def _kind(expects: bool) -> str:
