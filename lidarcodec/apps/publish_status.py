@@ -14,6 +14,7 @@ from lidarcodec.apps.publish_source import FrameFeed
 from lidarcodec.apps.reports import Report, read_report
 from lidarcodec.apps.timings import Timings
 from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.transport.keys import StreamKeys
 
 MAX_REPORTS = 16
@@ -107,7 +108,12 @@ class StatusBoard:
             "stream_id": f"{self._stream_id:016x}",
             "stamp_ns": self._clock.wall_ns(),
             "settings": settings.model_dump(),
-            "sensor_model": {"name": sensor.name, "calibration": sensor.origin, "hash": sensor.hash},
+            "sensor_model": {
+                "name": sensor.name,
+                "calibration": sensor.origin,
+                "hash": sensor.hash,
+                "note": note_of(sensor),
+            },
             "matching": matching,
             "ended": ended,
             "time_source": feed.time_source,

@@ -32,9 +32,16 @@ def is_generic(sensor: SensorModel) -> bool:
     return generic and REGRIDDED not in sensor.name
 
 
+def note_of(sensor: SensorModel) -> str | None:
+    """What somebody who looks at its clouds has to know of a sensor's calibration; None: nothing."""
+    if sensor.origin == "simulated" or not is_generic(sensor):
+        return None
+    return f"generic calibration: {MEANING}"
+
+
 def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> bool:
     """Say what a generic calibration means, once for each source; whether it is one."""
-    if sensor.origin == "simulated" or not is_generic(sensor):
+    if note_of(sensor) is None:
         return False
     if label not in _said:
         if len(_said) >= MAX_SAID:

@@ -93,6 +93,11 @@ class Fleet:
         with self._lock:
             return self._places.left_out, dict(self._places.by_vehicle)
 
+    def waiting(self) -> dict[str, int]:
+        """How many streams of each vehicle wait for room, where any do."""
+        with self._lock:
+            return dict(self._places.waiting_of())
+
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
         """A publisher came or went. False if there is no room: then its statuses are looked at until there is."""
         with self._lock:

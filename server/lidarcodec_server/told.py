@@ -171,7 +171,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "stamp_ns": number,
     "frame_index": _any_count,
     "settings": _settings,
-    "sensor_model": record(name=_name, calibration=text(TEXT), hash=_name),
+    "sensor_model": record(name=_name, calibration=text(TEXT), hash=_name, note=_long),
     "matching": flag,
     "ended": flag,
     "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),

@@ -39,6 +39,23 @@ def test_points_of_the_vehicle_arrive_and_the_title_counts_them(page):
     expect(page.locator("footer")).to_contain_text("points")
 
 
+def test_a_generic_calibration_and_streams_without_room_are_said(fleet, page):
+    def with_note(route):
+        told = route.fetch().json()
+        told["status"]["sensor_model"]["note"] = "generic calibration: clouds can be off"
+        route.fulfill(json=told)
+
+    def with_others(route):
+        route.fulfill(json=[row | {"left_out": 3} for row in route.fetch().json()])
+
+    page.route("**/api/v1/streams/car-7/lidar", with_note)
+    page.route("**/api/v1/fleet*", with_others)
+    expect(page.get_by_role("region", name="In force")).to_contain_text("generic calibration: clouds can be off")
+    expect(row_of(page)).to_contain_text("3 left out")
+    page.unroute_all(behavior="ignoreErrors")
+    expect(row_of(page)).not_to_contain_text("left out")
+
+
 def test_a_codec_is_changed_by_the_form_that_its_schema_makes_and_is_applied(fleet, page):
     page.get_by_label("Codec", exact=True).select_option("zstd")
     page.get_by_label("Level").fill("5")

@@ -106,6 +106,8 @@ async def test_operators_see_every_vehicle_beside_one_of_300_sensors_and_which_w
                 return "car-8" in [one["vehicle"] for one in (await client.get("/api/v1/fleet")).json()]
 
             await until(seen)
+            rows = {one["vehicle"]: one["left_out"] for one in (await client.get("/api/v1/fleet")).json()}
+            assert rows == {"big": 16, "car-8": 0}, "as many as are remembered of it"
             text = (await client.get("/metrics")).text
             assert re.search(r'lidarcodec_vehicle_streams_left_out_total{vehicle="big"} 2\d\d\.0', text)
         for token in tokens:

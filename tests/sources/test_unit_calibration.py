@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import socket
 import time
 
 import pytest
 
+from lidarcodec.apps.publish import Publisher
 from lidarcodec.sensors import generic_sensor, status_bytes, write_calibration
 from lidarcodec.sources import open_source, unit_calibration
-from lidarcodec.sources.unit_calibration import is_generic
+from lidarcodec.sources.unit_calibration import is_generic, note_of
+from lidarcodec.transport.memory import MemoryNetwork
+from lidarcodec_server.told import read_status
 from tests.command_line import run
 from tests.sources import captures as c
 
@@ -85,3 +89,12 @@ def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):
         assert len(list(source.packets())) == len(payloads)
         assert source.sensor.origin == "stream"
         assert f"calibration {source.sensor.hash} from the sensor's status bytes is used from now on" in caplog.text
+
+
+def test_whoever_looks_at_a_stream_is_told_of_a_generic_calibration(capture):
+    with open_source(capture) as source, Publisher(source, transport=MemoryNetwork().transport()) as publisher:
+        assert publisher.status()["sensor_model"]["note"] == f"generic calibration: {unit_calibration.MEANING}"
+        told = read_status(json.dumps(publisher.status()).encode())
+        assert told.status["sensor_model"]["note"].startswith("generic calibration: clouds can be off")  # to REST, too
+    with open_source("sim:city?frames=1") as source:
+        assert note_of(source.sensor) is None

@@ -35,6 +35,9 @@ class FleetRow(BaseModel):
         description="Median, from a frame's last packet to the decoded frame, at the receiver that is followed."
     )
     replaced: int | None = Field(description="Frames that gave way to newer ones, since the vehicle started.")
+    left_out: int = Field(
+        description="Streams of this vehicle that the server has no room for, of which it remembers `--max-sensors`."
+    )
     recording: str | None = Field(description="Id of the recording that runs.")
     playback: str | None = Field(description="Id of the recording that this stream is played from.")
     minute: list[float | None] | None = Field(
@@ -52,10 +55,16 @@ def fleet(
     """All streams, in a line each."""
     now_s = time.monotonic()
     recorded, played = recordings.names()
-    return [_row(one, now_s, minute, recorded.get(one.keys), played.get(one.keys)) for one in service.streams()]
+    waiting = service.fleet.waiting()
+    return [
+        _row(one, now_s, minute, waiting.get(one.keys.vehicle, 0), recorded.get(one.keys), played.get(one.keys))
+        for one in service.streams()
+    ]
 
 
-def _row(stream: Stream, now_s: float, minute: bool, recording: str | None, playback: str | None) -> FleetRow:
+def _row(
+    stream: Stream, now_s: float, minute: bool, left_out: int, recording: str | None, playback: str | None
+) -> FleetRow:
     status: dict[str, Any] = stream.status or {}
     rate = status.get("rate") if isinstance(status.get("rate"), dict) else None
     replaced = number_in(status, "replaced")
@@ -74,6 +83,7 @@ def _row(stream: Stream, now_s: float, minute: bool, recording: str | None, play
         reached=None if rate is None or not isinstance(rate.get("reached"), bool) else rate["reached"],
         latency_ms=_latency_ms(status) if stream.alive else None,
         replaced=None if replaced is None else int(replaced),
+        left_out=left_out,
         recording=recording,
         playback=playback,
         minute=list(stream.kbps) if minute else None,

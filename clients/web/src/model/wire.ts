@@ -24,6 +24,7 @@ export interface FleetRow {
   reached: boolean | null;
   latency_ms: number | null;
   replaced: number | null;
+  left_out: number;
   recording: string | null;
   playback: string | null;
   minute: (number | null)[] | null;
@@ -50,6 +51,7 @@ export interface Stream {
   status: {
     rate?: RateStatus | null;
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
+    sensor_model?: { note?: string | null };
     preparing?: string | null;
     errors?: Record<string, number>;
   } | null;

@@ -68,6 +68,11 @@ function Row({ row }: { row: FleetRow }) {
             REC
           </span>
         )}
+        {row.left_out > 0 && (
+          <span class="chip" title="Streams of this vehicle that the server has no room for">
+            {row.left_out} left out
+          </span>
+        )}
         {row.playback && <span class="chip">playback</span>}
         <span class="chip">{row.codec ?? "?"}</span>
       </span>

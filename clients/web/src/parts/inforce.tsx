@@ -32,6 +32,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
         </p>
       )}
       {reduction?.note && <p class="warn">{reduction.note}</p>}
+      {stream?.status?.sensor_model?.note && <p class="warn">{stream.status.sensor_model.note}</p>}
       {preparing && <p role="status">The vehicle prepares {preparing} …</p>}
       {stream?.alive === false && (
         <p class="warn">The vehicle is away. What is set now is kept, and given to it when it comes.</p>
