@@ -24,6 +24,10 @@ _STAMP: Final = struct.Struct("@qq")
 _DROPS: Final = struct.Struct("@I")
 _CONTROL_BYTES: Final = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
 
+STEPPED_BACK_NS: Final = 10_000_000_000
+"""A packet that waits and is so far ahead of the data came before the clock was set back. Data itself is at most 5 s
+late (the queue of the live source)."""
+
 
 class PositionListener:
     """Receives on one port of this machine.
@@ -50,13 +54,18 @@ class PositionListener:
             return data
         merged: list[Packet] = []
         for packet in data:
-            while self._waiting and self._waiting[0][0].stamp_ns <= packet.stamp_ns:
+            while self._waiting and self._is_due(self._waiting[0][0].stamp_ns, packet.stamp_ns):
                 self._take(merged, sender, anybody=anybody)
             merged.append(packet)
         if not data:
             for _ in range(before):
                 self._take(merged, sender, anybody=anybody)
         return merged
+
+    @staticmethod
+    def _is_due(stamp_ns: int, data_ns: int) -> bool:
+        """Whether a waiting packet goes before a data packet: it came before it, or by a clock that was set back."""
+        return stamp_ns <= data_ns or stamp_ns - data_ns > STEPPED_BACK_NS
 
     def close(self) -> None:
         """Close the socket; harmless when called twice."""

@@ -31,6 +31,7 @@ def attempt(row: Row, folder: Path, kind: shim.Kind, number: int, *, goes_on: bo
     row.before(out)
     calls = folder / "calls"
     said = folder / "stderr"
+    calls.unlink(missing_ok=True)  # before the child may write it
     if (child := os.fork()) == 0:
         handle = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(handle, 2)
@@ -46,7 +47,6 @@ def attempt(row: Row, folder: Path, kind: shim.Kind, number: int, *, goes_on: bo
         sys.stderr.flush()
         calls.write_text(str(count))
         os._exit(code)
-    calls.unlink(missing_ok=True)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     wrong = row.check(out, code)
     text = said.read_text()

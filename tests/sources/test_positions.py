@@ -180,3 +180,21 @@ def test_nothing_waits_without_end_while_no_sensor_is_known():
     listener.close()
     listener.close()
     assert list(data_packets(listener.among(DATA[:2], b"", anybody=True))) == DATA[:2]
+
+
+def test_a_clock_that_is_set_back_holds_up_no_position_packets() -> None:
+    """One that came behind the last data packet, by the clock of before, was "in the future" for an hour."""
+    listener = PositionListener("127.0.0.1", 0)
+    me, hour_ns = bytes([127, 0, 0, 9]), 3_600_000_000_000
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
+        sensor.bind(("127.0.0.9", 0))
+        sensor.connect(listener._socket.getsockname()[:2])
+        sensor.send(bytes(512))
+        assert not [
+            one for one in listener.among([Packet(bytes(1206), time.time_ns() - 5_000_000)], me) if one.position
+        ]
+        listener._waiting.extend((Packet(bytes(512), time.time_ns() - hour_ns, position=True), me) for _ in range(3))
+        given = listener.among([Packet(bytes(1206), time.time_ns() - hour_ns + 5_000_000)], me)
+    listener.close()
+    assert sum(one.position for one in given) == 4
+    assert not given[-1].position
