@@ -237,7 +237,7 @@ def publish(
         str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, sim:...")
     ] = None,
     vehicle: Annotated[
-        str | None, _option("--vehicle", metavar="NAME", help="Default: whom --zenoh-config is for, else vehicle.")
+        str | None, _option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, else vehicle.")
     ] = None,
     sensor: Annotated[str | None, _option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
     codec: CodecName = None,
@@ -268,7 +268,7 @@ def publish(
         _option("--poses", metavar="FILE|source", help="As for encode; source: those it has itself."),
     ] = None,
     original: Annotated[
-        bool, _option("--original", help="On this machine, send the originals to who compares, while somebody does.")
+        bool, _option("--original", help="Send the originals, too, to programs on this machine that compare.")
     ] = False,
     config: Annotated[
         Path | None, _option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
@@ -323,7 +323,7 @@ def subscribe(
     until_end: Annotated[bool, _option("--until-end", help="Stop when the publisher has gone.")] = False,
     receiver: Annotated[
         str | None,
-        _option("--receiver", metavar="NAME", help="Whose reports these are; default: whom --zenoh-config is for."),
+        _option("--receiver", metavar="NAME", help="Name under which it reports. Default: that in --zenoh-config."),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,

@@ -1,4 +1,4 @@
-"""`lidarcodec publish`: a source, live, to whoever subscribes."""
+"""`lidarcodec publish`: a source, live, to all that subscribe."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def record_limits(gigabytes: float) -> dict[str, int]:
 
 
 def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
-    """The vehicle that publishes: who was given, else whom the Zenoh configuration is for, else `vehicle`.
+    """The vehicle that publishes: the one given, else the name in the Zenoh configuration, else `vehicle`.
 
     Raises SettingsError when those two are not the same: nobody would get what it sends, and nothing would say why.
     """
