@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import stat
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -67,7 +68,8 @@ class HealthFile:
         self._complained = False
 
     def __enter__(self) -> Self:
-        """Raises SettingsError when the file cannot be written."""
+        """Raises SettingsError when the file cannot be written, or when something else has its name."""
+        self._check_place()
         try:
             self._write()
         except LidarCodecError as error:
@@ -78,7 +80,36 @@ class HealthFile:
     def __exit__(self, *exc: object) -> None:
         self._stop.set()
         ended([self._thread])
-        self._path.unlink(missing_ok=True)
+        if self._writer() == os.getpid():  # another publisher may have taken the name
+            self._path.unlink(missing_ok=True)
+
+    def _check_place(self) -> None:
+        """Refuse to take the place of anything but a health file.
+
+        Raises SettingsError.
+        """
+        if not os.path.lexists(self._path):
+            return
+        writer = self._writer()
+        if writer is None:
+            text = f"{self._path} exists and is no health file: give another name, or remove it"
+            raise SettingsError(text, "health_file")
+        if writer != os.getpid() and _runs(writer):
+            logger.warning("%s is written by process %d, too: give each publisher a health file of its own", self._path,
+                           writer)  # fmt: skip
+
+    def _writer(self) -> int | None:
+        """The process that wrote the file last; None where there is no health file."""
+        try:
+            if not stat.S_ISREG(os.lstat(self._path).st_mode):  # a pipe would be waited for
+                return None
+            with self._path.open("rb") as file:
+                told = read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
+        except (OSError, JsonRefusedError):
+            return None
+        writer = told.get("pid")
+        whole = isinstance(writer, int) and not isinstance(writer, bool) and {"monotonic_s", "sensors"} <= told.keys()
+        return writer if whole else None
 
     def _run(self) -> None:
         while not self._stop.wait(TELL_S):
@@ -116,6 +147,19 @@ class HealthFile:
         if name not in since or since[name][0] != value:
             since[name] = (value, now_s)
         return now_s - since[name][1]
+
+
+def _runs(process: int) -> bool:
+    """Whether there is a process of that number."""
+    if process <= 0:
+        return False
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def told_in(

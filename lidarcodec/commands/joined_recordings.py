@@ -38,6 +38,7 @@ class Part:
     last: Header | None = None
     first_ns: int = 0
     last_ns: int = 0
+    damaged: int = 0
 
     @property
     def counted(self) -> bool:
@@ -56,6 +57,10 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
     """Check the parts, then copy them."""
     with ExitStack() as files, stoppable() as stopped:
         parts = [_part(path, files.enter_context(path.open("rb"))) for path in paths]
+        for part in parts if not allow_gap else ():
+            if part.damaged:
+                lost = f"{part.path} is damaged, and {part.damaged} of its chunks are lost"
+                raise SourceError(f"{lost}: --allow-gap joins the rest")
         for before, after in pairwise(parts):
             _check_kin(parts[0], after)
             _check_order(before, after, allow_gap)
@@ -93,6 +98,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
         header = _header(path, data)
         found.first = found.first or header
         found.last = header
+    found.damaged = quiet.counts["damaged"]
     if found.first is not None and found.last is not None:
         found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
         if not found.first.key:

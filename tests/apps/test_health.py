@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import time
@@ -123,3 +124,39 @@ def test_a_server_that_does_not_answer_or_is_none_is_not_well():
     assert "does not answer" in the_one_line(result)
     for words in [(), ("--url", "ftp://x"), ("--url", "http://"), ("--url", "http://x", "--health-file", "y")]:
         assert run_here("health", *words).returncode == 2
+
+
+@pytest.mark.parametrize("kind", ["file", "pipe", "link"])
+def test_something_else_of_that_name_stays(tmp_path, kind):
+    """A capture that was named by mistake was replaced, and gone at the end."""
+    path, other = tmp_path / "drive.pcap", tmp_path / "other"
+    other.write_bytes(b"precious")
+    if kind == "file":
+        path.write_bytes(b"precious")
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(other)
+    with pytest.raises(SettingsError, match="is no health file"), HealthFile(path, list):
+        pass
+    assert os.path.lexists(path)
+    assert other.read_bytes() == b"precious"
+    assert kind != "file" or path.read_bytes() == b"precious"
+
+
+def test_a_health_file_of_a_publisher_that_was_killed_is_taken_over_and_that_of_another_one_left(tmp_path, caplog):
+    path = tmp_path / "health.json"
+    gone = {"monotonic_s": 1.0, "pid": 2**30, "sensors": []}
+    path.write_text(json.dumps(gone))
+    with HealthFile(path, list):
+        assert json.loads(path.read_text())["pid"] == os.getpid()
+        assert not caplog.records
+        other = json.dumps(gone | {"pid": os.getppid()})
+    assert not path.exists()
+    path.write_text(other)
+    with HealthFile(path, list) as file:
+        assert "is written by process" in caplog.text
+        file._stop.set()
+        file._thread.join(10)
+        path.write_text(other)
+    assert path.read_text() == other, "it is the other one's by now"

@@ -124,6 +124,20 @@ def test_a_part_that_was_cut_gives_what_is_whole_and_says_so(
     assert len(messages_in(out)) == 3
 
 
+def test_a_part_that_is_damaged_is_joined_only_if_that_is_meant(parts: Path, tmp_path: Path) -> None:
+    """One of its messages was left out, and the exit code was 0."""
+    data = bytearray((parts / "a.mcap").read_bytes())
+    data[len(data) * 3 // 4] ^= 0xFF
+    hurt, out = tmp_path / "hurt.mcap", tmp_path / "out.mcap"
+    hurt.write_bytes(data)
+    refused = run_here("join", hurt, parts / "b.mcap", out)
+    assert refused.returncode == 1
+    assert "hurt.mcap is damaged, and 1 of its chunks are lost" in refused.stderr
+    assert not out.exists()
+    assert run_here("join", hurt, parts / "b.mcap", out, "--allow-gap").returncode == 0
+    assert 0 < len(messages_in(out)) < 4
+
+
 def test_files_of_a_live_recording_are_joined_though_settings_changed(drive: Path, tmp_path: Path) -> None:
     whole = []
     for which, settings in (
