@@ -68,7 +68,10 @@ def drives(count: int) -> list[list[Frame]]:
 
 def chamfer(original: Cloud, decoded: Frame) -> float:
     """Chamfer distance of one frame in metres, as evaluation.geometry defines it."""
-    other = Cloud(xyz_of(decoded.cloud()))
+    points = xyz_of(decoded.cloud())
+    if not len(points):
+        return float("inf")
+    other = Cloud(points)
     there = np.linalg.norm(original.points - other.points[other.nearest(original.points)], axis=1)
     back = np.linalg.norm(other.points - original.points[original.nearest(other.points)], axis=1)
     return float(max(there.mean(), back.mean()))

@@ -84,7 +84,7 @@ def read_json(data: bytes | str, max_bytes: int = MAX_BYTES) -> Any:
     """The value of a JSON document of at most `max_bytes` bytes.
 
     It is nested at most 16 deep; its numbers are finite, its whole numbers have at most 20 digits; its text is valid
-    UTF-8 without zero characters. Cost: about twice `json.loads`.
+    UTF-8 without zero characters. Cost: 2.3 ms for 42 kB, seven times `json.loads`.
 
     Raises JsonRefusedError, a ValueError, for everything else, and nothing but that.
     """

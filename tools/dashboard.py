@@ -113,6 +113,7 @@ PANELS = (
     graph("Handing to the network", "s", both("lidarcodec_put_seconds")),
     graph("Replaced by newer frames", "percentunit", share("replaced"), "The path, or the processor, is too slow."),
     graph("Not encoded: nobody receives", "percentunit", share("no_receiver")),
+    graph("Not encoded: the target does not carry it", "percentunit", share("left_out")),
     graph("Sent", "Bps", [target(rate("lidarcodec_bytes_total"), STREAM)]),
     graph(
         "Messages and key frames", "ops",

@@ -137,7 +137,9 @@ class Sending:
             if number > 0:  # a codec that held frames back gave way to another one
                 self._wait_alone()
             self._put(sender, message, packed)
-        if self._recorder is not None and not left_out:
+        if left_out:
+            self._board.left_out += 1
+        elif self._recorder is not None:
             self._recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:

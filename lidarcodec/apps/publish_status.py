@@ -35,6 +35,7 @@ class StatusBoard:
         self._frames = self._messages = self._bytes = self._key_frames = 0
         self._last_index: int | None = None
         self.no_receiver = 0
+        self.left_out = 0
         self.encode_ms = Timings()
         self.put_ms = Timings()
 
@@ -100,7 +101,7 @@ class StatusBoard:
                 "key_frames": self._key_frames,
                 "frame_index": self._last_index,
             }
-            no_receiver = self.no_receiver
+            no_receiver, left_out = self.no_receiver, self.left_out
         sensor, replaced = feed.sensor, feed.replaced  # before `assembled`: never more than there were
         return {
             "vehicle": self._keys.vehicle,
@@ -121,6 +122,7 @@ class StatusBoard:
             "assembled": feed.frames,
             "replaced": replaced,
             "no_receiver": no_receiver,
+            "left_out": left_out,
             **totals,
             "fps": None if span is None else round(frames / span, 2),
             "kbps": None if span is None else round(sum(sizes) * 8 / span / 1e3, 1),

@@ -60,6 +60,7 @@ STATUS_FIELDS = frozenset(
         "assembled",
         "replaced",
         "no_receiver",
+        "left_out",
         "frames",
         "messages",
         "bytes",

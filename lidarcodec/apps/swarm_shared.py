@@ -89,6 +89,7 @@ class _Vehicle:
             "assembled": self._index,
             "replaced": 0,
             "no_receiver": 0,
+            "left_out": 0,
             "frames": self._index,
             "messages": self._index,
             "bytes": self._bytes,

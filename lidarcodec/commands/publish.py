@@ -119,4 +119,6 @@ def summary_line(status: dict[str, Any]) -> str:
     return (
         f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
         f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
+        + f", {status['left_out']} left out to keep the target"
+        * bool(status["left_out"])
     )

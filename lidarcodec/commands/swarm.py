@@ -123,4 +123,6 @@ def summary(statuses: list[dict[str, Any]], settings: StreamSettings) -> str:
     return (
         f"{len(statuses)} vehicles with {settings.codec}: {total('frames')} frames in {total('bytes'):,} bytes sent, "
         f"{total('replaced')} replaced, {total('no_receiver')} without a receiver"
+        + f", {total('left_out')} left out to keep the target"
+        * bool(total("left_out"))
     )

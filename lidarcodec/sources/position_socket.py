@@ -1,7 +1,7 @@
 """PositionListener: the position packets of a live sensor, put among its data packets by the kernel's times of arrival.
 
-A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: whoever takes data packets
-takes what has come here, too.
+A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: the call that takes data
+packets takes what has come here, too.
 """
 
 from __future__ import annotations

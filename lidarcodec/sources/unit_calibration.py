@@ -33,7 +33,7 @@ def is_generic(sensor: SensorModel) -> bool:
 
 
 def note_of(sensor: SensorModel) -> str | None:
-    """What somebody who looks at its clouds has to know of a sensor's calibration; None: nothing."""
+    """What a viewer of its clouds has to know about a sensor's calibration; None: nothing."""
     if sensor.origin == "simulated" or not is_generic(sensor):
         return None
     return f"generic calibration: {MEANING}"

@@ -28,6 +28,7 @@ COUNTERS = {
     "key_frames": ("key_frames", "Key messages sent."),
     "replaced_frames": ("replaced", "Frames that gave way to a newer one before they were encoded."),
     "no_receiver_frames": ("no_receiver", "Frames that were not encoded because nobody receives."),
+    "left_out_frames": ("left_out", "Frames that were not encoded because the target bitrate does not carry them."),
     "encode_errors": ("encode errors", "Frames that could not be encoded."),
     "put_errors": ("put errors", "Messages that could not be sent."),
     "received_frames": ("received frames", "Frames decoded, by all receivers together."),

@@ -166,7 +166,8 @@ _REPORT = record(
 _FIELDS: Final[dict[str, Check]] = {
     **dict.fromkeys(("vehicle", "sensor", "stream_id"), _name),
     **dict.fromkeys(
-        ("packets", "assembled", "replaced", "no_receiver", "frames", "messages", "bytes", "key_frames"), count
+        ("packets", "assembled", "replaced", "no_receiver", "left_out", "frames", "messages", "bytes", "key_frames"),
+        count,
     ),
     "stamp_ns": number,
     "frame_index": _any_count,

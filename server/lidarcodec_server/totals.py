@@ -18,7 +18,7 @@ from lidarcodec.apps.timings import BOUNDS_MS
 
 MAX_SENDERS = 32
 """Starts and receivers whose last counts are remembered, for each stream."""
-SENT = ("frames", "messages", "bytes", "key_frames", "replaced", "no_receiver")
+SENT = ("frames", "messages", "bytes", "key_frames", "replaced", "no_receiver", "left_out")
 ERRORS = ("encode errors", "put errors")
 RECEIVED = ("frames", "missing", "decode_errors", "missing_references")
 TIMES = {"encode": "encode_ms", "put": "put_ms"}

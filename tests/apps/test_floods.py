@@ -1,4 +1,4 @@
-"""Whoever asks a publisher without end costs others nothing: changes are counted, statuses are made now and then."""
+"""A client that asks a publisher without end costs others nothing: changes are counted, statuses made now and then."""
 
 from __future__ import annotations
 

@@ -83,6 +83,17 @@ def test_a_target_is_kept_and_the_status_says_what_is_in_reach(network):
         assert car.status()["rate"] is None
 
 
+def test_frames_that_a_target_did_not_carry_are_counted(network):
+    everything = StreamSettings(intensity="lossless", reduction="all", target_kbps=100)
+    with publisher(network, rate=20.0, settings=everything) as car:
+        with live(network) as stream:
+            assert stream.next(30)
+            assert eventually(lambda: car.status()["left_out"] > 5)
+        status = car.status()
+        ended = sum(status[name] for name in ("frames", "replaced", "no_receiver", "left_out"))
+        assert ended <= status["assembled"]
+
+
 def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(network):
     quick = StreamSettings(intensity="off")  # what is slow here is to be the consumer, on any machine
     with publisher(network, settings=quick, rate=60.0) as car, live(network) as stream:
@@ -93,7 +104,7 @@ def test_a_slow_consumer_gets_the_newest_and_both_sides_say_what_was_left_out(ne
         assert stream.replaced > 5
         assert indices[-1] - indices[0] > 10
         sent = car.status()
-        assert sent["frames"] + sent["replaced"] + sent["no_receiver"] <= sent["assembled"]
+        assert sent["frames"] + sent["replaced"] + sent["no_receiver"] + sent["left_out"] <= sent["assembled"]
 
 
 def test_a_consumer_that_wants_every_frame_slows_the_publisher_down(network):

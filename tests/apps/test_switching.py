@@ -85,7 +85,8 @@ def every_frame_is_accounted_for(decoded: list[int], status: dict) -> None:
     assert decoded == sorted(set(decoded))
     gaps = sum(later - earlier - 1 for earlier, later in pairwise(decoded))
     assert gaps <= status["replaced"] + status["flight"]["unreported"]
-    on_the_way = status["assembled"] - status["frames"] - status["replaced"] - status["no_receiver"]
+    ended = sum(status[name] for name in ("frames", "replaced", "no_receiver", "left_out"))
+    on_the_way = status["assembled"] - ended
     assert 0 <= on_the_way <= 2, "one in the mailbox and one in the encoder when it was ended"
 
 

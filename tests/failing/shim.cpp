@@ -26,7 +26,7 @@ void* __libc_realloc(void*, std::size_t);
 
 namespace {
 
-// What may fail: calls that change a disk; `operator new` of the native core; memory in large parts, whoever asks for it.
+// What may fail: calls that change a disk; `operator new` of the native core; memory in large parts, whichever code asks.
 enum Kind { kNothing, kDisk, kCore, kLarge };
 
 constexpr std::size_t kLargeBytes = 64 * 1024;

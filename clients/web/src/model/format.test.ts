@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { bytes, clock, kbps, label, moment, ms, plain, span } from "./format";
+import { bytes, clock, kbps, label, moment, ms, ordinal, plain, span } from "./format";
 
 test("figures are short, and a dash stands for what is not known", () => {
   expect([kbps(null), kbps(3120.4), kbps(12_400)]).toEqual(["–", "3,120", "12,400"]);
@@ -22,4 +22,18 @@ test("settings are told as people read them", () => {
     "Mask history",
   ]);
   expect([plain(null), plain({}), plain({ level: 3, fast: true })]).toEqual(["–", "defaults", "level=3, fast=true"]);
+});
+
+test("which column is sent is said in English", () => {
+  expect([1, 2, 3, 4, 11, 12, 13, 21, 32].map(ordinal)).toEqual([
+    "1st",
+    "2nd",
+    "3rd",
+    "4th",
+    "11th",
+    "12th",
+    "13th",
+    "21st",
+    "32nd",
+  ]);
 });

@@ -68,3 +68,9 @@ export function label(name: string): string {
   const text = (unit === undefined ? words : words.slice(0, -1)).join(" ");
   return text.charAt(0).toUpperCase() + text.slice(1) + (unit === undefined ? "" : ` (${unit})`);
 }
+
+/** `2nd`, `3rd`, `4th`, as in "every 4th column". */
+export function ordinal(value: number): string {
+  const last = value % 100 > 10 && value % 100 < 14 ? 0 : value % 10;
+  return `${value}${["th", "st", "nd", "rd"][last] ?? "th"}`;
+}

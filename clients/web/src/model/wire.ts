@@ -41,6 +41,8 @@ export interface RateStatus {
   reached?: boolean | null;
   max_error_m?: number;
   quality?: number;
+  intensity?: string;
+  step?: number;
 }
 
 export interface Stream {
@@ -50,6 +52,7 @@ export interface Stream {
   settings: Settings | null;
   status: {
     rate?: RateStatus | null;
+    left_out?: number;
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
     sensor_model?: { note?: string | null };
     preparing?: string | null;

@@ -1,5 +1,5 @@
 import { differences } from "../model/draft";
-import { count, kbps, plain } from "../model/format";
+import { count, kbps, ordinal, plain } from "../model/format";
 import type { SettingsState, Stream } from "../model/wire";
 
 /** What the vehicle does now, how it stands with the target, and where that differs from what is wanted. */
@@ -14,7 +14,10 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       <p>
         <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? plain(applied.codec) : "–"}
         {applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
-        {applied?.reduction !== undefined && applied.reduction !== "all" && `, ${plain(applied.reduction)}`}
+        {applied?.reduction !== undefined &&
+          applied.reduction !== "all" &&
+          applied.reduction !== "auto" &&
+          `, ${plain(applied.reduction)}`}
       </p>
       {rate && (
         <p>
@@ -26,6 +29,16 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
             `; this scene allows ${kbps(rate.reachable_kbps[0])} to ${kbps(rate.reachable_kbps[1])}`}
         </p>
       )}
+      {rate?.step !== undefined && rate.step > 1 && (
+        <p>
+          Every {ordinal(rate.step)} column is sent. Where the surface goes on, the points between are made up; they are
+          not counted.
+        </p>
+      )}
+      {rate?.intensity !== undefined && rate.intensity !== "lossless" && <p>Intensity: {plain(rate.intensity)}</p>}
+      {rate && stream?.status?.left_out ? (
+        <p class="warn">{count(stream.status.left_out)} frames were left out: the target does not carry them.</p>
+      ) : null}
       {reduction?.kept != null && (
         <p>
           {count(reduction.kept)} of {count(reduction.returns)} returns are sent
