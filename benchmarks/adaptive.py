@@ -2,9 +2,11 @@
 
     python -m benchmarks.adaptive [--link namespaces|relay] [--source CAPTURE] [--policy auto]... [--json]
 
-The link carries 20, then 4, then 20 Mbit/s. A row a policy and part of the run, each part without its first 2 seconds:
-latency from a frame's last packet to the decoded frame, frames shown a second, age of the newest frame shown (looked at
-every 10 ms), error of the ranges, and for the last part how long until the rate was back at nine tenths of the first.
+The link carries 20, 4, 1, 0.4, then 20 Mbit/s again. All settings but the target are defaults. There is a row for each
+policy and part of the run, without the first 2 seconds of the part: latency from a frame's last packet to the decoded
+frame, frames shown a second, age of the newest frame shown (looked at every 10 ms), RMSE and largest error of measured
+ranges, the step between the columns that were sent, and after the last change how long until the target was back at
+nine tenths of the first.
 """
 
 from __future__ import annotations
@@ -26,15 +28,14 @@ from benchmarks.links import Link, Namespaces, Relayed
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT.parent / "shared" / "data" / "kitti_0005.pcap.xz"
-PARTS = ((20_000.0, 10.0), (4_000.0, 12.0), (20_000.0, 14.0))
+PARTS = ((20_000.0, 10.0), (4_000.0, 12.0), (1_000.0, 12.0), (400.0, 14.0), (20_000.0, 14.0))
 """Kbit/s and seconds of each part."""
 ADAPTING_S = 2.0
 READY_S = 60.0
 BACK = 0.9
-COMMON = {"codec": "pcodec", "intensity": "off"}
-FIXED = COMMON | {"max_error_m": 0.0, "key_interval": 10}
+FIXED = {"max_error_m": 0.0, "key_interval": 10}
 POLICIES: dict[str, dict[str, Any]] = {
-    "auto": COMMON | {"target_kbps": "auto"},
+    "auto": {"target_kbps": "auto"},
     "one in flight": FIXED,
     **dict.fromkeys(PLAIN, FIXED),
 }
@@ -123,6 +124,7 @@ def measured(frames: list[dict[str, Any]], begin: float, end: float) -> dict[str
         if newest:
             ages.append(1e3 * (now - max(made[max(newest - 5, 0) : newest])))
     rmse = [one["rmse_m"] for one in inside if one["rmse_m"] is not None]
+    steps = [one["step"] or 1.0 for one in inside]
     late = [one["latency_ms"] for one in inside if one["latency_ms"] is not None]
     return {
         "latency_p50_ms": percentile(late, 0.5),
@@ -131,6 +133,8 @@ def measured(frames: list[dict[str, Any]], begin: float, end: float) -> dict[str
         "age_p50_ms": percentile(ages, 0.5),
         "age_p95_ms": percentile(ages, 0.95),
         "rmse_m": None if not rmse else round(sum(rmse) / len(rmse), 4),
+        "worst_m": max((one["worst_m"] for one in inside if one["worst_m"] is not None), default=None),
+        "column_step": percentile(steps, 0.5),
     }
 
 
@@ -138,10 +142,11 @@ def back_after_s(status: list[dict[str, Any]], times: list[float]) -> float | No
     """Seconds after the link was restored until the target was at nine tenths of what it was before the cut."""
     told = [(one["at"], one["rate"]["target_kbps"]) for one in status if one.get("rate") and "at" in one]
     before = [target for at, target in told if times[0] + ADAPTING_S <= at < times[1]]
+    restored = times[-2]
     if not before:
         return None
     wanted = BACK * sorted(before)[len(before) // 2]
-    return next((round(at - times[2], 1) for at, target in told if at >= times[2] and target >= wanted), None)
+    return next((round(at - restored, 1) for at, target in told if at >= restored and target >= wanted), None)
 
 
 def rows(policy: str, times: list[float], publisher: End, receiver: End) -> list[dict[str, Any]]:
@@ -161,13 +166,15 @@ def rows(policy: str, times: list[float], publisher: End, receiver: End) -> list
 
 def table(found: list[dict[str, Any]]) -> str:
     """The rows as a table."""
-    text = "| policy | link | latency p50 / p95 ms | frames/s | age p50 / p95 ms | RMSE m | target | back after s |\n"
-    text += "|---|---|---|---|---|---|---|---|\n"
+    text = "| policy | link, Mbit/s | latency p50 / p95, ms | frames/s | age p50 / p95, ms | RMSE, m "
+    text += "| largest error, m | every n-th column | target, kbit/s | back after, s |\n"
+    text += f"|{10 * '---|'}\n"
     for row in found:
         text += (
             f"| {row['policy']} | {row['link_kbps'] / 1e3:g} | {row['latency_p50_ms']} / {row['latency_p95_ms']} "
             f"| {row['fps']} | {row['age_p50_ms']} / {row['age_p95_ms']} | {row['rmse_m']} "
-            f"| {row.get('target_kbps', '')} | {row.get('back_after_s') or ''} |\n"
+            f"| {row['worst_m']} | {row['column_step']} | {row.get('target_kbps', '')} "
+            f"| {row.get('back_after_s') or ''} |\n"
         )
     return text
 

@@ -44,6 +44,7 @@ PLAIN = {
     "BLOCK_FIRST": zenoh.CongestionControl.BLOCK_FIRST,
 }
 STATUS_S = 0.2
+TOLD = ("rate", "path", "replaced", "left_out", "frames", "put_ms")
 COMPARED = 5
 """Every fifth frame is compared with the original."""
 
@@ -101,7 +102,7 @@ def publish(*, policy: str, source: str, listen: str, settings: dict[str, Any]) 
     ) as publisher:
         while not stop.wait(STATUS_S):
             status = publisher.status()
-            say(at=time.time(), **{name: status[name] for name in ("rate", "path", "replaced", "frames", "put_ms")})
+            say(at=time.time(), **{name: status[name] for name in TOLD})
         status = publisher.status()
     say(final={name: status[name] for name in ("flight", "encode_ms", "put_ms", "replaced", "frames", "errors")})
 
@@ -152,13 +153,15 @@ def receive_plain(connect: str, originals: list[np.ndarray], stop: threading.Eve
 
 def tell(frame: Frame, originals: list[np.ndarray], late: list[float]) -> None:
     """A line about a frame."""
-    now, rmse_m = time.time(), None
+    now, rmse_m, worst_m = time.time(), None, None
     if frame.index % COMPARED == 0:
         original = originals[frame.index % len(originals)]
         both = (original > 0) & (frame.range > 0)
         error = original[both].astype(np.int32) - frame.range[both]
         rmse_m = round(float(np.sqrt(np.mean(np.square(error, dtype=np.float64)))) * RANGE_STEP_M, 4)
-    say(at=now, index=frame.index, latency_ms=late[0] if late else None, rmse_m=rmse_m)
+        worst_m = round(float(np.abs(error).max(initial=0)) * RANGE_STEP_M, 3)
+    step = None if frame.lattice is None else round(frame.width / len(frame.lattice), 1)
+    say(at=now, index=frame.index, latency_ms=late[0] if late else None, rmse_m=rmse_m, worst_m=worst_m, step=step)
 
 
 if __name__ == "__main__":
