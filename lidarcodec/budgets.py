@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lidarcodec.regular_files import open_regular
+
 MIB: Final = 1 << 20
 
 
@@ -90,10 +92,10 @@ def largest(kind: str) -> int | None:
 def read_file(path: Path, kind: str) -> bytes:
     """The bytes of a file, at most as many as its kind may have.
 
-    Raises OSError, FileTooLargeError.
+    Raises OSError (NotRegularError for a pipe or a device), FileTooLargeError.
     """
     most = largest(kind)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = file.read(-1 if most is None else most + 1)
     if most is not None and len(data) > most:
         raise FileTooLargeError(f"it has more than {most:,} bytes")

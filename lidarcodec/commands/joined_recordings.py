@@ -18,6 +18,7 @@ from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
 from lidarcodec.recording.records import Channel, Stored
+from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.whole_files import whole
 from lidarcodec.wire.header import Header
@@ -56,7 +57,7 @@ class Part:
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
     """Check the parts, then copy them."""
     with ExitStack() as files, stoppable() as stopped:
-        parts = [_part(path, files.enter_context(path.open("rb"))) for path in paths]
+        parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
         for part in parts if not allow_gap else ():
             if part.damaged:
                 lost = f"{part.path} is damaged, and {part.damaged} of its chunks are lost"

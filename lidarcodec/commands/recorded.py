@@ -11,6 +11,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
+from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.wire import unpack
@@ -29,7 +30,7 @@ class RecordedFrames:
         self.message: Message | None = None
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
-        with path.open("rb") as handle:
+        with open_regular(path) as handle:
             reader = RecordingReader(handle, warn=False)
             self.metadata = reader.metadata
             self._coded = next(reader.messages(), None) is not None
@@ -52,7 +53,7 @@ class RecordedFrames:
 
     def _decoded(self) -> Iterator[Frame]:
         decoder = StreamDecoder()
-        with self._path.open("rb") as handle:
+        with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
             for _, data in reader.messages():
                 try:
