@@ -14,7 +14,7 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import IO, Final
+from typing import BinaryIO, Final
 
 _KINDS: Final = {
     stat.S_IFDIR: "a folder",
@@ -34,7 +34,7 @@ def check_regular(path: Path) -> None:
     _check(path.stat().st_mode, path)
 
 
-def open_regular(path: Path, *, buffering: int = -1) -> IO[bytes]:
+def open_regular(path: Path, *, buffering: int = -1) -> BinaryIO:
     """A regular file, opened to be read as bytes; its `name` is the path. A link to one counts as one.
 
     buffering: as of the function `open`
