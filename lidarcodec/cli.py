@@ -14,6 +14,7 @@ import typer
 
 from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
+    AllowMissed,
     AsJson,
     CalibrationFile,
     CodecName,
@@ -102,9 +103,7 @@ def encode(
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
-    allow_missed: Annotated[
-        bool, _option("--allow-missed", help="End with 0 though the target bitrate was missed.")
-    ] = False,
+    allow_missed: AllowMissed = False,
     force: Force = False,
 ) -> None:
     """Encode a source into a recording."""
