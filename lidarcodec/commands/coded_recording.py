@@ -24,8 +24,9 @@ class CodedRecording:
 
     `write` and `close` raise RoundTripError when something else comes out than the settings promise.
 
-    frames, packets, positions (position packets): taken so far;  left_out: frames of these that the target did not carry
-    seconds: that the sensor took for them;  coded: bytes of the messages;  clouds: whether points are written
+    frames, packets, positions: taken so far, the last of these position packets
+    left_out: frames that the target did not carry;  seconds: that the sensor took for them
+    coded: bytes of the messages;  clouds: whether points are written
     """
 
     def __init__(
