@@ -66,7 +66,7 @@ def _common(
     if version:
         from lidarcodec import __version__
 
-        typer.echo(__version__)
+        print(__version__)
         raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help(), err=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import logging
 import os
 import signal
@@ -78,6 +79,9 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
     Interrupter().install(hangup=not is_live(given))
     remember(given)
+    if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
+        # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
+        sys.stdout.reconfigure(write_through=False)
     code = None
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
