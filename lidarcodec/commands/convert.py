@@ -141,6 +141,7 @@ def _calibration_file(
         return out / CALIBRATION
     path = _calibration_of(out)
     if not os.path.lexists(path):
+        check_free(path)
         return path
     try:
         same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
