@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.decoding_work import DecodingWork
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
@@ -126,15 +127,18 @@ def _header(path: Path, data: bytes) -> Header:
 
 def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
     """Time of the last packet of the last frame, as far as it can be decoded."""
-    decoder = StreamDecoder()
+    decoder, work = StreamDecoder(), DecodingWork(reader)
     for _, data in reader.messages(last_ns):
-        try:
-            frames = decoder.decode(wire.unpack(data))
-        except DecodeError:
-            continue
-        for frame in frames:
+        width, frames = 0, None
+        with suppress(DecodeError):
+            message = wire.unpack(data)
+            width = message.width
+            frames = decoder.decode(message)
+        for frame in frames or ():
             if frame.side is not None:
                 last_ns = max(last_ns, packets_of(frame)[-1].stamp_ns)
+        if not work.goes_on(width, frames):
+            break
     return last_ns
 
 

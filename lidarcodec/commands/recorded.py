@@ -11,6 +11,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.decoding_work import DecodingWork
 from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
@@ -55,15 +56,20 @@ class RecordedFrames:
         decoder = StreamDecoder()
         with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
+            work = DecodingWork(reader)
             for _, data in reader.messages():
+                width, frames = 0, None
                 try:
                     message = unpack(data)
+                    width = message.width
                     frames = decoder.decode(message)
                 except DecodeError as error:
                     self.failed[f"{type(error).__name__}: {error}"] += 1
-                    continue
-                self.message = message
-                yield from frames
+                if frames is not None:
+                    self.message = message
+                    yield from frames
+                if not work.goes_on(width, frames):
+                    break
             self.counts = reader.counts
         yield from decoder.flush()
 
