@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lidarcodec.regular_files import open_regular
+
 MIB: Final = 1 << 20
 
 
@@ -64,6 +66,12 @@ RECORDS_BASE: Final = 1_000_000
 RECORDS_PER_BYTE: Final = 0.25
 """Records a file may have: so many, and one for every four bytes read from the disk. Plain files never have as many."""
 
+DECODED_BASE: Final = 60_000_000
+DECODED_PER_BYTE: Final = 2000
+"""Returns that the messages of a recording may decode to: so many (450 turns of an HDL-64E with nothing missing, 4 s of
+`predictive`), and so many for each byte of the file. A wall in all directions, in frames that are all the same, has 350
+for a byte, and in the widest frames 1,520: nothing that we write has more."""
+
 
 class FileTooLargeError(ValueError):
     """A file is larger than its budget; the text completes "cannot read FILE: ..."."""
@@ -90,10 +98,10 @@ def largest(kind: str) -> int | None:
 def read_file(path: Path, kind: str) -> bytes:
     """The bytes of a file, at most as many as its kind may have.
 
-    Raises OSError, FileTooLargeError.
+    Raises OSError (NotRegularError for a pipe or a device), FileTooLargeError.
     """
     most = largest(kind)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = file.read(-1 if most is None else most + 1)
     if most is not None and len(data) > most:
         raise FileTooLargeError(f"it has more than {most:,} bytes")

@@ -14,6 +14,7 @@ import typer
 
 from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
+    AllowMissed,
     AsJson,
     CalibrationFile,
     CodecName,
@@ -65,7 +66,7 @@ def _common(
     if version:
         from lidarcodec import __version__
 
-        typer.echo(__version__)
+        print(__version__)
         raise typer.Exit
     if context.invoked_subcommand is None:
         typer.echo(context.get_help(), err=True)
@@ -102,9 +103,7 @@ def encode(
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
-    allow_missed: Annotated[
-        bool, _option("--allow-missed", help="End with 0 though the target bitrate was missed.")
-    ] = False,
+    allow_missed: AllowMissed = False,
     force: Force = False,
 ) -> None:
     """Encode a source into a recording."""

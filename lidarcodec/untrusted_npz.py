@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.budgets import largest
+from lidarcodec.regular_files import open_regular
 
 MAX_DIRECTORY: Final = 1 << 18
 """Bytes of the list of what a file holds: some 3,000 arrays."""
@@ -45,7 +46,7 @@ def read_npz(file: Path | IO[bytes], wanted: Collection[str] | None = None, *, m
     Raises OSError, ArraysRefusedError.
     """
     if isinstance(file, Path):
-        with file.open("rb") as opened:
+        with open_regular(file) as opened:
             return read_npz(opened, wanted, most_bytes=most_bytes)
     try:
         with check_archive(file, most_bytes) as archive:
@@ -69,7 +70,7 @@ def read_npz(file: Path | IO[bytes], wanted: Collection[str] | None = None, *, m
 def read_npy(path: Path, kind: str = "arrays") -> npt.NDArray[Any]:
     """The array of a `.npy` file. Raises OSError, ArraysRefusedError."""
     most = largest(kind) or 0
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
         _check_fits("file", size, most)

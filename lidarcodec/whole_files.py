@@ -16,6 +16,7 @@ False
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import re
@@ -35,6 +36,10 @@ log = logging.getLogger(__name__)
 
 _NAME_CHARACTERS: Final = 40
 """Of a hidden name, those that tell what it belongs to: a long name must not become too long."""
+_MOST_BYTES: Final = 255
+"""Of a name, where the file system does not say."""
+_COMPANION_BYTES: Final = 16
+"""Left free in the name of a part: a calibration beside it has a longer one (`NAME_db.xml`)."""
 _begun: set[Whole] = set()
 """Outputs that have neither got their names nor been dropped."""
 
@@ -282,7 +287,9 @@ def check_free(path: Path, *, force: bool = False, contents: re.Pattern[str] | N
     """
     try:
         found = os.lstat(path)
-    except OSError:
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:  # else that would be found when all is written
+            raise SettingsError(f"{path.name}: the name is too long for the file system: give a shorter one") from None
         return
     kind = stat.S_IFMT(found.st_mode)
     if kind in (stat.S_IFIFO, stat.S_IFCHR) and contents is None:
@@ -313,9 +320,25 @@ def part_names(path: Path, *, folder: bool = False) -> Iterator[Path]:
     >>> [str(name) for name, _ in zip(part_names(Path("a/drive.mcap")), range(2))]
     ['a/drive.partial.mcap', 'a/drive.partial-2.mcap']
     """
-    stem, suffix = (path.name, "") if folder else (path.stem, path.suffix)
     for number in chain(("",), (f"-{at}" for at in count(2))):
-        yield path.with_name(f"{stem}.partial{number}{suffix}")
+        yield beside(path, f".partial{number}", folder=folder)
+
+
+def beside(path: Path, more: str, *, folder: bool = False) -> Path:
+    """A name like an output's own, with `more` before its ending; as much of it is left out as makes room for that.
+
+    >>> beside(Path("a/drive.mcap"), ".rest").name, len(beside(Path("x" * 250 + ".mcap"), ".rest").name)
+    ('drive.rest.mcap', 239)
+    """
+    stem, suffix = (path.name, "") if folder else (path.stem, path.suffix)
+    try:
+        most = os.pathconf(path.parent, "PC_NAME_MAX")
+    except (OSError, ValueError):
+        most = _MOST_BYTES
+    room = most - _COMPANION_BYTES - len(os.fsencode(more + suffix))
+    while len(os.fsencode(stem)) > max(room, 1):
+        stem = stem[:-1]
+    return path.with_name(f"{stem}{more}{suffix}")
 
 
 def _straight(path: Path) -> bool:

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -330,3 +331,21 @@ def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
         result = run_here("verify", out, capture)
         assert result.returncode == 1
         assert says in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "whole"), [(("--version",), False), (("encode", "sim:city?frames=1", "out.mcap"), True)]
+)
+def test_output_that_cannot_be_printed_is_an_error_of_its_own(tmp_path, words, whole):
+    """Files are whole by then: whoever reads only `No space left on device` would throw them away."""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*COMMAND, *words], stdout=full, stderr=subprocess.PIPE, text=True, env=environment(), cwd=tmp_path,
+            timeout=100, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert "cannot write to standard output: No space left on device: what the command printed is lost" in done.stderr
+    assert done.stderr.count("lidarcodec: cannot") == 1
+    assert (tmp_path / "out.mcap").exists() == whole
+    if whole:
+        assert run("info", tmp_path / "out.mcap").returncode == 0

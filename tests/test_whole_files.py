@@ -267,3 +267,10 @@ def test_whichever_call_fails_all_is_new_or_all_is_as_it_was(
         assert left.pop("scans/0.bin", None) == (before if "folder" in failed else "new")
         assert not left
         assert not [one for one in folder.iterdir() if one.name.startswith(".")]
+
+
+def test_a_name_that_is_too_long_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """It was found when all was written, and all of it was lost."""
+    with pytest.raises(SettingsError, match="the name is too long for the file system"), whole(tmp_path / ("x" * 256)):
+        pass
+    assert list(tmp_path.iterdir()) == []

@@ -25,8 +25,9 @@ FORGET_S, UNPROVED_S = 10.0, 3.0
 reported."""
 MEASURED, ENOUGH = 8, 4
 """Reports from which it is told how quick a receiver is, and how many are needed."""
-SLOWER_TIMES, SLOWER_S = 2.0, 0.1
-"""So much slower than another receiver is clearly slower: that many times, and by so long."""
+SLOWER_TIMES, SLOWER_S = 1.5, 0.03
+"""So much slower than another receiver is clearly slower: that many times, and by so long. A frame that fits its path
+is under way for 65 ms at 10 Hz; lateness beyond that, which others do not share, must not make it smaller for them."""
 
 Why = Literal["follow", "server", "first", "quickest", "only"]
 """Why a receiver is followed: the setting names it; it is the server; it reported first; it is clearly quicker than

@@ -23,6 +23,7 @@ from typing import Any, Self
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.regular_files import open_regular
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.whole_files import written_whole
 
@@ -103,7 +104,7 @@ class HealthFile:
         try:
             if not stat.S_ISREG(os.lstat(self._path).st_mode):  # a pipe would be waited for
                 return None
-            with self._path.open("rb") as file:
+            with open_regular(self._path) as file:
                 told = read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
         except (OSError, JsonRefusedError):
             return None
@@ -196,7 +197,7 @@ def read(path: Path) -> dict[str, Any]:
     Raises SourceError when there is none.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
     except OSError as error:
         raise SourceError(f"{path}: {error.strerror}; is `lidarcodec publish --health-file {path}` running?") from None

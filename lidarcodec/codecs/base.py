@@ -107,6 +107,7 @@ class Codec(NamedTuple):
     isolated: whether live use gives it a process of its own, because it hands bytes to large libraries of others
     rolling: whether a thinned stream may begin at another column in each frame; not where a frame is predicted from the
         picture before
+    files: reads what settings name on this machine, as the encoder does; raises SettingsError
     """
 
     settings: type[CodecSettings]
@@ -116,3 +117,4 @@ class Codec(NamedTuple):
     knob: RateKnob | None = None
     isolated: bool = False
     rolling: bool = True
+    files: Callable[[StreamSettings], object] | None = None

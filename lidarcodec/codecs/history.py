@@ -43,6 +43,8 @@ class MaskHistory:
 
     def before(self, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> Mask:
         """(64, W) bool, what was last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000."""
+        if not self._sent.any():  # a covered sensor costs little, and a message that says nothing, too
+            return np.zeros((LASERS, azimuth.shape[1]), np.bool_)
         seen = np.empty((LASERS, azimuth.shape[1]), np.bool_)
         for rows, directions in self._halves(azimuth, sensor):
             seen[rows] = self._sent[directions][:, rows].T
@@ -50,6 +52,8 @@ class MaskHistory:
 
     def remember(self, valid: Mask, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> None:
         """Takes a mask that was sent, (64, W) bool; of columns in one direction the last one stays."""
+        if not valid.any() and not self._sent.any():
+            return
         for rows, directions in self._halves(azimuth, sensor):
             at = directions if isinstance(rows, slice) else directions[:, None]
             self._sent[at, rows] = valid[rows].T  # NumPy: of equal indices the last value stays

@@ -279,4 +279,9 @@ def _split(data: bytes) -> tuple[int, int, str, bytes]:
 
 KNOB = bound_knob()
 
-CODEC = Codec(RiddleSettings, RiddleEncoder, RiddleDecoder, knob=KNOB)
+
+def _read_weights(settings: StreamSettings) -> Weights | None:
+    return _weights_for(own_settings(RiddleSettings, settings))
+
+
+CODEC = Codec(RiddleSettings, RiddleEncoder, RiddleDecoder, knob=KNOB, files=_read_weights)

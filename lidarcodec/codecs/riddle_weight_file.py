@@ -183,8 +183,6 @@ def _net(reader: Reader, version: int) -> Net:
 def read_weights(path: Path) -> Weights:
     """The weights in a file. Raises SourceError if it cannot be read, else as `unpack_weights`."""
     try:
-        if path.exists() and not path.is_file():  # a pipe or a device may never give what is waited for
-            raise SourceError(f"cannot read the weights {path}: it is no file")
         return unpack_weights(read_file(path, "weights"))
     except FileTooLargeError as error:
         raise SourceError(f"cannot read the weights {path}: {error}") from None

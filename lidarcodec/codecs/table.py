@@ -79,6 +79,16 @@ def check(settings: StreamSettings) -> StreamSettings:
     return settings
 
 
+def check_files(settings: StreamSettings) -> None:
+    """Try the files on this machine that settings name, such as weights. The settings have been checked before.
+
+    Raises SettingsError.
+    """
+    files = codec(settings.codec).files
+    if files is not None:
+        files(settings)
+
+
 def _check_target(settings: StreamSettings, chosen: Codec) -> None:
     if settings.target_kbps is not None and chosen.knob is None:
         able = ", ".join(name for name in names() if codec(name).knob is not None)

@@ -27,6 +27,7 @@ Pairs = Annotated[
 ]
 FrameCount = Annotated[int | None, option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
 SkipCount = Annotated[int, option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Leave out the first N frames.")]
+AllowMissed = Annotated[bool, option("--allow-missed", help="End with 0 though the target bitrate was missed.")]
 Force = Annotated[bool, option("--force", help="Replace what has the name of an output.")]
 WithClouds = Annotated[
     bool, option("--with-clouds", help="Also keep the decoded points, for viewers such as Foxglove: 18 MB/s.")

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certificates import Authority, write_private
+from lidarcodec.commands.folder_lock import locked
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.access import ROUTER, Auth, People
@@ -74,25 +75,42 @@ def run(
     days: int,
     installed: Path | None,
 ) -> None:
-    """Make or extend a deployment, and say what was written."""
+    """Make or extend a deployment, and say what was written. Calls for one folder take turns."""
     folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder):
+        people = {"vehicle": vehicles, "viewer": viewers, "operator": operators}
+        _change(folder, routers, people, remove, auth, port, days, installed)
+
+
+def _change(
+    folder: Path,
+    routers: list[str],
+    people: dict[str, list[str]],
+    remove: list[str],
+    auth: str | None,
+    port: int | None,
+    days: int,
+    installed: Path | None,
+) -> None:
     deployment = _read(folder / STATE, auth, port)
-    named = _join(deployment, routers, {"vehicle": vehicles, "viewer": viewers, "operator": operators})
-    gone = []
+    named = _join(deployment, routers, people)
+    gone: dict[str, Party] = {}
     for name in remove:
-        party = deployment.parties.pop(name, None)
-        if party is None:
+        if name not in deployment.parties:
             raise SettingsError(f"--remove {name}: nobody of that name is in {folder / STATE}", "remove")
-        gone.append(file_of(party.role, name))
+        gone[name] = deployment.parties.pop(name)
     _check(deployment)
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
+    # First of all, so that nobody has a certificate and is not in the list, even if this call is killed on its way.
+    _save(folder / STATE, deployment.model_copy(update={"parties": gone | deployment.parties}))
     written = maker.write(named)
-    for old in set(gone) - maker.expected():
+    gone_files = {file_of(party.role, name) for name, party in gone.items()}
+    for old in gone_files - maker.expected():
         (folder / old).unlink(missing_ok=True)
     _save(folder / STATE, deployment)
-    for left in sorted({path.name for path in folder.glob("*-*.json5")} - maker.expected() - set(gone)):
+    for left in sorted({path.name for path in folder.glob("*-*.json5")} - maker.expected() - gone_files):
         print(f"{folder / left} is not of this deployment and was left as it is")
     for name in written:
         print(folder / name)

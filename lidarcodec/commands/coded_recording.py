@@ -24,8 +24,9 @@ class CodedRecording:
 
     `write` and `close` raise RoundTripError when something else comes out than the settings promise.
 
-    frames, packets: taken so far;  left_out: frames of these that the target did not carry
-    seconds: that the sensor took for them;  coded: bytes of the messages;  clouds: whether points are written
+    frames, packets, positions: taken so far, the last of these position packets
+    left_out: frames that the target did not carry;  seconds: that the sensor took for them
+    coded: bytes of the messages;  clouds: whether points are written
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class CodedRecording:
         self._encoder, self.clouds = encoder, clouds
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about, clouds=clouds)
         self._check = RoundTrip(encoder.settings)
-        self.frames = self.packets = self.coded = self.left_out = 0
+        self.frames = self.packets = self.positions = self.coded = self.left_out = 0
         self.seconds = 0.0
 
     def write(self, frame: Frame) -> None:
@@ -46,7 +47,9 @@ class CodedRecording:
             self._check.sent(self._encoder.reduced or frame)
         self._put(messages)
         self.frames += 1
-        self.packets += frame.side.packets if frame.side else 0
+        if frame.side is not None:
+            self.packets += frame.side.packets
+            self.positions += len(frame.side.positions)
         self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
 
     def close(self) -> None:
@@ -60,7 +63,8 @@ class CodedRecording:
         size = self.packets * PACKET_BYTES
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
         left = f"; {self.left_out} frames left out to keep the target" * bool(self.left_out)
-        return f"{self.frames} frames, {coded}, all decoded again and compared{left}"
+        positions = f"{self.positions} position packets, " * bool(self.positions)
+        return f"{self.frames} frames, {positions}{coded}, all decoded again and compared{left}"
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:

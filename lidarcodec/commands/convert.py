@@ -10,17 +10,15 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
-from lidarcodec.commands import remaining
+from lidarcodec.commands import encode, remaining
 from lidarcodec.commands.converted import Bag, Form, Output, Wanted, form_of, open_output
 from lidarcodec.commands.progress import progress
-from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.commands.turns import Turns
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
 from lidarcodec.packet import part_of
-from lidarcodec.pipeline import check_offline
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, read_calibration
 from lidarcodec.sources import PacketSource, open_source
@@ -49,10 +47,17 @@ def run(
     topic: str | None,
     frame_id: str | None,
     force: bool,
+    allow_missed: bool = False,
 ) -> None:
-    """Convert packet by packet. OUT is there whole at the end; after a signal what is done has another name."""
+    """Convert packet by packet. OUT is there whole at the end; after a signal what is done has another name.
+
+    A recording is what `encode` makes, in frames of its own framing; for all else a frame is 348 packets.
+    """
     wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
+    if wanted.form == "recording":
+        encode.run(spec, out, codec, pairs, frames, skip, calibration, poses, clouds, 0, force, allow_missed)
+        return
     check_not_input(out, spec)
     contents = None if out.suffix else BAG_FILES
     check_free(out, force=force, contents=contents)
@@ -77,7 +82,7 @@ def run(
         if first is None:
             raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
-        with _opened(out, output.beside, wanted, source, about, skip) as writer:
+        with _opened(out, output.beside, wanted, source, about) as writer:
             for packet in chain((first,), packets):
                 writer.write(packet)
             said = writer.close()
@@ -111,11 +116,11 @@ def _wanted(
         raise SettingsError(f"--with-clouds is for recordings and rosbags: a {form} file holds packets only", "clouds")
     if form != "rosbag" and (topic or frame_id):
         raise SettingsError(f"--topic and --frame-id are for rosbags, {out} is none", "topic")
-    defaults = Wanted(form, check_offline(one_setting(codec, pairs)), clouds)
+    defaults = Wanted(form, clouds)
     topic = topic or defaults.topic
     if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
         raise SettingsError(f"--topic {topic}: ROS names are /parts/of_letters_and_digits", "topic")
-    return Wanted(form, defaults.settings, clouds, topic, frame_id or defaults.frame_id)
+    return Wanted(form, clouds, topic, frame_id or defaults.frame_id)
 
 
 def _needs_file(form: Form, sensor: SensorModel) -> bool:
@@ -136,6 +141,7 @@ def _calibration_file(
         return out / CALIBRATION
     path = _calibration_of(out)
     if not os.path.lexists(path):
+        check_free(path)
         return path
     try:
         same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
@@ -155,17 +161,15 @@ def _calibration_of(out: Path) -> Path:
 
 
 @contextmanager
-def _opened(
-    out: Path, beside: Path, wanted: Wanted, source: PacketSource, about: dict[str, str], skip: int
-) -> Iterator[Output]:
+def _opened(out: Path, beside: Path, wanted: Wanted, source: PacketSource, about: dict[str, str]) -> Iterator[Output]:
     """The output, in the file or folder `beside`."""
     if out.suffix:
         with beside.open("wb") as handle:
-            yield open_output(wanted, handle, source.sensor, about, source.poses, skip)
+            yield open_output(wanted, handle, source.sensor, about, source.poses)
         return
     name = f"{out.name}_0.mcap"
     with (beside / name).open("wb") as handle:
-        output = open_output(wanted, handle, source.sensor, about, source.poses, skip)
+        output = open_output(wanted, handle, source.sensor, about, source.poses)
         yield output
     if isinstance(output, Bag):
         (beside / METADATA).write_text(output.writer.metadata(name))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from lidarcodec.commands.arguments import (
+    AllowMissed,
     CalibrationFile,
     CodecName,
     Force,
@@ -39,6 +40,7 @@ def convert(
     frame_id: Annotated[
         str | None, _option("--frame-id", metavar="NAME", help="Of a rosbag's messages; default: velodyne.")
     ] = None,
+    allow_missed: AllowMissed = False,
     force: Force = False,
     frames: FrameCount = None,
     skip: SkipCount = 0,
@@ -49,4 +51,4 @@ def convert(
     from lidarcodec.commands import convert as command
 
     command.run(source, out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds, topic, frame_id,
-                force)  # fmt: skip
+                force, allow_missed)  # fmt: skip

@@ -1,4 +1,4 @@
-"""What `convert` writes: captures, recordings, recordings of bare packets, and bags of ROS 2. All take packets."""
+"""What `convert` writes itself: captures, recordings of bare packets, and bags of ROS 2. All take packets."""
 
 from __future__ import annotations
 
@@ -9,16 +9,12 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal, Protocol
 
 from lidarcodec.assembly import Assembler
-from lidarcodec.commands.coded_recording import SENSOR, VEHICLE, CodedRecording
-from lidarcodec.commands.unkept import say_unkept
+from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
 from lidarcodec.errors import SettingsError
-from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
-from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter, RosbagWriter
 from lidarcodec.recording.rosbag import FRAME_ID, PACKETS_TOPIC
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.pcap_writer import PcapWriter
 from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses
@@ -34,11 +30,10 @@ FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
 class Wanted:
     """What is to be written: its form, and what only some of them have.
 
-    settings: of a recording;  clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
+    clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
     """
 
     form: Form
-    settings: StreamSettings
     clouds: bool = False
     topic: str = PACKETS_TOPIC
     frame_id: str = FRAME_ID
@@ -84,13 +79,10 @@ def open_output(
     sensor: SensorModel,
     about: Mapping[str, str],
     poses: Poses | None,
-    first_index: int = 0,
 ) -> Output:
-    """The output for a binary file that was opened for it. first_index: of the first frame of a recording"""
+    """The output for a binary file that was opened for it; coded recordings are made by `encode`."""
     if wanted.form == "pcap":
         return _Capture(handle)
-    if wanted.form == "recording":
-        return _Recording(wanted, handle, Assembler(sensor, wanted.settings.framing, first_index), about, poses)
     if wanted.form == "packets":
         return _Packets(handle, about)
     return Bag(wanted, handle, sensor, poses)
@@ -105,31 +97,6 @@ class _Capture:
 
     def close(self) -> str:
         return ""
-
-
-class _Recording:
-    """Frames of the wanted framing, through an encoder."""
-
-    def __init__(
-        self, wanted: Wanted, handle: BinaryIO, assembler: Assembler, about: Mapping[str, str], poses: Poses | None
-    ) -> None:
-        self._assembler = assembler
-        self._poses = poses
-        self._held: Frame | None = None
-        self._coded = CodedRecording(handle, StreamEncoder(wanted.settings), about, clouds=wanted.clouds)
-
-    def write(self, packet: Packet) -> None:
-        if self._held is not None and not packet.position:  # what comes behind the last frame belongs to it
-            self._coded.write(posed(self._held, self._poses))
-            self._held = None
-        self._held = self._assembler.push(packet) or self._held
-
-    def close(self) -> str:
-        for frame in self._assembler.flush_onto(self._held):
-            self._coded.write(posed(frame, self._poses))
-        self._coded.close()
-        say_unkept("recording", self._assembler.counts)
-        return self._coded.summary()
 
 
 class _Batches:

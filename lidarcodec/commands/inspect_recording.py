@@ -12,6 +12,7 @@ from lidarcodec.entropy import decode_positions
 from lidarcodec.errors import DecodeError, SettingsError
 from lidarcodec.message import Section, SectionType
 from lidarcodec.recording import RecordingReader
+from lidarcodec.regular_files import open_regular
 from lidarcodec.units import MAX_PACKETS
 from lidarcodec.wire import unpack
 
@@ -28,7 +29,7 @@ def inspect_recording(path: Path) -> dict[str, Any]:
     codecs: Counter[str] = Counter()
     messages = keys = frames = damaged = size = coded_positions = 0
     stamps: list[int] = []
-    with path.open("rb") as handle:
+    with open_regular(path) as handle:
         reader = RecordingReader(handle)
         metadata = dict(reader.metadata)
         for stamp_ns, data in reader.messages():
@@ -95,7 +96,7 @@ def explain_message(path: Path, number: int) -> dict[str, Any]:
 
     Raises SettingsError if the recording has fewer, DecodeError if it is damaged beyond its header.
     """
-    with path.open("rb") as handle:
+    with open_regular(path) as handle:
         data = next(islice((data for _, data in RecordingReader(handle).messages()), number, None), None)
     if data is None:
         raise SettingsError(f"{path} has no message {number}: `lidarcodec info {path}` says how many", "message")

@@ -12,6 +12,7 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import CalibrationError, SettingsError, SourceError
+from lidarcodec.regular_files import open_regular
 from lidarcodec.whole_files import check_free, whole
 
 log = logging.getLogger(__name__)
@@ -49,7 +50,7 @@ def run(paths: Sequence[Path], out: Path, force: bool) -> None:
         header = b""
         last = (0, 0)
         for path in paths:
-            with path.open("rb") as handle:
+            with open_regular(path) as handle:
                 found = handle.read(_HEADER_BYTES)
                 if found[:4] not in _ORDERS or len(found) != _HEADER_BYTES:
                     raise SourceError(f"{path} is no classic pcap file: `convert` makes one of it")

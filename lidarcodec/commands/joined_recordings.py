@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,9 @@ from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.decoding_work import DecodingWork
 from lidarcodec.recording.records import Channel, Stored
+from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.whole_files import whole
 from lidarcodec.wire.header import Header
@@ -56,7 +58,7 @@ class Part:
 def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
     """Check the parts, then copy them."""
     with ExitStack() as files, stoppable() as stopped:
-        parts = [_part(path, files.enter_context(path.open("rb"))) for path in paths]
+        parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
         for part in parts if not allow_gap else ():
             if part.damaged:
                 lost = f"{part.path} is damaged, and {part.damaged} of its chunks are lost"
@@ -125,15 +127,18 @@ def _header(path: Path, data: bytes) -> Header:
 
 def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
     """Time of the last packet of the last frame, as far as it can be decoded."""
-    decoder = StreamDecoder()
+    decoder, work = StreamDecoder(), DecodingWork(reader)
     for _, data in reader.messages(last_ns):
-        try:
-            frames = decoder.decode(wire.unpack(data))
-        except DecodeError:
-            continue
-        for frame in frames:
+        width, frames = 0, None
+        with suppress(DecodeError):
+            message = wire.unpack(data)
+            width = message.width
+            frames = decoder.decode(message)
+        for frame in frames or ():
             if frame.side is not None:
                 last_ns = max(last_ns, packets_of(frame)[-1].stamp_ns)
+        if not work.goes_on(width, frames):
+            break
     return last_ns
 
 

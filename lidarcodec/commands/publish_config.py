@@ -20,14 +20,17 @@ from lidarcodec.apps.publish import Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.budgets import FileTooLargeError, read_file
+from lidarcodec.codecs import table
 from lidarcodec.codecs.riddle_shelf import look_in
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
 from lidarcodec.commands.settings import settings_of
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.sensors import read_calibration
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
 from lidarcodec.sources import open_source
+from lidarcodec.sources.poses import read_poses
 from lidarcodec.sources.spec import parse as parse_source
 from lidarcodec.untrusted_yaml import YamlRefusedError, read_yaml
 
@@ -77,6 +80,25 @@ class SensorConfig(_Strict):
     def stream_settings(self) -> StreamSettings:
         """The settings, checked against the codec. Raises SettingsError or UnknownNameError."""
         return settings_of(self.codec, self.settings)
+
+    def check_files(self, place: str) -> None:
+        """Try what can be tried before the sensor is there. place: of this sensor in the file
+
+        Raises SettingsError naming the field.
+        """
+        try:
+            field = "settings"
+            table.check_files(self.stream_settings())
+            field = "source"
+            parse_source(self.source)
+            if self.calibration is not None:
+                field = "calibration"
+                read_calibration(self.calibration)
+            if self.poses is not None:
+                field = "poses"
+                read_poses(self.poses)
+        except (LidarCodecError, OSError) as error:
+            raise SettingsError(f"{place}.{field}: {error}", field) from None
 
     def plan(self) -> SensorPlan:
         """What a Vehicle does with it."""
@@ -163,6 +185,8 @@ def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
 def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None, weights_dir: Path | None) -> None:
     """Publish until every source has ended or a signal comes. What stands on the command line wins."""
     config = read(path, weights_dir)
+    for number, sensor in enumerate(config.sensors):
+        sensor.check_files(f"{path}: sensors.{number}")
     connect, listen, zenoh_config = given
     if not (connect or listen or zenoh_config):
         connect, listen, zenoh_config = config.connect, config.listen, config.zenoh_config

@@ -11,6 +11,8 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.decoding_work import DecodingWork
+from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.wire import unpack
@@ -29,7 +31,7 @@ class RecordedFrames:
         self.message: Message | None = None
         self.failed: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
-        with path.open("rb") as handle:
+        with open_regular(path) as handle:
             reader = RecordingReader(handle, warn=False)
             self.metadata = reader.metadata
             self._coded = next(reader.messages(), None) is not None
@@ -52,17 +54,22 @@ class RecordedFrames:
 
     def _decoded(self) -> Iterator[Frame]:
         decoder = StreamDecoder()
-        with self._path.open("rb") as handle:
+        with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
+            work = DecodingWork(reader)
             for _, data in reader.messages():
+                width, frames = 0, None
                 try:
                     message = unpack(data)
+                    width = message.width
                     frames = decoder.decode(message)
                 except DecodeError as error:
                     self.failed[f"{type(error).__name__}: {error}"] += 1
-                    continue
-                self.message = message
-                yield from frames
+                if frames is not None:
+                    self.message = message
+                    yield from frames
+                if not work.goes_on(width, frames):
+                    break
             self.counts = reader.counts
         yield from decoder.flush()
 

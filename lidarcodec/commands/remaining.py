@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from lidarcodec.commands.stopping import StoppedError
+from lidarcodec.whole_files import beside
 
 JOINED: Final = (".mcap", ".pcap")
 """Endings of what `join` puts together."""
@@ -76,7 +77,7 @@ def _word(path: Path) -> str:
 def _free(out: Path) -> Path:
     """A name for the rest that nothing has yet."""
     for number in count(1):
-        name = out.with_name(f"{out.stem}.rest{'' if number == 1 else f'-{number}'}{out.suffix}")
+        name = beside(out, f".rest{'' if number == 1 else f'-{number}'}")
         if not os.path.lexists(name):
             break
     return name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import logging
 import os
 import signal
@@ -58,6 +59,19 @@ def _flush() -> None:
             stream.flush()
 
 
+def _unprinted() -> str | None:
+    """Write out what was printed; why that cannot be done, None if it was. Raises BrokenPipeError."""
+    try:
+        _flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        with contextlib.suppress(OSError):  # else the interpreter tries again at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return error.strerror or str(error)
+    return None
+
+
 def run(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command; its exit code."""
     debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
@@ -65,10 +79,13 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
     Interrupter().install(hangup=not is_live(given))
     remember(given)
+    if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
+        # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
+        sys.stdout.reconfigure(write_through=False)
     code = None
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)
-        _flush()
+        unprinted = _unprinted()
     except KeyboardInterrupt:
         return _stopped(given)
     except StoppedError as stopped:
@@ -84,7 +101,13 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
         return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
     finally:
         drop_all()
-    return _stopped(given) if code == _BY_TYPER else int(code or DONE)
+    if code == _BY_TYPER:
+        return _stopped(given)
+    if unprinted is not None:
+        # As cp, mv and tee have it: a script that keeps what is printed must know that it is lost.
+        lost = "what the command printed is lost; the files that it wrote are whole"
+        sys.stderr.write(f"lidarcodec: cannot write to standard output: {unprinted}: {lost}\n")
+    return int(code or (DONE if unprinted is None else FAILED))
 
 
 def _stopped(words: list[str], said: str = "") -> int:

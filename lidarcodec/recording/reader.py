@@ -34,6 +34,7 @@ class RecordingReader:
     metadata: what the writer noted (vehicle, sensor, settings, ...), as texts; empty for files of other programs
     profile: what the file says it follows, such as `ros2`; empty for ours
     channels: those at the beginning, by id;  schemas: names of types, by id
+    size: bytes of the file
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches
     """
 
@@ -43,7 +44,7 @@ class RecordingReader:
         Raises SourceError if this is no MCAP file.
         """
         self._stream = stream
-        self._size = records.size_of(stream)
+        self._size = self.size = records.size_of(stream)
         self.counts: Counter[str] = Counter()
         self.metadata: dict[str, str] = {}
         self.channels: dict[int, Channel] = {}
@@ -88,6 +89,10 @@ class RecordingReader:
                 channel = self.channels.get(one.channel)
                 if channel is not None:
                     yield channel, one
+
+    def leave_out_rest(self, why: str) -> None:
+        """Note and say that somebody stops reading here, because what follows is nothing that a recording holds."""
+        self._damaged(DamagedError(f"{why}; what follows was left out"))
 
     def topics(self) -> dict[str, str]:
         """Topic to type of every channel with a schema, wherever in the file it is told of."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import stat
 from collections import Counter
 from collections.abc import Generator, Iterator
 from ipaddress import ip_address
@@ -13,6 +12,7 @@ from typing import Final
 
 from lidarcodec.errors import PacketError, SourceError
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
+from lidarcodec.regular_files import check_regular
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.datagrams import Datagram, DatagramReader
 from lidarcodec.sources.decompress import ByteStream
@@ -142,8 +142,7 @@ class CaptureSource(PacketSource):
 def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:
     """The stream to take, its first payloads (enough to `search` for a calibration), and the host time of the first."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise SourceError(f"{path} is not a file that can be read twice")
+        check_regular(path)
     except OSError as error:
         raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
     ending, lengths, count = Ending(), Counter[int](), 0

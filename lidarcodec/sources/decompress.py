@@ -25,6 +25,7 @@ import zstandard
 
 from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance
 from lidarcodec.errors import SourceError
+from lidarcodec.regular_files import open_regular
 
 CHUNK = 1 << 20
 """Bytes read from a plain file at once."""
@@ -135,7 +136,7 @@ class ByteStream:
         self._expands = Allowance(EXPANDED_BASE, EXPANDED_TIMES)
         self._path = path
         try:
-            self._file: IO[bytes] = path.open("rb", buffering=0)
+            self._file: IO[bytes] = open_regular(path, buffering=0)
         except OSError as error:
             raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
         self._head = self._read_file(6)

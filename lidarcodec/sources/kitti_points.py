@@ -47,7 +47,7 @@ def find_scans(path: Path) -> list[Scan]:
 
     Raises SourceError if there are none, or a file of times cannot be read.
     """
-    files = [path] if path.is_file() else _files(path)
+    files = [path] if path.exists() and not path.is_dir() else _files(path)
     times = _turns(files[0].parent.parent, [_number(file, k) for k, file in enumerate(files)])
     return [Scan(file, start, end) for file, (start, end) in zip(files, times, strict=True)]
 

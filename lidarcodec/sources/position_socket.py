@@ -1,7 +1,8 @@
 """PositionListener: the position packets of a live sensor, put among its data packets by the kernel's times of arrival.
 
 A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: the call that takes data
-packets takes what has come here, too.
+packets takes what has come here, too. Once somebody else sends to this port, the kernel drops what others send before
+it is queued, so that a flood takes neither the sensor's room nor the interpreter's time.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final
 
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
-from lidarcodec.sources.udp_socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, open_socket
+from lidarcodec.sources.udp_socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, dropped, open_socket, take_only_from
 from lidarcodec.units import DATA_PORT, MAX_POSITION_BYTES, MAX_POSITIONS, POSITION_PORT
 
 logger = logging.getLogger(__name__)
@@ -33,6 +34,7 @@ class PositionListener:
     """Receives on one port of this machine.
 
     counts: `position packets`, and what was lost: `kernel drops`, `wrong length`, `strangers`
+    stranger: address of the first of those, as text
     """
 
     def __init__(self, host: str, port: int, *, interface: str | None = None, share: bool = False) -> None:
@@ -40,7 +42,11 @@ class PositionListener:
         self._socket = open_socket(host, port, interface=interface, share=share, least_bytes=0)
         self._waiting: deque[tuple[Packet, bytes]] = deque()
         self._dropped = 0
+        self._tells_drops = dropped(self._socket) is not None
+        self._filters = self._tells_drops
+        self._only: bytes | None = None
         self.counts: Counter[str] = Counter()
+        self.stranger = ""
 
     def among(self, data: list[Packet], sender: bytes | None, *, anybody: bool = False) -> list[Packet]:
         """These data packets, the last that came, with the position packets that came before and between them.
@@ -77,10 +83,44 @@ class PositionListener:
             merged.append(packet)
             self.counts["position packets"] += 1
         else:
-            self.counts["strangers"] += 1
+            self._refuse(own)
+
+    def _refuse(self, own: bytes) -> None:
+        self.counts["strangers"] += 1
+        self.stranger = self.stranger or str(ip_address(own))
+
+    def _let_in(self, sender: bytes | None) -> None:
+        """Have the kernel drop what strangers send, once there are any. sender: the sensor; None: let all in."""
+        wanted = sender if self.counts["strangers"] else None
+        if wanted == self._only or not self._filters:
+            return
+        try:
+            take_only_from(self._socket, wanted)
+        except OSError as error:  # closed meanwhile, or a kernel without filters: they are refused one by one
+            logger.debug("no filter on the port of position packets: %s", error)
+            self._filters = False
+        else:
+            self._only = wanted
+
+    def _count_drops(self) -> None:
+        """What the kernel dropped: of strangers, while it lets only the sensor in and has room for what that sends."""
+        found = dropped(self._socket) if self._tells_drops else None
+        if found is None:
+            return
+        total, filling = found
+        if total != self._dropped:
+            cause = "strangers" if self._only is not None and not filling else "kernel drops"
+            self.counts[cause] += (total - self._dropped) & 0xFFFFFFFF
+            self._dropped = total
 
     def _drain(self, sender: bytes | None) -> None:
         """Take what the kernel holds, up to a limit; the rest stays there. sender: the only one to take from."""
+        self._count_drops()
+        self._let_in(sender)
+        self._read(sender)
+        self._let_in(sender)
+
+    def _read(self, sender: bytes | None) -> None:
         for _ in range(MAX_POSITIONS - len(self._waiting)):
             try:
                 payload, control, flags, address = self._socket.recvmsg(MAX_POSITION_BYTES, _CONTROL_BYTES)
@@ -92,7 +132,7 @@ class PositionListener:
                 continue
             own = _address(address[0])
             if sender is not None and own != sender:
-                self.counts["strangers"] += 1
+                self._refuse(own)
                 continue
             self._waiting.append((Packet(payload, stamp_ns, position=True), own))
 
@@ -103,6 +143,8 @@ class PositionListener:
             if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) >= _STAMP.size:
                 seconds, ns = _STAMP.unpack_from(value)
                 stamp_ns = seconds * 1_000_000_000 + ns
+            elif self._tells_drops:
+                continue
             elif level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL and len(value) >= _DROPS.size:
                 (total,) = _DROPS.unpack_from(value)
                 self.counts["kernel drops"] += (total - self._dropped) & 0xFFFFFFFF

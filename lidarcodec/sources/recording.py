@@ -14,6 +14,8 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
+from lidarcodec.recording.decoding_work import DecodingWork
+from lidarcodec.regular_files import open_regular
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
 from lidarcodec.sources.base import PacketSource
@@ -110,20 +112,27 @@ class RecordingSource(PacketSource):
         decoder = StreamDecoder()
         with self._open() as file:
             reader = RecordingReader(file, warn)
+            work = DecodingWork(reader)
             for _, data in reader.messages(start_ns, topic=self._topic):
+                width, frames = 0, None
                 try:
-                    yield from decoder.decode(unpack(data))
+                    message = unpack(data)
+                    width = message.width
+                    frames = decoder.decode(message)
                 except DecodeError as error:
                     missing = isinstance(error, MissingReferenceError)
                     counts["missing references" if missing else "undecoded messages"] += 1
                     failed.append(error)
                     del failed[1:]
+                yield from frames or ()
+                if not work.goes_on(width, frames):
+                    break
             yield from decoder.flush()
             _note(reader, counts)
 
     def _open(self) -> IO[bytes]:
         try:
-            return self.path.open("rb")
+            return open_regular(self.path)
         except OSError as error:
             raise SourceError(f"cannot open {self.path}: {error.strerror or error}") from None
 

@@ -21,6 +21,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.recording.rosbag import ENCODING, PROFILE
+from lidarcodec.regular_files import open_regular
 from lidarcodec.sensors import find_calibration, identify_stream
 from lidarcodec.sources import rosbag_sqlite
 from lidarcodec.sources.base import PacketSource
@@ -91,7 +92,7 @@ def is_rosbag(path: Path) -> bool:
 
     Raises OSError, SourceError.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         reader = RecordingReader(stream, warn=False)
         found = {channel.encoding for channel in reader.channels.values()}
         return reader.profile == PROFILE or (ENCODING in found and not found & {MESSAGE_ENCODING, PACKET_ENCODING})
@@ -130,7 +131,7 @@ def _information(path: Path) -> dict[str, Any]:
 def _topics(file: Path) -> dict[str, str]:
     if rosbag_sqlite.is_database(file):
         return rosbag_sqlite.topics(file)
-    with file.open("rb") as stream:
+    with open_regular(file) as stream:
         return RecordingReader(stream, warn=False).topics()
 
 
@@ -160,7 +161,7 @@ def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Itera
     if rosbag_sqlite.is_database(file):
         yield from rosbag_sqlite.messages(file, topic, counts)
         return
-    with file.open("rb") as stream:
+    with open_regular(file) as stream:
         reader = RecordingReader(stream, warn)
         for _, data in reader.others(ENCODING, topic):
             yield data

@@ -18,6 +18,7 @@ from urllib.parse import quote
 
 from lidarcodec.errors import SourceError
 from lidarcodec.recording.records import MAX_RECORD
+from lidarcodec.regular_files import open_regular
 from lidarcodec.sources.table import SQLITE_MAGIC
 
 MAX_TOPICS: Final = 4096
@@ -45,7 +46,7 @@ _OPENING_STEPS: Final = 1_000_000
 
 def is_database(path: Path) -> bool:
     """Whether a file is one of SQLite. Raises OSError."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
 
 

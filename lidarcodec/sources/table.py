@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from lidarcodec.errors import SourceError
+from lidarcodec.regular_files import open_regular
 from lidarcodec.sensor_model import Convention
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.pacing import PacedSource
@@ -91,7 +92,7 @@ def kind_of(spec: Spec) -> str:
             return "rosbag" if (path / "metadata.yaml").is_file() else "folder"
         if path.name.endswith(SCAN_SUFFIXES):
             return "folder"
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             begins = file.read(len(SQLITE_MAGIC))
         found = begins == SQLITE_MAGIC
         if begins[: len(MCAP_MAGIC)] == MCAP_MAGIC:

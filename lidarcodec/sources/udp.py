@@ -229,3 +229,5 @@ class UdpSource(PacketSource):
             if count:
                 self.counts[cause] = count
         self._senders.look(judge, self.counts)
+        if self._positions is not None:
+            self._senders.refused_positions(beside["strangers"], self._positions.stranger)

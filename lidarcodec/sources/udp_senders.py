@@ -50,6 +50,11 @@ class Senders:
         ):
             self._notices.tell(cause, counts.get(cause, 0), text, now_s)
 
+    def refused_positions(self, count: int, stranger: str) -> None:
+        """Say that others than the sensor sent to the port of position packets. stranger: the first one's address"""
+        text = f"refused {{packets}} from {stranger} or others on the port of position packets"
+        self._notices.tell("positions", count, f"{text}: only those of the sensor are taken", time.monotonic())
+
     def close(self) -> None:
         """Say the last counts."""
         self._notices.close()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import socket
 import struct
+from array import array
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final
 
@@ -25,6 +26,17 @@ PACKETS_PER_SECOND: Final = 3472
 SO_RCVBUFFORCE: Final = 33
 SO_TIMESTAMPNS: Final = 35
 SO_RXQ_OVFL: Final = 40
+_SO_ATTACH_FILTER: Final = 26
+_SO_DETACH_FILTER: Final = 27
+_SO_MEMINFO: Final = 55
+_MEMINFO: Final = struct.Struct("@9I")
+"""`SK_MEMINFO_*` of linux/sock_diag.h: bytes that wait are the first number, the size of the buffer the second, and the
+datagrams that were dropped the last."""
+_LOAD_HALF, _LOAD_WORD, _IS_EQUAL, _RETURN = 0x28, 0x20, 0x15, 0x06
+_PROTOCOL: Final = 0xFFFFF000
+_NETWORK_HEADER: Final = 0xFFF00000
+_EVERYTHING: Final = 0xFFFFFFFF
+"""Classic BPF, linux/filter.h: instructions, and where a datagram's protocol and its IP header are."""
 
 
 def open_socket(
@@ -63,6 +75,42 @@ def open_socket(
         sock.close()
         raise SourceError(f"cannot listen on udp://{place}: {error.strerror or error}{_advice(error)}") from None
     return sock
+
+
+def take_only_from(sock: socket.socket, address: bytes | None) -> None:
+    """Have the kernel drop what others send, before it is queued, and count it as dropped.
+
+    address: 4 or 16 bytes; None: take from everybody again. What is queued already stays.
+    Raises OSError.
+    """
+    if address is None:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+        return
+    protocol, begin = (0x0800, 12) if len(address) == 4 else (0x86DD, 8)  # of IPv4 and IPv6; where the sender stands
+    checks = [(_LOAD_HALF, _PROTOCOL, protocol)]
+    for at in range(0, len(address), 4):
+        checks.append((_LOAD_WORD, _NETWORK_HEADER + begin + at, int.from_bytes(address[at : at + 4], "big")))
+    program = b""
+    for number, (load, place, value) in enumerate(checks):
+        to_refusal = 2 * (len(checks) - number) - 1  # instructions to jump over
+        program += struct.pack("@HBBI", load, 0, 0, place) + struct.pack("@HBBI", _IS_EQUAL, 0, to_refusal, value)
+    program += struct.pack("@HBBI", _RETURN, 0, 0, _EVERYTHING) + struct.pack("@HBBI", _RETURN, 0, 0, 0)
+    kept = array("Q", program)
+    sock.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("@HP", len(kept), kept.buffer_info()[0]))
+
+
+def dropped(sock: socket.socket) -> tuple[int, bool] | None:
+    """Datagrams that the kernel dropped so far, modulo 2**32, and whether its buffer is half full.
+
+    None: this kernel does not say (before Linux 4.12).
+    The buffer is emptied by its reader only: if it is not even half full, none was dropped for want of room since the
+    reader was here last.
+    """
+    try:
+        found = _MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
+    except (OSError, struct.error):
+        return None
+    return found[8], found[0] > found[1] // 2
 
 
 def _resolve(host: str, port: int) -> tuple[int, tuple[str, int] | tuple[str, int, int, int]]:

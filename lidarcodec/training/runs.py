@@ -19,13 +19,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
-from zipfile import ZipFile, is_zipfile
+from zipfile import ZipFile
 
 import numpy as np
 import torch
 
 from lidarcodec.budgets import largest
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.regular_files import open_regular
 from lidarcodec.untrusted_npz import ArraysRefusedError, check_archive
 from lidarcodec.whole_files import written_whole
 
@@ -170,11 +171,9 @@ def load_checkpoint(path: Path, device: torch.device | None = None) -> Checkpoin
     if not path.exists():
         return None
     damaged = f"{path} is not a checkpoint, or a damaged one: remove it to begin anew"
-    if not is_zipfile(path):  # torch's older forms are never written here
-        raise SourceError(damaged)
     try:
-        with path.open("rb") as file, check_archive(file, largest("checkpoint") or 0, stored=True) as archive:
-            _check_names(archive)
+        with open_regular(path) as file, check_archive(file, largest("checkpoint") or 0, stored=True) as archive:
+            _check_names(archive)  # no archive: one of torch's older forms, which are never written here
         values = torch.load(path, map_location=device or "cpu", weights_only=True)
         _check_tensors(values)
     except OSError as error:

@@ -100,3 +100,33 @@ def test_a_path_that_is_far_too_narrow_costs_frames_and_not_the_shape_of_things(
     assert encoder.rate["step"] == 24
     assert encoder.rate["limited_by"] == "floor"
     assert not encoder.rate["reached"]
+
+
+class Aim:
+    """Takes the bitrate, as an encoder does."""
+
+    target_kbps = START_KBPS
+
+    def aim(self, target_kbps: float) -> None:
+        self.target_kbps = target_kbps
+
+
+@pytest.mark.parametrize(("others", "least_kbps", "most_kbps"), [(("quick",), 12_000.0, 1e9), ((), 0.0, 2_000.0)])
+def test_a_viewer_whose_reports_alone_are_late_takes_no_quality_from_others(others, least_kbps, most_kbps):
+    """The first that came reports 95 ms late. With nobody else there it is all that is known of the path."""
+    clock = Clock()
+    flight = Path(clock=clock)
+    adapting, encoder = Adapting(flight), Aim()
+    for name in ("late", *others):
+        flight.came(name)
+    for index in range(100):
+        adapting.aim(encoder, 0)
+        begin = clock.now
+        flight.put(index, min(int(encoder.target_kbps * 1e3 / 8 / 10), 160_000))
+        for name, after_s in (("quick", 0.005), ("late", 0.095)):
+            clock.now = begin + after_s
+            if name in ("late", *others):
+                flight.told(name, index)
+        clock.now = begin + 0.1
+    assert flight.following == ("quick" if others else "late")
+    assert least_kbps < encoder.target_kbps < most_kbps

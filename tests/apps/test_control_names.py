@@ -80,8 +80,8 @@ def test_a_config_file_names_the_folder_and_the_command_line_wins(folder, tmp_pa
     publish_config.parse(config("mine", tmp_path / "none"), "a.yaml", folder)
     (tmp_path / "a.yaml").write_text(config("other", folder))
     done = run_here("publish", "--config", tmp_path / "a.yaml")
-    assert done.returncode == 1
-    assert "vehicle/roof: unknown weights 'other': choose one of mine, riddle-sim" in done.stderr
+    assert done.returncode == 2
+    assert "a.yaml: sensors.0.settings: unknown weights 'other': choose one of mine, riddle-sim" in done.stderr
     with pytest.raises(SettingsError, match=r"a\.yaml: weights_dir: there is no folder"):
         publish_config.parse(config("mine", tmp_path / "none"), "a.yaml")
     with pytest.raises(SettingsError, match="weights_dir: Input"):
@@ -92,3 +92,23 @@ def test_a_folder_is_told_to_the_process_that_codes(folder):
     look_in(folder)
     assert worker_process._environment()[FOLDER_VARIABLE] == str(folder)
     assert settings_with(RIDDLE, {"codec_settings": {"weights": "mine"}}).codec_settings["weights"] == "mine"
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [
+        ("codec: riddle, settings: {weights: /none/a.lcrw}", "settings: cannot read the weights /none/a.lcrw"),
+        ("calibration: /none/db.xml", "calibration: calibration /none/db.xml cannot be read"),
+        ("poses: /none/poses.txt", "poses: cannot read poses from /none/poses.txt"),
+        ("source: 'tcp://here'", "source: unknown kind of source 'tcp'"),
+    ],
+)
+def test_what_a_config_file_names_is_tried_before_anything_starts(tmp_path, field, said):
+    """A service with a wrong name was restarted for ever, and its other sensors with it."""
+    source = "" if field.startswith("source") else "source: 'sim:city', "
+    text = f"sensors:\n  - {{name: front, source: 'sim:city'}}\n  - {{name: roof, {source}{field}}}\n"
+    (tmp_path / "a.yaml").write_text(text)
+    done = run_here("publish", "--config", tmp_path / "a.yaml")
+    assert done.returncode == 2, done.stderr
+    assert f"a.yaml: sensors.1.{said}" in done.stderr
+    assert done.stdout == ""

@@ -8,7 +8,6 @@ import sqlite3
 import struct
 import zipfile
 from importlib.util import find_spec
-from pathlib import Path
 
 import lz4.frame
 import numpy as np
@@ -202,8 +201,16 @@ def checkpoint(folder, values=None, zeros_mib=0):
     return path
 
 
+def endless(folder):
+    """A terabyte of zeros that takes no room on the disk."""
+    path = folder / "endless"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    return path
+
+
 def linked_to_zeros(folder):
-    (folder / "annotation.json").symlink_to("/dev/zero")
+    (folder / "annotation.json").symlink_to(endless(folder))
     return folder
 
 
@@ -236,7 +243,7 @@ BOMBS = {
     "bag, fields": ("bag", lambda f: metadata(f, "  a: [" + "x," * 400_000 + "]"), opened),
     "stamps, lines": ("stamps", times, find_scans),
     "poses, long line": ("poses", lambda f: text(f, "p.txt", "1 " * (4 * MIB)), read_poses),
-    "poses, no end": ("poses", lambda _: Path("/dev/zero"), read_poses),
+    "poses, no end": ("poses", endless, read_poses),
     "npz, zeros": ("npz", lambda f: npz(f, (MIB, 4, 4), 128 * MIB), read_poses),
     "npz, shape": ("npz", lambda f: npz(f, (10**12, 4, 4), 0), read_poses),
     "npz, lzma": ("npz", lambda f: npz(f, (8, 4, 4), MIB, compression=zipfile.ZIP_LZMA), read_poses),
@@ -261,7 +268,7 @@ BOMBS = {
         read_weights,
     ),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
-    "config, no end": ("config", lambda _: Path("/dev/zero"), read_config),
+    "config, no end": ("config", endless, read_config),
     "zenoh, depth": ("zenoh", lambda f: text(f, "z.json5", "[" * 400_000), party_in),
     "zenoh, not closed": ("zenoh", lambda f: text(f, "z.json5", "/*" * 400_000), party_in),
     "certificates, depth": (
@@ -271,12 +278,12 @@ BOMBS = {
     ),
     "certificates, no end": (
         "certificates",
-        lambda _: Path("/dev/zero"),
+        endless,
         lambda path: read_deployment(path, None, None),
     ),
     "certificates, TLS without end": (
         "certificates",
-        lambda _: Path("/dev/zero"),
+        endless,
         lambda path: check_tls(ServerConfig(tls_certificate=path, tls_key=path)),
     ),
     "about, depth": (
@@ -285,7 +292,7 @@ BOMBS = {
         lambda folder: AnnotationFolder(folder).about(),
     ),
     "about, no end": ("about", linked_to_zeros, lambda folder: AnnotationFolder(folder).about()),
-    "secret, no end": ("secret", lambda _: Path("/dev/zero"), lambda path: with_password(DATABASE, path)),
+    "secret, no end": ("secret", endless, lambda path: with_password(DATABASE, path)),
 }
 if find_spec("torch") is not None:
     BOMBS |= {

@@ -1,5 +1,6 @@
 """`lidarcodec certs`: files that nobody else reads, names that cannot be mixed up, and a deployment that can grow."""
 
+import base64
 import json
 import sys
 from pathlib import Path
@@ -7,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.commands import certs
-from lidarcodec.errors import MissingExtraError, SettingsError
+from lidarcodec.commands.folder_lock import locked
+from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from tests.command_line import run, start
 from tests.transport.conftest import free_port
 from tests.transport.router import Router
@@ -159,3 +161,45 @@ def test_files_of_others_are_left_and_said(tmp_path, capsys):
     assert not (tmp_path / "viewer-anna.json5").exists()
     assert all(other.read_text() == "mine" for other in others)
     assert "my-own.json5 is not of this deployment and was left as it is" in capsys.readouterr().out
+
+
+def test_calls_at_the_same_time_forget_nobody(tmp_path):
+    """One of two lost its name: a certificate lay there that no later call would have renewed, or removed."""
+    names = [f"viewer-{number}" for number in range(5)]
+    calls = [start("certs", tmp_path, "--router", "a.example", "--viewer", name) for name in names]
+    for call in calls:
+        _, complaint = call.communicate(timeout=100)
+        assert (call.returncode, complaint) == (0, "")
+    assert sorted(json.loads((tmp_path / "deployment.json").read_text())["parties"]) == names
+    rules = json.dumps(read(tmp_path / "router-a.example.json5")["access_control"])
+    authority = x509.load_pem_x509_certificate((tmp_path / "ca.pem").read_bytes())
+    for name in names:
+        assert name in rules
+        own = base64.b64decode(tls(tmp_path / f"viewer-{name}.json5")["connect_certificate_base64"])
+        x509.load_pem_x509_certificate(own).verify_directly_issued_by(authority)
+
+
+def test_one_that_fails_on_its_way_leaves_no_certificate_of_somebody_unknown(tmp_path):
+    make(tmp_path, ["a.example"], [], ["anna", "ben"])
+    router = tmp_path / "router-a.example.json5"
+    router.unlink()
+    (router / "in the way").mkdir(parents=True)
+    with pytest.raises((SettingsError, SourceError)):
+        make(tmp_path, [], [], ["carl"], remove=["ben"])
+    assert {"anna", "ben", "carl"} == set(json.loads((tmp_path / "deployment.json").read_text())["parties"])
+    (router / "in the way").rmdir()
+    router.rmdir()
+    make(tmp_path, [], [], ["carl"], remove=["ben"])  # the same again does it
+    assert {"anna", "carl"} == set(json.loads((tmp_path / "deployment.json").read_text())["parties"])
+    assert not (tmp_path / "viewer-ben.json5").exists()
+
+
+def test_a_call_does_not_wait_without_end_for_another(tmp_path):
+    with (
+        locked(tmp_path),
+        pytest.raises(SourceError, match="another command is changing"),
+        locked(tmp_path, wait_s=0.2),
+    ):
+        pass
+    with locked(tmp_path, wait_s=0.0):
+        pass

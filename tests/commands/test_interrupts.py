@@ -306,3 +306,28 @@ def test_a_part_has_its_calibration_though_the_whole_has_it_already(drive: Path,
     result = interrupted_while_writing(words, tmp_path, signal.SIGINT)
     assert result.returncode == 130
     assert (tmp_path / "out.partial_db.xml").read_bytes() == (tmp_path / "out_db.xml").read_bytes()
+
+
+@pytest.mark.parametrize("framing", ["packets:50", "revolution"])
+def test_the_rest_of_a_recording_is_counted_in_its_own_frames(tmp_path: Path, framing: str) -> None:
+    """`convert` counted turns of 348 packets, whatever frames it wrote, and `join` refused the parts."""
+    words = ["convert", "sim:city?frames=24", tmp_path / "out.mcap", "--codec", "raw", "--set", f"framing={framing}"]
+    result = interrupted_while_writing(list(words), tmp_path, signal.SIGINT)
+    with open_source("sim:city?frames=24") as source:
+        whole = [packet.payload for packet in source.packets()]
+    assert result.returncode == 130, result.stderr
+    assert check(result, tmp_path, tmp_path / "out.mcap", whole, 130)
+
+
+@pytest.mark.parametrize(("command", "ending"), [("encode", ".mcap"), ("simulate", ".pcap")])
+def test_a_name_as_long_as_a_file_system_allows_has_room_for_that_of_its_part(
+    tmp_path: Path, command: str, ending: str
+) -> None:
+    out = tmp_path / ("ä" * 122 + "x" * 2 + ending)  # 251 bytes: a calibration beside it has two more
+    result = interrupted_while_writing([command, "sim:city?frames=100000", out], tmp_path, signal.SIGINT)
+    assert result.returncode == 130, result.stderr
+    part = next(path for path in tmp_path.iterdir() if ".partial" in path.name and path.suffix == ending)
+    assert len(payloads(part)) % 348 == 0
+    rest, both = advised(result.stderr)
+    assert (rest[0], both[0], both[-1]) == (command, "join", str(out))
+    assert all(len(os.fsencode(Path(word).name)) <= 255 for word in (*rest, *both))

@@ -6,6 +6,7 @@ import io
 import socket
 import time
 from collections import Counter
+from ipaddress import ip_address
 
 import pytest
 
@@ -198,3 +199,70 @@ def test_a_clock_that_is_set_back_holds_up_no_position_packets() -> None:
     listener.close()
     assert sum(one.position for one in given) == 4
     assert not given[-1].position
+
+
+def test_strangers_are_warned_of_while_the_source_runs(caplog):
+    port = free_port()
+    with (
+        open_source(f"udp://0.0.0.0:0?wait=0&idle=2&position={port}") as source,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        stranger.bind(("127.0.0.2", 0))
+        came, packets = 0, source.packets()
+        until = time.monotonic() + 10
+        while "refused" not in caplog.text and time.monotonic() < until:
+            stranger.sendto(bytes(512), ("127.0.0.1", port))
+            sensor.sendto(DATA[0].payload, ("127.0.0.1", source.address[1]))
+            came += not next(packets).position
+            time.sleep(0.02)
+        assert "from 127.0.0.2 or others on the port of position packets" in caplog.text
+        assert source.counts["strangers"] > 10
+
+
+def test_a_flood_of_strangers_takes_none_of_the_sensors_room(caplog):
+    """The kernel's buffer holds some thousand; all of the sensor's come, and every stranger is counted as one."""
+    port = free_port()
+    listener = PositionListener("127.0.0.1", port)
+    me, sent = socket.inet_aton("127.0.0.1"), 60_000
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        stranger.bind(("127.0.0.2", 0))
+        stranger.sendto(bytes(512), ("127.0.0.1", port))
+        listener.among([], me)
+        for number in range(sent):
+            stranger.sendto(bytes(512), ("127.0.0.1", port))
+            if number % 100 == 0:
+                sensor.sendto(MIXED[0].payload, ("127.0.0.1", port))
+        listener.among([], me)
+        given = listener.among([], me)
+    listener.close()
+    assert len(given) == sent // 100
+    assert listener.counts == {"strangers": sent + 1, "position packets": sent // 100}
+
+
+@pytest.mark.parametrize(("own", "other"), [("::1", "::ffff:127.0.0.2"), ("::ffff:127.0.0.1", "::ffff:127.0.0.2")])
+def test_the_filter_knows_both_kinds_of_addresses(own, other):
+    listener = PositionListener("::", free_port())
+    port = listener._socket.getsockname()[1]
+    address = ip_address(own)
+    sender = (address.ipv4_mapped or address).packed
+    with (
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sensor,
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as stranger,
+    ):
+        sensor.bind((own, 0))
+        stranger.bind((other, 0))
+        for _ in range(3):
+            sensor.sendto(MIXED[0].payload, ("::1" if own == "::1" else own, port))
+            stranger.sendto(MIXED[0].payload, ("::ffff:127.0.0.1", port))
+            listener.among([], sender)
+        given = listener.among([], sender, anybody=True)  # from now on, and what waits
+        stranger.sendto(MIXED[0].payload, ("::ffff:127.0.0.1", port))
+        listener.among([], sender, anybody=True)
+        given += listener.among([], sender, anybody=True)
+    listener.close()
+    assert (listener.counts["strangers"], listener.counts["position packets"]) == (3, 4)
+    assert len(given) >= 1

@@ -1,0 +1,57 @@
+"""locked: one command at a time changes a folder whose files belong together."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import logging
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from lidarcodec.errors import SourceError
+
+log = logging.getLogger(__name__)
+
+WAIT_S: Final = 30.0
+"""A call of `certs` takes a second or two."""
+_LOOK_S: Final = 0.05
+_UNKNOWN: Final = frozenset({errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP})
+"""What file systems answer whose folders cannot be locked, such as some on a network."""
+
+
+@contextmanager
+def locked(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
+    """Nobody else is within this block for the same folder. The lock is the system's: it ends with the process.
+
+    Raises SourceError when another process holds it for longer than `wait_s`, or the folder cannot be opened.
+    """
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise SourceError(f"cannot open {folder}: {error.strerror or error}") from None
+    try:
+        _take(handle, folder, time.monotonic() + wait_s)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _take(handle: int, folder: Path, until_s: float) -> None:
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise SourceError(f"another command is changing {folder}: wait until it has ended") from None
+            time.sleep(_LOOK_S)
+        except OSError as error:
+            if error.errno not in _UNKNOWN:
+                raise SourceError(f"cannot lock {folder}: {error.strerror or error}") from None
+            log.warning("%s cannot be locked there: let no other command change it at the same time", folder)
+            return
+        else:
+            return

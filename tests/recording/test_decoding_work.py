@@ -1,0 +1,87 @@
+"""A small file that decodes to hours of work is left, and said; what we write is whole, however little it holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE
+from lidarcodec.commands.coded_recording import CodedRecording
+from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.recording import MESSAGE_ENCODING, decoding_work
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.wire import pack
+from tests import packets as made
+from tests.command_line import run_here
+
+WIDEST, TURN = 24_576, 2088
+
+
+def frame(index: int, width: int, distance: int) -> Frame:
+    """A frame whose returns all have one range; 0: without returns."""
+    azimuth = np.broadcast_to((np.arange(width) * 17 % 36_000).astype(np.uint16), (2, width)).copy()
+    ranges = np.full((64, width), distance, np.uint16)
+    fired = np.ones((2, width), np.bool_)
+    return Frame(index, index * 10**8, ranges, np.zeros((64, width), np.uint8), azimuth, fired, made.sensor())
+
+
+def recording(path: Path, width: int, distance: int, frames: int, codec: str = "predictive") -> Path:
+    with path.open("wb") as handle:
+        written = CodedRecording(
+            handle, StreamEncoder(StreamSettings(codec=codec, max_error_m=0.0)), {"source": "here"}
+        )
+        for index in range(frames):
+            written.write(frame(index, width, distance))
+        written.close()
+    return path
+
+
+@pytest.fixture
+def bomb(tmp_path: Path) -> Path:
+    """One key message of the widest frame, three hundred times in compressed chunks."""
+    (message,) = StreamEncoder(StreamSettings(codec="zstd", max_error_m=0.0)).encode(frame(0, WIDEST, 1000))
+    data, path = pack(message), tmp_path / "bomb.mcap"
+    with path.open("wb") as handle:
+        writer = Writer(handle, chunk_size=1 << 20, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="a stranger")
+        channel = writer.register_channel("vehicle/lidar", MESSAGE_ENCODING, schema_id=0)
+        for _ in range(300):
+            writer.add_message(channel, 0, data, 0, 0)
+        writer.finish()
+    return path
+
+
+def test_a_small_file_that_decodes_to_hours_is_left_where_it_is_seen(
+    bomb: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    most = DECODED_BASE + DECODED_PER_BYTE * bomb.stat().st_size
+    assert bomb.stat().st_size < 10_000
+    recorded = RecordedFrames(bomb)
+    returns = sum(one.points for one in recorded)
+    assert abs(returns - most) < 4e6, "up to the frame that is too much, and columns cost a little, too"
+    assert recorded.counts["damaged"] == 1
+    with open_source(bomb) as source:
+        list(source.packets())
+        assert (source.counts["damaged"], source.counts["frames without packets"]) == (1, returns // (64 * WIDEST))
+    caplog.clear()
+    assert run_here("decode", bomb, tmp_path / "out.npz", "--skip", 30).returncode == 0
+    assert "it decodes to more than 2000 returns for each of its bytes; what follows was left out" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("width", "distance", "frames"), [(TURN, 0, 200), (TURN, 1, 30), (WIDEST, 1000, 8), (12, 1000, 99)]
+)
+def test_what_we_write_is_read_whole_however_little_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, distance: int, frames: int
+) -> None:
+    """A covered sensor, a wall, the widest wall, and small slabs, without what is allowed to begin with."""
+    monkeypatch.setattr(decoding_work, "DECODED_BASE", 0)
+    recorded = RecordedFrames(recording(tmp_path / "small.mcap", width, distance, frames))
+    assert sum(1 for _ in recorded) == frames
+    assert recorded.counts["damaged"] == 0
