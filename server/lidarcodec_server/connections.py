@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 Place = Literal["ordinary", "reserved", "refused"]
 LOG_S = 60.0
 """A host that is at its limit is logged once a minute, with a count."""
+REASONS = ("gave way", "refused", "slow", "flood")
+"""Why connections are ended."""
 V6_NETWORK = 64
 """Bits of an IPv6 address that one customer of a provider has: a host is all addresses that share them."""
 
@@ -46,7 +48,7 @@ class Connections:
     most:        places of all hosts together;  most_a_host: of one
     reserved:    further places, for health checks and operators
     proxies:     addresses whose connections are counted with all, but have no limit of their own
-    ended:       connections that were ended for others, by reason
+    ended:       connections that were ended, by reason
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Connections:
         """Of each host those that wait for nothing, the longest first."""
         self._counts: dict[Place, Counter[str]] = {"ordinary": Counter(), "reserved": Counter()}
         self._log = SparseLog(logger, LOG_S)
+        self._logs = {reason: SparseLog(logger, LOG_S) for reason in REASONS}
 
     def __len__(self) -> int:
         return len(self._held)
@@ -103,6 +106,11 @@ class Connections:
         counts[held.host] -= 1
         if not counts[held.host]:
             del counts[held.host]
+
+    def end(self, reason: str, address: str, why: str) -> None:
+        """Count a connection that its own protocol ends for what its client does, and say so; reason: one of REASONS"""
+        self.ended[reason] += 1
+        self._logs[reason].warning("a connection of %s is ended: %s", host_of(address), why)
 
     def _place(self, host: str) -> Place:
         ordinary, reserved = self._counts["ordinary"], self._counts["reserved"]
@@ -150,9 +158,9 @@ class ConnectionMetrics(Collector):
         """Now."""
         yield GaugeMetricFamily("lidarcodec_connections", "Open connections.", value=len(self._connections))
         ended = CounterMetricFamily(
-            "lidarcodec_connections_ended", "Connections that were ended for others, or too slow.", labels=["reason"]
+            "lidarcodec_connections_ended", "Connections that were ended, by reason.", labels=["reason"]
         )
-        for reason in ("gave way", "refused", "slow"):
+        for reason in REASONS:
             ended.add_metric([reason], self._connections.ended[reason])
         yield ended
 
