@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Annotated, cast
 
 from fastapi import Depends
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from lidarcodec_server.problems import ProblemError
@@ -18,6 +19,7 @@ from lidarcodec_server.service import Service
 from lidarcodec_server.tokens import Client
 
 TOKEN_PROTOCOL = "lidarcodec.token."
+SAFE = ("GET", "HEAD", "OPTIONS")
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
 
 
@@ -31,8 +33,7 @@ def require_viewer(connection: HTTPConnection) -> Client:
         return Client(_host(connection), "operator")
     token = _token(connection)
     if token is None:
-        service.metrics.refused("missing")
-        raise ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+        raise _missing(service)
     client = service.tokens.client(token)
     if client is None:
         service.metrics.refused("wrong")
@@ -48,12 +49,32 @@ def require_operator(connection: HTTPConnection) -> Client:
     """
     service = cast(Service, connection.app.state.service)
     client = require_viewer(connection)
-    if client.role != "operator":
-        service.metrics.refused("role")
-        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
-        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
+    _check_role(connection, client)
     service.limits.change(client.name)
     return client
+
+
+async def check(connection: HTTPConnection) -> None:
+    """Whether the client may ask at all, before its body comes and before it gets a turn. Cheap for those without a
+    token, and for tokens that were known already.
+
+    Raises ProblemError as `require_operator` and `require_viewer`.
+    """
+    service = cast(Service, connection.app.state.service)
+    if not service.tokens.seen:
+        return
+    token = _token(connection)
+    if token is None:
+        raise _missing(service)
+    client = service.tokens.seen_client(token) or await run_in_threadpool(require_viewer, connection)
+    if connection.scope["type"] == "http" and connection.scope["method"] not in SAFE:
+        _check_role(connection, client)
+
+
+def asks(connection: HTTPConnection) -> str:
+    """The name of the client, if its token works as far as is known; asks and waits for nobody."""
+    token = _token(connection)
+    return (None if token is None else cast(Service, connection.app.state.service).tokens.owner(token)) or ""
 
 
 def known_operator(connection: HTTPConnection) -> bool:
@@ -73,6 +94,19 @@ def subprotocol_of(connection: HTTPConnection) -> str | None:
     """The subprotocol to accept a WebSocket with: one that is no token if there is one, for it stands in the answer."""
     offered = _protocols(connection)
     return next((name for name in offered if not name.startswith(TOKEN_PROTOCOL)), offered[0] if offered else None)
+
+
+def _missing(service: Service) -> ProblemError:
+    service.metrics.refused("missing")
+    return ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+
+
+def _check_role(connection: HTTPConnection, client: Client) -> None:
+    if client.role != "operator":
+        service = cast(Service, connection.app.state.service)
+        service.metrics.refused("role")
+        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
+        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
 
 
 def _token(connection: HTTPConnection) -> str | None:

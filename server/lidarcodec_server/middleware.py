@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -20,6 +20,8 @@ from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")
+GUARDED, SESSION = "/api/v1/", "/api/v1/session"
+"""Where every path but one needs a token, once there are tokens."""
 ELSEWHERE = ("cross-site", "same-site")
 """As browsers say it of a request by a page of another origin; another port of this machine is the `same-site`."""
 SAFE = ("GET", "HEAD", "OPTIONS")
@@ -131,10 +133,28 @@ def _hostname(host: str) -> str:
         return ""
 
 
-class BodyLimit:
-    """Refuses bodies that are too long, that take too long to come, or that are said to be JSON and are none.
+class Knock:
+    """Refuses whoever may not ask, before anything is done, or waited for, for a request."""
 
-    A body of JSON is read whole and checked before anything is done for its request.
+    def __init__(self, app: ASGIApp, check: Callable[[HTTPConnection], Awaitable[object]]) -> None:
+        """check: raises ProblemError for a client that may not"""
+        self._app, self._check = app, check
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket") and scope["path"].startswith(GUARDED) and scope["path"] != SESSION:
+            try:
+                await self._check(HTTPConnection(scope))
+            except ProblemError as problem:
+                await refuse(scope, receive, send, problem)
+                return
+        await self._app(scope, receive, send)
+
+
+class BodyLimit:
+    """Refuses bodies that are too long, that take too long to come, or that are no JSON.
+
+    A body of JSON is read whole and checked before anything is done for its request. Another one is never waited for:
+    a route that wants it refuses it.
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
@@ -169,8 +189,11 @@ class BodyLimit:
             return message
 
         comes = int(told) > 0 or "transfer-encoding" in headers
-        if not comes or not is_json(headers.get("content-type", "")):
+        if not comes:
             await self._app(scope, limited, send)
+            return
+        if not is_json(headers.get("content-type", "")):
+            await self._app(scope, _no_json, send)
             return
         try:
             first: Message | None = await self._json(limited)
@@ -204,6 +227,10 @@ class BodyLimit:
 
     def _too_long(self) -> ProblemError:
         return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
+
+
+async def _no_json() -> Message:
+    raise ProblemError(415, "the body has to be JSON: Content-Type: application/json", "content-type")
 
 
 def is_json(content_type: str) -> bool:

@@ -78,30 +78,3 @@ class Frames:
         if len(self._kept) < size:
             return None
         return size, int.from_bytes(self._kept[2 : 2 + extra], "big") if extra else short
-
-
-class Meter:
-    """How many frames a client may still send now: `rate` a second, and `burst` of them at once.
-
-    >>> meter = Meter(rate=10.0, burst=2, now_s=0.0)
-    >>> meter.spend(3, 0.0)
-    >>> round(meter.wait_s(0.0), 3), meter.wait_s(1.0)
-    (0.1, 0.0)
-    """
-
-    def __init__(self, rate: float, burst: int, now_s: float) -> None:
-        self._rate, self._burst, self._left, self._at_s = rate, burst, float(burst), now_s
-
-    def spend(self, cost: int, now_s: float) -> None:
-        """Count frames. What is left may become less than none: a large frame is waited for afterwards."""
-        self._fill(now_s)
-        self._left -= cost
-
-    def wait_s(self, now_s: float) -> float:
-        """How long until another frame may be taken; 0 when it may be now."""
-        self._fill(now_s)
-        return max(0.0, -self._left / self._rate)
-
-    def _fill(self, now_s: float) -> None:
-        self._left = min(self._burst, self._left + max(0.0, now_s - self._at_s) * self._rate)
-        self._at_s = now_s

@@ -13,7 +13,8 @@ from typing import Any, Final
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from lidarcodec_server.connections import Connections
-from lidarcodec_server.live.incoming import Frames, Meter
+from lidarcodec_server.limits import Meter
+from lidarcodec_server.live.incoming import Frames
 
 ABORT_S: Final = 5.0
 """What a client has not read so long after its socket ended is thrown away; a reader needs milliseconds."""
