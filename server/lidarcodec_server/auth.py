@@ -30,14 +30,14 @@ def require_viewer(connection: HTTPConnection) -> Client:
     """
     service = cast(Service, connection.app.state.service)
     if not service.tokens.needed:
-        return Client(_host(connection), "operator")
+        return Client(host(connection), "operator")
     token = _token(connection)
     if token is None:
         raise _missing(service)
     client = service.tokens.client(token)
     if client is None:
         service.metrics.refused("wrong")
-        service.warnings.warning("a wrong token from %s", _host(connection))
+        service.warnings.warning("a wrong token from %s", host(connection))
         raise ProblemError(401, "this token does not work", "token", CHALLENGE)
     return client
 
@@ -105,7 +105,7 @@ def _check_role(connection: HTTPConnection, client: Client) -> None:
     if client.role != "operator":
         service = cast(Service, connection.app.state.service)
         service.metrics.refused("role")
-        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
+        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, host(connection))
         raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
 
 
@@ -125,7 +125,8 @@ def _protocols(connection: HTTPConnection) -> list[str]:
     return [name.strip() for name in given.split(",") if name.strip()]
 
 
-def _host(connection: HTTPConnection) -> str:
+def host(connection: HTTPConnection) -> str:
+    """The address that a client has."""
     return connection.client.host if connection.client is not None else "local"
 
 

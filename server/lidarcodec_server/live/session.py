@@ -18,6 +18,7 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.cloud_format import FORMAT_VERSION
 from lidarcodec_server.live.hub import LiveHub
+from lidarcodec_server.live.seats import Seat
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
 
 logger = logging.getLogger(__name__)
@@ -32,6 +33,7 @@ CHECK_S: Final = 0.3
 GOING_AWAY, NOT_UNDERSTOOD, TOO_LONG, FAILED = 1001, 1008, 1009, 1011
 NOT_ALLOWED: Final = 4401
 NO_ACKNOWLEDGEMENT: Final = 4408
+GAVE_WAY: Final = 4429
 _INDEX: Final = struct.Struct("<Q")
 
 
@@ -48,18 +50,18 @@ async def run(
     hub: LiveHub,
     keys: StreamKeys,
     viewer: CloudViewer | FramesViewer,
+    seat: Seat,
     *,
-    client: str = "",
     subprotocol: str | None = None,
     allowed: Callable[[], bool] = lambda: True,
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
-    client: who looks; allowed: whether it may still look; asked in a thread, a few times a second
+    seat: who looks;  allowed: whether it may still look; asked in a thread, a few times a second
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
-    async with hub.viewing(keys, viewer, client):
+    async with hub.viewing(keys, viewer, seat):
         await websocket.accept(subprotocol)
         tasks = [
             asyncio.create_task(work)
@@ -68,6 +70,7 @@ async def run(
                 _write(websocket, hub, viewer),
                 _watch(viewer, hub.ack_limit_s),
                 _check(allowed),
+                _give_way(viewer),
             )
         ]
         try:
@@ -136,6 +139,11 @@ async def _check(allowed: Callable[[], bool]) -> None:
     while await run_in_threadpool(allowed):
         await asyncio.sleep(CHECK_S)
     raise _EndError(NOT_ALLOWED, "the token does not work any more", "revoked")
+
+
+async def _give_way(viewer: Viewer) -> None:
+    await viewer.must_leave()
+    raise _EndError(GAVE_WAY, "all places are taken, and another client needs this one", "gave way")
 
 
 async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: BaseException | None) -> None:
