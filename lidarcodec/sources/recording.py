@@ -14,6 +14,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
+from lidarcodec.regular_files import open_regular
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
 from lidarcodec.sources.base import PacketSource
@@ -123,7 +124,7 @@ class RecordingSource(PacketSource):
 
     def _open(self) -> IO[bytes]:
         try:
-            return self.path.open("rb")
+            return open_regular(self.path)
         except OSError as error:
             raise SourceError(f"cannot open {self.path}: {error.strerror or error}") from None
 
