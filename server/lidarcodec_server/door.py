@@ -35,7 +35,8 @@ _TOKEN: Final = re.compile(
 )
 _DETAIL: Final = b"this host connects too often: keep connections open, or try again"
 _BODY: Final = (
-    b'{"type": "urn:lidarcodec:problem:too-many", "title": "Too Many Requests", "status": 429, "detail": "%s"}' % _DETAIL
+    b'{"type": "urn:lidarcodec:problem:too-many", "title": "Too Many Requests", "status": 429, "detail": "%s"}'
+    % _DETAIL
 )
 TOO_MANY: Final = (
     b"HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/problem+json\r\nRetry-After: 1\r\n"

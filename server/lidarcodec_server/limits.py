@@ -117,7 +117,7 @@ class Limits:
         raise TooManyError(f"more than {self._rate:g} changes a second: try again in {wait_s} s", wait_s)
 
     @contextmanager
-    def slot(self, client: str, stream: Hashable = None) -> Iterator[None]:
+    def slot(self, client: str, stream: Hashable) -> Iterator[None]:
         """One of the threads that wait for vehicles to change. stream: which one is waited for
 
         Raises TooManyError when there is none for this client, or for this stream.

@@ -20,6 +20,10 @@ from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")
+REFUSED = "lidarcodec.refused"
+"""Where the scope of a request has why its body is refused; the body is then empty."""
+NO_BODY: Message = {"type": "http.request", "body": b"", "more_body": False}
+NEEDS_JSON = "the body has to be JSON: Content-Type: application/json"
 GUARDED, SESSION = "/api/v1/", "/api/v1/session"
 """Where every path but one needs a token, once there are tokens."""
 ELSEWHERE = ("cross-site", "same-site")
@@ -153,8 +157,8 @@ class Knock:
 class BodyLimit:
     """Refuses bodies that are too long, that take too long to come, or that are no JSON.
 
-    A body of JSON is read whole and checked before anything is done for its request. Another one is never waited for:
-    a route that wants it refuses it.
+    A body of JSON is read whole and checked before anything is done for its request. Another one is never waited for.
+    What is refused of a request that changes something is left to its route (`operations.operates`), which enters it.
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
@@ -168,9 +172,6 @@ class BodyLimit:
         told = headers.get("content-length", "0")
         if not told.isascii() or not told.isdigit() or len(told) > 18:
             await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
-            return
-        if int(told) > self._max:
-            await refuse(scope, receive, send, self._too_long())
             return
         end, size, more = time.monotonic() + self._limit_s, 0, True
 
@@ -188,18 +189,19 @@ class BodyLimit:
             more = message.get("more_body", False)
             return message
 
-        comes = int(told) > 0 or "transfer-encoding" in headers
-        if not comes:
-            await self._app(scope, limited, send)
-            return
-        if not is_json(headers.get("content-type", "")):
-            await self._app(scope, _no_json, send)
-            return
-        try:
-            first: Message | None = await self._json(limited)
-        except ProblemError as problem:
-            await refuse(scope, receive, send, problem)
-            return
+        first: Message | None = NO_BODY
+        if int(told) > 0 or "transfer-encoding" in headers:
+            try:
+                if int(told) > self._max:
+                    raise self._too_long()
+                if not is_json(headers.get("content-type", "")):
+                    raise ProblemError(415, NEEDS_JSON, "content-type")
+                first = await self._json(limited)
+            except ProblemError as problem:
+                if scope["method"] in SAFE:
+                    await refuse(scope, receive, send, problem)
+                    return
+                scope[REFUSED] = problem
 
         async def read() -> Message:
             nonlocal first
@@ -227,10 +229,6 @@ class BodyLimit:
 
     def _too_long(self) -> ProblemError:
         return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
-
-
-async def _no_json() -> Message:
-    raise ProblemError(415, "the body has to be JSON: Content-Type: application/json", "content-type")
 
 
 def is_json(content_type: str) -> bool:

@@ -114,7 +114,10 @@ async def test_a_host_that_connects_too_often_is_turned_away_but_for_health_chec
         assert statuses[-1] == 429
         assert await ask(address, "/healthz") == 200
         assert await ask(address, "/readyz") == 200
-        for headers in ("Authorization: Bearer lct_good\r\n", "Sec-WebSocket-Protocol: a, lidarcodec.token.lct_good\r\n"):
+        for headers in (
+            "Authorization: Bearer lct_good\r\n",
+            "Sec-WebSocket-Protocol: a, lidarcodec.token.lct_good\r\n",
+        ):
             assert await ask(address, headers=headers) == 200
         assert await ask(address, headers="Authorization: Bearer lct_bad\r\n") == 429
         assert 429 in [await ask(address, headers="Authorization: Bearer lct_good\r\n") for _ in range(9)]

@@ -21,7 +21,9 @@ def hanging(network, name):
     keys, over = StreamKeys(name, "roof"), threading.Event()
     with network.transport() as transport:
         alive = transport.token(keys.alive)
-        answers = [transport.answer(one, lambda _: (over.wait(10.0), b"{}")[1]) for one in (keys.control_get, keys.control_set)]
+        answers = [
+            transport.answer(one, lambda _: (over.wait(10.0), b"{}")[1]) for one in (keys.control_get, keys.control_set)
+        ]
         try:
             yield
         finally:
