@@ -64,7 +64,9 @@ async def check(connection: HTTPConnection) -> None:
     token = _token(connection)
     if token is None:
         raise _missing(service)
-    client = service.tokens.seen_client(token) or await run_in_threadpool(require_viewer, connection)
+    client = service.tokens.seen_client(token)
+    if client is None:  # unless it was made a moment ago
+        client = await run_in_threadpool(require_viewer, connection)
     if connection.scope["type"] == "http" and connection.scope["method"] not in SAFE:
         _check_role(connection, client)
 

@@ -76,6 +76,7 @@ class Door(asyncio.Protocol):
         self._place: Place = "refused"
         self._due: asyncio.TimerHandle | None = None
         self._shaking: asyncio.Task[None] | None = None
+        self._early = bytearray()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Let a connection in, or look at what it wants first."""
@@ -89,21 +90,25 @@ class Door(asyncio.Protocol):
             return
         hasty = self.held.hasty(address)
         loop = asyncio.get_running_loop()
-        if self.tls is not None:
-            if hasty:
-                self.held.end("hasty", address, "it connects too often")
-                transport.abort()
-            else:
-                self._shaking = loop.create_task(self._shake_hands(transport, self.tls))
+        if self.tls is not None and hasty:
+            self.held.end("hasty", address, "it connects too often")
+            transport.abort()
+        elif self.tls is not None:
+            self._due = loop.call_later(HANDSHAKE_S, transport.abort)
         elif hasty:
             self._due = loop.call_later(HASTY_S, transport.abort)
         else:
             self._hand_over(transport)
 
     def data_received(self, data: bytes) -> None:
-        """The first bytes of a connection beyond the rate."""
+        """The first bytes of a connection beyond the rate, or of a handshake."""
         transport = self._transport
         assert transport is not None
+        if self.tls is not None:
+            self._early += data
+            if self._shaking is None:
+                self._shaking = asyncio.get_running_loop().create_task(self._shake_hands(transport, self.tls))
+            return
         self._leave()
         found = _TOKEN.search(data, 0, LOOKED_AT)
         owner = None if found is None else self.owner(found[1].decode("latin-1"))
@@ -119,7 +124,7 @@ class Door(asyncio.Protocol):
         """It was turned away, or has gone."""
         self._leave()
         if self._transport is not None:
-            self.held.gone(self._transport)
+            self.held.gone(self._transport)  # one that is encrypted is known by another name once that is done
 
     def shutdown(self) -> None:
         """The server ends."""
@@ -137,24 +142,51 @@ class Door(asyncio.Protocol):
 
     async def _shake_hands(self, plain: asyncio.Transport, tls: ssl.SSLContext) -> None:
         """Encrypt the connection. It keeps its place, under its new name."""
-        inside = self.inside(**self._named)
-        inside.place = self._place
-        loop = asyncio.get_running_loop()
+        loop, first = asyncio.get_running_loop(), _First()
+        shaking = loop.create_task(
+            loop.start_tls(plain, first, tls, server_side=True, ssl_handshake_timeout=HANDSHAKE_S)
+        )
+        # Behind the callbacks by which it takes the connection over, and before more is read.
+        loop.call_soon(loop.call_soon, self._pass_on, plain)
         try:
-            made = await loop.start_tls(plain, inside, tls, server_side=True, ssl_handshake_timeout=HANDSHAKE_S)
-        except (OSError, ValueError, ConnectionError) as error:  # none of its, or none in time
-            self._errors.warning("no TLS with a client: %s", error)
+            made = await shaking
+        except (OSError, ValueError) as error:  # none of its, or none in time
+            self._errors.warning("no TLS with a client: %s", str(error) or type(error).__name__)
             made = None
         finally:
             self._leave()
-        if made is None or not self.held.renamed(plain, made, made.abort):
+        if made is None or first.lost or not self.held.renamed(plain, made, made.abort):
             self.held.gone(plain)
             plain.abort()
             return
-        inside.connection_made(made)
+        self._hand_over(made, bytes(first.data))
+
+    def _pass_on(self, plain: asyncio.Transport) -> None:
+        """Give TLS what came before it had taken the connection over."""
+        protocol: Any = plain.get_protocol()  # an asyncio.BufferedProtocol, though uvloop's does not say so
+        while self._early and not plain.is_closing():
+            buffer = memoryview(protocol.get_buffer(len(self._early)))
+            size = min(len(buffer), len(self._early))
+            buffer[:size] = self._early[:size]
+            del self._early[:size]
+            protocol.buffer_updated(size)
 
     def _leave(self) -> None:
         self._named["server_state"].connections.discard(self)
         if self._due is not None:
             self._due.cancel()
             self._due = None
+
+
+class _First(asyncio.Protocol):
+    """Keeps what a client sends right behind its handshake, until the HTTP protocol takes it."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.lost = False
+
+    def data_received(self, data: bytes) -> None:
+        self.data += data
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.lost = True

@@ -18,6 +18,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from lidarcodec.errors import LidarCodecError
 
@@ -28,6 +29,9 @@ SLOTS, SLOTS_A_CLIENT, SLOTS_A_STREAM = 24, 8, 8
 stream."""
 LOOKS = 6
 """Further requests that ask vehicles for their settings at once. Where there is no room, what is known is told."""
+
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class TooManyError(LidarCodecError):
@@ -132,10 +136,8 @@ class Limits:
             yield
         finally:
             with self._lock:
-                for counter, key in ((self._running, client), (self._changing, stream)):
-                    counter[key] -= 1
-                    if not counter[key]:
-                        del counter[key]
+                _one_less(self._running, client)
+                _one_less(self._changing, stream)
 
     @contextmanager
     def look(self, stream: Hashable) -> Iterator[bool]:
@@ -150,3 +152,9 @@ class Limits:
             if may:
                 with self._lock:
                     self._looking.discard(stream)
+
+
+def _one_less(counter: Counter[Key], key: Key) -> None:
+    counter[key] -= 1
+    if not counter[key]:
+        del counter[key]

@@ -192,10 +192,7 @@ class BodyLimit:
         first: Message | None = NO_BODY
         if int(told) > 0 or "transfer-encoding" in headers:
             try:
-                if int(told) > self._max:
-                    raise self._too_long()
-                if not is_json(headers.get("content-type", "")):
-                    raise ProblemError(415, NEEDS_JSON, "content-type")
+                self._check(int(told), headers.get("content-type", ""))
                 first = await self._json(limited)
             except ProblemError as problem:
                 if scope["method"] in SAFE:
@@ -209,6 +206,13 @@ class BodyLimit:
             return await receive() if message is None else message
 
         await self._app(scope, read, send)
+
+    def _check(self, told: int, content_type: str) -> None:
+        """Raise ProblemError for a body that need not be waited for."""
+        if told > self._max:
+            raise self._too_long()
+        if not is_json(content_type):
+            raise ProblemError(415, NEEDS_JSON, "content-type")
 
     async def _json(self, limited: Receive) -> Message:
         parts: list[bytes] = []

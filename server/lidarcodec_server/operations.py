@@ -2,8 +2,8 @@
 
 A route that changes something takes `Annotated[Operation, operates("keyframe")]`: it is for operators, and by the time
 its answer begins to be sent, `Audit` has entered it, done or refused. A route, or what it calls, that writes an entry
-of its own says so with `entered`. Those that a limit on rates refuses share one a minute (`refusals`). Requests without the right to change anything are counted and logged, not entered:
-they would fill the log.
+of its own says so with `entered`. Requests of a client that come too soon share an entry a minute (`refusals`). Those
+without the right to change anything are counted and logged, not entered: they would fill the log.
 """
 
 from __future__ import annotations

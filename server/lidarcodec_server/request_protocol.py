@@ -22,7 +22,7 @@ MAX_INCOMPLETE_BYTES = 16 * 1024
 MAX_HEADERS = 100
 """Header fields of a request; a browser sends twenty."""
 CHUNKS, CHUNK_BYTES = 64, 64
-"""Chunks that a body may have, and one more for each so many bytes: to parse one takes as long as 10 kB in one piece."""
+"""Chunks that a body may have, and one more for each so many bytes: to parse one takes as long as to take 10 kB."""
 LATE_BYTES = 1024 * 1024
 """How much of a body may still come when its request was answered; what it holds is thrown away."""
 

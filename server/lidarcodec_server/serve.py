@@ -47,7 +47,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=Door.of(inside, tokens.owner, tls_of(config)),  # type: ignore[arg-type] # (made as theirs are)
+            http=Door.of(inside, tokens.owner, tls_of(config)),
             ws=ViewerProtocol.of(held),
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,

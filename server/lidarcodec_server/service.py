@@ -37,7 +37,8 @@ class Service:
     """The streams of a fleet.
 
     fleet:   which there are;  control: how to change them;  store: what survives a restart
-    tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may, and refusals: who did not heed them
+    tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may
+    refusals: what was asked beyond that
     warnings: a log for what somebody outside can cause
     closing: things to close before the network session, in reverse order
     """

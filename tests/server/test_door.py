@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import signal
 import socket
 import time
 
@@ -12,16 +13,20 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
+from lidarcodec.commands.certificates import Authority
 from lidarcodec_server.connections import Connections
-from lidarcodec_server.door import Door
+from lidarcodec_server.door import HANDSHAKE_S, Door
 from lidarcodec_server.request_protocol import CHUNKS, MAX_HEADERS, RequestProtocol, Times
 from lidarcodec_server.store import Store
 from lidarcodec_server.tokens import create_token
+from tests.command_line import start
 from tests.faults.serving import Server
 from tests.server.conftest import STREAM
 from tests.server.floods import flood, longest_answer_s, sending, upgrade, ws_frame
+from tests.server.test_metrics import value
 from tests.server.test_request_protocol import LIMIT_S, connected
 from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
 
 POST = b"POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
 LONG_S = 1.5
@@ -146,8 +151,13 @@ def test_a_proxy_connects_as_often_as_it_likes():
 
 @pytest.mark.parametrize(
     ("who", "kind", "status"),
-    [("", "text/plain", 401), ("", "application/json", 401), ("viewer", "application/json", 403)]
-    + [("viewer", "text/plain", 403), ("operator", "text/plain", 415)],
+    [
+        ("", "text/plain", 401),
+        ("", "application/json", 401),
+        ("viewer", "application/json", 403),
+        ("viewer", "text/plain", 403),
+        ("operator", "text/plain", 415),
+    ],
 )
 async def test_a_body_that_never_comes_is_waited_for_only_where_it_is_wanted(serving, config, who, kind, status):
     """Otherwise anybody could hold all turns of a host."""
@@ -195,9 +205,50 @@ def test_floods_of_requests_do_not_stop_health_checks(tmp_path):
 
 
 def hurry(port: int, begin: bytes, blob: bytes, end_s: float) -> None:
+    """Send without end, or where there is nothing to go on with, connect 200 times a second."""
     if blob:
         sending(port, begin, blob, end_s, wait=False, again=True)
     while time.monotonic() < end_s:
-        with contextlib.suppress(OSError):
-            with socket.create_connection(("127.0.0.1", port), 5) as one:
-                one.sendall(begin)
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as one:
+            one.sendall(begin)
+        time.sleep(0.005)
+
+
+@pytest.mark.timeout(180)
+def test_handshakes_that_do_not_end_count_as_connections_and_have_a_limit(tmp_path):
+    """They counted once they were done, and had a minute: a host could have as many as there are file handles."""
+    issued = Authority.open(tmp_path).issue("server", ("localhost",), 1)
+    (tmp_path / "cert.pem").write_bytes(issued.certificate)
+    (tmp_path / "key.pem").write_bytes(issued.key)
+    options = ("--tls-certificate", tmp_path / "cert.pem", "--tls-key", tmp_path / "key.pem")
+    options += ("--database-url", f"sqlite:///{tmp_path / 'server.db'}", "--listen", f"tcp/127.0.0.1:{free_port()}")
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(start("serve", "--port", 0, "--max-connections-a-host", 20, *options))
+        stack.callback(server.kill)
+        url = server.stdout.readline().split()[2]
+        client = stack.enter_context(httpx.Client(base_url=url, verify=False, timeout=20))
+        assert eventually(lambda: answers(client), 60)
+        address, half = ("127.0.0.1", int(url.rpartition(":")[2])), []
+        for _ in range(60):
+            half.append(stack.enter_context(socket.create_connection(address, 5)))
+            half[-1].sendall(b"\x16\x03\x01\x02\x00\x01")
+        begin = time.monotonic()
+        assert [client.get("/healthz").status_code for _ in range(5)] == [200] * 5
+        counted = client.get("/metrics").text
+        assert 10 <= value(counted, "lidarcodec_connections") <= 20
+        assert value(counted, "lidarcodec_connections_ended_total", reason="gave way") >= 40
+        half[-1].settimeout(HANDSHAKE_S + 20)
+        with contextlib.suppress(ConnectionError):
+            assert half[-1].recv(100) == b""
+        assert time.monotonic() - begin < HANDSHAKE_S + 5
+        asked = time.monotonic()
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(20) == 0
+        assert time.monotonic() - asked < 4
+
+
+def answers(client) -> bool:
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.HTTPError:
+        return False

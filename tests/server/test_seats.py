@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
 from lidarcodec_server.live.seats import SILENT_S, Seat, Seats, TooManyViewersError
@@ -22,12 +24,10 @@ class Room(Seats):
 
 def test_two_viewers_with_all_they_may_have_leave_room_for_operators_and_other_viewers():
     room = Room(64, 32, 64)
-    taken = {name: 0 for name in ("anna", "bert")}
-    for name in taken:
-        with pytest.raises(TooManyViewersError):
-            for _ in range(40):
+    for name in ("anna", "bert"):
+        for _ in range(40):
+            with contextlib.suppress(TooManyViewersError):
                 room.come(name)
-                taken[name] += 1
     assert len(room) == 56
     room.ended.clear()
     for _ in range(8):

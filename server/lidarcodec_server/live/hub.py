@@ -113,8 +113,6 @@ class LiveHub:
         """
         seat.end = viewer.give_way
         try:
-            if self._closed:
-                raise TooManyViewersError("the server is ending")
             self.seats.take(seat)
         except TooManyViewersError:
             self.counts["refused"] += 1
@@ -171,7 +169,7 @@ class LiveHub:
 
     async def close(self) -> None:
         """End everything, within the limits of the receivers."""
-        self._closed = True
+        self._closed = True  # from now on `watching` raises TransportError
         closing = [self._loop.create_task(self._close(keys, place)) for keys, place in list(self._places.items())]
         if closing:
             _, late = await asyncio.wait(closing, timeout=CLOSE_S)

@@ -164,7 +164,8 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         if self.close_sent:
             self.transport.abort()
             return
-        self.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY, "reason": reason, "flood": True})
+        gone: Any = {"type": "websocket.disconnect", "code": POLICY, "reason": reason, "flood": True}
+        self.queue.put_nowait(gone)
         self.stop_keepalive()
         self.conn.send_close(POLICY, reason)
         self.transport.write(b"".join(self.conn.data_to_send()))

@@ -1,7 +1,7 @@
 """Seats: who has a live socket, so that nobody who takes many leaves none for others.
 
-So many there are in all, of one client and of one host, and the last eighth is for operators. Where none is left, one
-gives way: one whose stream has been silent for long, or one of the client that has clearly more than the one that comes.
+There are limits in all, for one client and for one host, and the last eighth is for operators. Where no seat is left,
+one gives way: one whose stream has been silent for long, or one of the client that has clearly more than the newcomer.
 
 >>> seats = Seats(most=2, most_a_client=2)
 >>> first, second = (seats.take(Seat("anna", "10.0.0.1", True)) for _ in range(2))

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
-from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.fleet import Stream, number_in
 from lidarcodec_server.routes.common import TheService

@@ -1,4 +1,4 @@
-"""A client that sends frames without end costs nobody else anything: with a token or without, whatever the frames are."""
+"""A client that sends frames without end costs nobody else anything, with a token or without, whatever they are."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KINDS = {
     "pongs": (b"", ws_frame(10)),
 }
 LONG_S = 1.5
-"""A second and a half is long for a health check on a busy machine; it was 1.5 to 15 s, for as long as a flood went on."""
+"""Long for a health check, on a busy machine too; it took 1.5 to 15 s, for as long as a flood went on."""
 
 
 def test_frames_before_the_socket_is_accepted_hold_up_nobody(server):

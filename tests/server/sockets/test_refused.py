@@ -147,10 +147,14 @@ async def test_viewers_leave_room_for_operators_and_for_one_another(tmp_path):
             async with look("ada") as other, look("dora") as one:
                 await frame(other)
                 await frame(one)
-        with pytest.raises(InvalidStatus) as caught:
-            for _ in range(5):
-                await look("anna")
-        assert caught.value.response.status_code in (429, 503)
+        statuses = []
+        for _ in range(5):
+            try:
+                sockets.append(await look("anna"))
+            except InvalidStatus as error:
+                statuses.append(error.response.status_code)
+        assert statuses
+        assert set(statuses) <= {429, 503}
         await asyncio.gather(*(one.close() for one in sockets))
 
 
