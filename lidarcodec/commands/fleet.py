@@ -106,6 +106,9 @@ def serve(
             "--max-viewers-a-client", min=1, metavar="N", help="Those of one client (token, or address); default: 32."
         ),
     ] = None,
+    max_viewers_a_host: Annotated[
+        int | None, _option("--max-viewers-a-host", min=1, metavar="N", help="Those of one address; default: 48.")
+    ] = None,
     max_connections: Annotated[
         int | None, _option("--max-connections", min=1, metavar="N", help="Of all hosts at once; default: 1000.")
     ] = None,
@@ -158,7 +161,8 @@ def serve(
         tls_certificate=tls_certificate, tls_key=tls_key,
         insecure=insecure, open=open_again, metrics_open=metrics_open, max_streams=max_streams,
         max_sensors=max_sensors,
-        max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, max_connections=max_connections,
+        max_viewers=max_viewers, max_viewers_a_client=max_viewers_a_client, max_viewers_a_host=max_viewers_a_host,
+        max_connections=max_connections,
         max_connections_a_host=max_connections_a_host, reserved_connections=reserved_connections,
         max_requests_a_host=max_requests_a_host, proxies=tuple(proxy) if proxy else None, request_s=request_seconds,
         body_s=request_seconds,

@@ -17,12 +17,12 @@ from starlette.concurrency import run_in_threadpool
 import lidarcodec
 from lidarcodec.transport import Transport
 from lidarcodec_server import openapi, problems
-from lidarcodec_server.auth import known_operator
+from lidarcodec_server.auth import asks, check, known_operator
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.connections import ConnectionMetrics, Connections
 from lidarcodec_server.fairness import Fair
 from lidarcodec_server.live.part import live
-from lidarcodec_server.middleware import BodyLimit, FromHere, Observe, Reserved
+from lidarcodec_server.middleware import BodyLimit, FromHere, Knock, Observe, Reserved
 from lidarcodec_server.operations import Audit
 from lidarcodec_server.service import Service
 
@@ -84,8 +84,9 @@ def create_app(config: ServerConfig | None = None, *, transport: Transport | Non
     app.state.service.metrics.registry.register(ConnectionMetrics(connections))
     problems.install(app)
     app.add_middleware(Audit, enter=app.state.service.enter)
-    app.add_middleware(Fair, most=config.max_requests_a_host, wait_s=config.request_s, proxies=config.proxies)
+    app.add_middleware(Fair, most=config.max_requests_a_host, wait_s=config.request_s, proxies=config.proxies, who=asks)
     app.add_middleware(BodyLimit, max_bytes=config.max_body_bytes, limit_s=config.body_s)
+    app.add_middleware(Knock, check=check)
     app.add_middleware(FromHere, needs_local_host=lambda: config.loopback and not app.state.service.tokens.seen)
     app.add_middleware(Reserved, is_operator=known_operator)
     app.add_middleware(Observe, metrics=app.state.service.metrics)

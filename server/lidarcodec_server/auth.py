@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Annotated, cast
 
 from fastapi import Depends
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
 from lidarcodec_server.problems import ProblemError
@@ -18,6 +19,7 @@ from lidarcodec_server.service import Service
 from lidarcodec_server.tokens import Client
 
 TOKEN_PROTOCOL = "lidarcodec.token."
+SAFE = ("GET", "HEAD", "OPTIONS")
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
 
 
@@ -28,15 +30,14 @@ def require_viewer(connection: HTTPConnection) -> Client:
     """
     service = cast(Service, connection.app.state.service)
     if not service.tokens.needed:
-        return Client(_host(connection), "operator")
+        return Client(host(connection), "operator")
     token = _token(connection)
     if token is None:
-        service.metrics.refused("missing")
-        raise ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+        raise _missing(service)
     client = service.tokens.client(token)
     if client is None:
         service.metrics.refused("wrong")
-        service.warnings.warning("a wrong token from %s", _host(connection))
+        service.warnings.warning("a wrong token from %s", host(connection))
         raise ProblemError(401, "this token does not work", "token", CHALLENGE)
     return client
 
@@ -44,16 +45,36 @@ def require_viewer(connection: HTTPConnection) -> Client:
 def require_operator(connection: HTTPConnection) -> Client:
     """The client, who may change.
 
-    Raises ProblemError 401 as `require_viewer`, 403 for a viewer; TooManyError when it changes something too often.
+    Raises ProblemError 401 as `require_viewer`, 403 for a viewer.
+    """
+    client = require_viewer(connection)
+    _check_role(connection, client)
+    return client
+
+
+async def check(connection: HTTPConnection) -> None:
+    """Whether the client may ask at all, before its body comes and before it gets a turn. Cheap for those without a
+    token, and for tokens that were known already.
+
+    Raises ProblemError as `require_operator` and `require_viewer`.
     """
     service = cast(Service, connection.app.state.service)
-    client = require_viewer(connection)
-    if client.role != "operator":
-        service.metrics.refused("role")
-        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, _host(connection))
-        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
-    service.limits.change(client.name)
-    return client
+    if not service.tokens.seen:
+        return
+    token = _token(connection)
+    if token is None:
+        raise _missing(service)
+    client = service.tokens.seen_client(token)
+    if client is None:  # unless it was made a moment ago
+        client = await run_in_threadpool(require_viewer, connection)
+    if connection.scope["type"] == "http" and connection.scope["method"] not in SAFE:
+        _check_role(connection, client)
+
+
+def asks(connection: HTTPConnection) -> str:
+    """The name of the client, if its token works as far as is known; asks and waits for nobody."""
+    token = _token(connection)
+    return (None if token is None else cast(Service, connection.app.state.service).tokens.owner(token)) or ""
 
 
 def known_operator(connection: HTTPConnection) -> bool:
@@ -75,6 +96,19 @@ def subprotocol_of(connection: HTTPConnection) -> str | None:
     return next((name for name in offered if not name.startswith(TOKEN_PROTOCOL)), offered[0] if offered else None)
 
 
+def _missing(service: Service) -> ProblemError:
+    service.metrics.refused("missing")
+    return ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+
+
+def _check_role(connection: HTTPConnection, client: Client) -> None:
+    if client.role != "operator":
+        service = cast(Service, connection.app.state.service)
+        service.metrics.refused("role")
+        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, host(connection))
+        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
+
+
 def _token(connection: HTTPConnection) -> str | None:
     scheme, _, token = connection.headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer" and token.strip():
@@ -91,7 +125,8 @@ def _protocols(connection: HTTPConnection) -> list[str]:
     return [name.strip() for name in given.split(",") if name.strip()]
 
 
-def _host(connection: HTTPConnection) -> str:
+def host(connection: HTTPConnection) -> str:
+    """The address that a client has."""
     return connection.client.host if connection.client is not None else "local"
 
 

@@ -51,7 +51,7 @@ class ServerConfig(BaseModel):
     body_s:              how long a client may take to send a body
     answer_s:            how long a vehicle may take to answer
     audit_rows:          entries of the audit log that are kept; the oldest go
-    max_viewers:         live sockets at once;  max_viewers_a_client: of one client
+    max_viewers:         live sockets at once;  max_viewers_a_client, max_viewers_a_host: of one
     ack_limit_s:         how long a viewer may leave a frame without an acknowledgement
     recordings:          folder of the recordings that are made here
     max_recordings_bytes: size of that folder;  max_recording_bytes, max_recording_s: of one of them
@@ -87,6 +87,7 @@ class ServerConfig(BaseModel):
     audit_rows: int = Field(default=1_000_000, ge=1)
     max_viewers: int = Field(default=64, ge=1)
     max_viewers_a_client: int = Field(default=32, ge=1)
+    max_viewers_a_host: int = Field(default=48, ge=1)
     ack_limit_s: float = Field(default=15.0, gt=0.0)
     recordings: Path = Field(default_factory=lambda: state_folder() / "recordings")
     max_recordings_bytes: int = Field(default=64 * 2**30, ge=2**20)

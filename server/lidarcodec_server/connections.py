@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import ipaddress
 import logging
-from collections import Counter
+import time
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -22,13 +23,23 @@ from typing import Literal
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.limits import Meter, SparseLog
 
 logger = logging.getLogger(__name__)
 
 Place = Literal["ordinary", "reserved", "refused"]
 LOG_S = 60.0
 """A host that is at its limit is logged once a minute, with a count."""
+REASONS = ("gave way", "refused", "slow", "flood", "hasty")
+"""Why connections are ended."""
+BURST_S = 2.0
+"""What may be done in so many seconds may also be done at once."""
+HOSTS_AT_RATE = 4
+"""All hosts together may connect as often as so many of them."""
+REQUESTS_A_CONNECTION = 2.0
+"""Further requests of a host on connections that are open, for each new connection that it may make."""
+MAX_METERS = 8192
+"""Rates that are remembered; the one that was looked at longest ago gives way."""
 V6_NETWORK = 64
 """Bits of an IPv6 address that one customer of a provider has: a host is all addresses that share them."""
 
@@ -46,13 +57,22 @@ class Connections:
     most:        places of all hosts together;  most_a_host: of one
     reserved:    further places, for health checks and operators
     proxies:     addresses whose connections are counted with all, but have no limit of their own
-    ended:       connections that were ended for others, by reason
+    a_second:    connections that one host may make in a second, and four times as many all together
+    ended:       connections that were ended, by reason
     """
 
     def __init__(
-        self, most: int = 1000, most_a_host: int = 200, reserved: int = 16, proxies: Iterable[str] = ()
+        self,
+        most: int = 1000,
+        most_a_host: int = 200,
+        reserved: int = 16,
+        proxies: Iterable[str] = (),
+        a_second: float = 100.0,
     ) -> None:
         self.most, self.most_a_host, self.reserved = most, most_a_host, reserved
+        self._a_second = a_second
+        self._meters: OrderedDict[str, Meter] = OrderedDict()
+        self._all_come = Meter(HOSTS_AT_RATE * a_second, round(BURST_S * HOSTS_AT_RATE * a_second), time.monotonic())
         self.ended: Counter[str] = Counter()
         self._proxies = frozenset(host_of(one) for one in proxies)
         self._held: dict[Hashable, _Held] = {}
@@ -60,6 +80,7 @@ class Connections:
         """Of each host those that wait for nothing, the longest first."""
         self._counts: dict[Place, Counter[str]] = {"ordinary": Counter(), "reserved": Counter()}
         self._log = SparseLog(logger, LOG_S)
+        self._logs = {reason: SparseLog(logger, LOG_S) for reason in REASONS}
 
     def __len__(self) -> int:
         return len(self._held)
@@ -103,6 +124,61 @@ class Connections:
         counts[held.host] -= 1
         if not counts[held.host]:
             del counts[held.host]
+
+    def renamed(self, key: Hashable, new: Hashable, end: Callable[[], object]) -> bool:
+        """A connection is encrypted now, and closed by `end`. False if it has ended, or given way, meanwhile."""
+        held = self._held.pop(key, None)
+        if held is None:
+            return False
+        self._unwait(held.host, key)
+        held.end = end
+        self._held[new] = held
+        self.waits(new)
+        return True
+
+    def hasty(self, address: str) -> bool:
+        """Whether the host of a new connection has connected too often just now, or all hosts together have."""
+        host, now_s = host_of(address), time.monotonic()
+        if host in self._proxies:
+            return False
+        if self._all_come.wait_s(now_s) > 0 or self._meter(host).wait_s(now_s) > 0:
+            return True
+        self._meter(host).spend(1, now_s)
+        self._all_come.spend(1, now_s)
+        return False
+
+    def hasty_client(self, name: str) -> bool:
+        """Whether a client whose token works, on a host that connects too often, has done so itself."""
+        meter, now_s = self._meter(f"token {name}"), time.monotonic()
+        if meter.wait_s(now_s) > 0:
+            return True
+        meter.spend(1, now_s)
+        return False
+
+    def pause_s(self, address: str) -> float:
+        """How long the next request on a connection has to wait, because its host asks too often; counts it."""
+        host, now_s = host_of(address), time.monotonic()
+        if host in self._proxies:
+            return 0.0
+        meter = self._meter(f"requests {host}", REQUESTS_A_CONNECTION)
+        meter.spend(1, now_s)
+        return meter.wait_s(now_s)
+
+    def _meter(self, who: str, times: float = 1.0) -> Meter:
+        meter = self._meters.get(who)
+        if meter is None:
+            meter = self._meters[who] = Meter(
+                times * self._a_second, round(BURST_S * times * self._a_second), time.monotonic()
+            )
+            if len(self._meters) > MAX_METERS:
+                self._meters.popitem(last=False)
+        self._meters.move_to_end(who)
+        return meter
+
+    def end(self, reason: str, address: str, why: str) -> None:
+        """Count a connection that its own protocol ends for what its client does, and say so; reason: one of REASONS"""
+        self.ended[reason] += 1
+        self._logs[reason].warning("a connection of %s is ended: %s", host_of(address), why)
 
     def _place(self, host: str) -> Place:
         ordinary, reserved = self._counts["ordinary"], self._counts["reserved"]
@@ -150,9 +226,9 @@ class ConnectionMetrics(Collector):
         """Now."""
         yield GaugeMetricFamily("lidarcodec_connections", "Open connections.", value=len(self._connections))
         ended = CounterMetricFamily(
-            "lidarcodec_connections_ended", "Connections that were ended for others, or too slow.", labels=["reason"]
+            "lidarcodec_connections_ended", "Connections that were ended, by reason.", labels=["reason"]
         )
-        for reason in ("gave way", "refused", "slow"):
+        for reason in REASONS:
             ended.add_metric([reason], self._connections.ended[reason])
         yield ended
 

@@ -115,12 +115,14 @@ class Control:
 
     # --- what operators ask -----------------------------------------------------------------------------------------
 
-    def state(self, keys: StreamKeys) -> State:
-        """The settings in force, asked of the vehicle if it is there, and those that are wanted."""
+    def state(self, keys: StreamKeys, *, ask: bool = True) -> State:
+        """The settings in force, and those that are wanted. ask: have the vehicle say them, if it is there, rather than
+        take those that it told last
+        """
         stream = self._fleet.get(keys)
         last = applied = None if stream is None else stream.settings
         if stream is not None:
-            applied = (self._ask_settings(keys) or last) if stream.alive else None
+            applied = ((self._ask_settings(keys) if ask else None) or last) if stream.alive else None
         wanted = self._store.desired(keys)
         return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
 

@@ -1,6 +1,7 @@
-"""Fair: so many requests of one host are worked on at once; the others wait their turn.
+"""Fair: so many requests of one client are worked on at once; the others wait their turn.
 
-Otherwise a host that asks all the time, over as many connections as it may have, would slow everybody else down.
+Otherwise a client that asks all the time, over as many connections as it may have, would slow everybody else down. A
+client is a host, or a token on a host: those who share a host do not wait for one another.
 Health checks and live sockets do not count: a socket has limits of its own. Nor does the time until a body has come,
 and until an answer is read: `middleware.BodyLimit` stands in front.
 """
@@ -8,7 +9,7 @@ and until an answer is read: `middleware.BodyLimit` stands in front.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -19,38 +20,47 @@ from lidarcodec_server.problems import ProblemError
 
 
 class Fair:
-    """Lets `most` requests of a host through at once; one that waits longer than `wait_s` is refused."""
+    """Lets `most` requests of a client through at once; one that waits longer than `wait_s` is refused."""
 
-    def __init__(self, app: ASGIApp, most: int, wait_s: float, proxies: Iterable[str] = ()) -> None:
-        self._app, self._most, self._wait_s = app, most, wait_s
+    def __init__(
+        self,
+        app: ASGIApp,
+        most: int,
+        wait_s: float,
+        proxies: Iterable[str] = (),
+        who: Callable[[HTTPConnection], str] = lambda _: "",
+    ) -> None:
+        """who: the name of a client whose token works, else nothing"""
+        self._app, self._most, self._wait_s, self._who = app, most, wait_s, who
         self._proxies = frozenset(host_of(one) for one in proxies)
-        self._turns: dict[str, tuple[asyncio.Semaphore, int]] = {}
+        self._turns: dict[tuple[str, str], tuple[asyncio.Semaphore, int]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http" or scope["path"] in HEALTH:
             await self._app(scope, receive, send)
             return
-        client = HTTPConnection(scope).client
-        host = "local" if client is None else host_of(client.host)
+        connection = HTTPConnection(scope)
+        host = "local" if connection.client is None else host_of(connection.client.host)
         if host in self._proxies:
             await self._app(scope, receive, send)
             return
-        turn, users = self._turns.get(host, (asyncio.Semaphore(self._most), 0))
-        self._turns[host] = turn, users + 1
+        key = host, self._who(connection)
+        turn, users = self._turns.get(key, (asyncio.Semaphore(self._most), 0))
+        self._turns[key] = turn, users + 1
         try:
             await self._in_turn(turn, scope, receive, send)
         finally:
-            users = self._turns[host][1] - 1
+            users = self._turns[key][1] - 1
             if users:
-                self._turns[host] = turn, users
+                self._turns[key] = turn, users
             else:
-                del self._turns[host]
+                del self._turns[key]
 
     async def _in_turn(self, turn: asyncio.Semaphore, scope: Scope, receive: Receive, send: Send) -> None:
         try:
             await asyncio.wait_for(turn.acquire(), self._wait_s)
         except TimeoutError:
-            detail = f"more than {self._most} requests of this host at once: try again"
+            detail = f"more than {self._most} requests of this client at once: try again"
             await refuse(scope, receive, send, ProblemError(429, detail, "too-many", {"Retry-After": "1"}))
             return
         held = True

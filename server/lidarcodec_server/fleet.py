@@ -93,10 +93,13 @@ class Fleet:
         with self._lock:
             return self._places.left_out, dict(self._places.by_vehicle)
 
-    def waiting(self) -> dict[str, int]:
-        """How many streams of each vehicle wait for room, where any do."""
+    def waiting(self) -> dict[str, list[StreamKeys]]:
+        """The streams of each vehicle that wait for room, where any do: at most as many as it may have sensors."""
+        found: dict[str, list[StreamKeys]] = {}
         with self._lock:
-            return dict(self._places.waiting_of())
+            for keys in self._places.waiting:
+                found.setdefault(keys.vehicle, []).append(keys)
+        return found
 
     def changed(self, keys: StreamKeys, *, alive: bool) -> bool:
         """A publisher came or went. False if there is no room: then its statuses are looked at until there is."""

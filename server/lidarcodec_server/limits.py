@@ -16,15 +16,22 @@ import math
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from lidarcodec.errors import LidarCodecError
 
 MAX_CLIENTS = 1024
 """Clients whose last changes are remembered; the one that asked longest ago gives way."""
-SLOTS, SLOTS_A_CLIENT = 24, 8
-"""Requests that wait for vehicles at once, of the 40 threads that serve all requests."""
+SLOTS, SLOTS_A_CLIENT, SLOTS_A_STREAM = 24, 8, 8
+"""Changes that wait for vehicles at once, of the 40 threads that serve all requests: in all, of one client, of one
+stream."""
+LOOKS = 6
+"""Further requests that ask vehicles for their settings at once. Where there is no room, what is known is told."""
+
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class TooManyError(LidarCodecError):
@@ -33,6 +40,33 @@ class TooManyError(LidarCodecError):
     def __init__(self, message: str, wait_s: int) -> None:
         super().__init__(message)
         self.wait_s = wait_s
+
+
+class Meter:
+    """What somebody may still do now: `rate` times a second, and `burst` times at once. Not thread-safe.
+
+    >>> meter = Meter(rate=10.0, burst=2, now_s=0.0)
+    >>> meter.spend(3, 0.0)
+    >>> round(meter.wait_s(0.0), 3), meter.wait_s(1.0)
+    (0.1, 0.0)
+    """
+
+    def __init__(self, rate: float, burst: int, now_s: float) -> None:
+        self._rate, self._burst, self._left, self._at_s = rate, burst, float(burst), now_s
+
+    def spend(self, cost: int, now_s: float) -> None:
+        """Count something. What is left may become less than none: what costs much is waited for afterwards."""
+        self._fill(now_s)
+        self._left -= cost
+
+    def wait_s(self, now_s: float) -> float:
+        """How long until the next time; 0 when it may be now."""
+        self._fill(now_s)
+        return max(0.0, -self._left / self._rate)
+
+    def _fill(self, now_s: float) -> None:
+        self._left = min(self._burst, self._left + max(0.0, now_s - self._at_s) * self._rate)
+        self._at_s = now_s
 
 
 class SparseLog:
@@ -65,6 +99,8 @@ class Limits:
         self._lock = threading.Lock()
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._running: Counter[str] = Counter()
+        self._changing: Counter[Hashable] = Counter()
+        self._looking: set[Hashable] = set()
 
     def change(self, client: str) -> None:
         """A client changes something.
@@ -85,19 +121,40 @@ class Limits:
         raise TooManyError(f"more than {self._rate:g} changes a second: try again in {wait_s} s", wait_s)
 
     @contextmanager
-    def slot(self, client: str) -> Iterator[None]:
-        """One of the threads that wait for vehicles.
+    def slot(self, client: str, stream: Hashable) -> Iterator[None]:
+        """One of the threads that wait for vehicles to change. stream: which one is waited for
 
-        Raises TooManyError when there is none for this client.
+        Raises TooManyError when there is none for this client, or for this stream.
         """
         with self._lock:
-            if self._running[client] >= SLOTS_A_CLIENT or self._running.total() >= SLOTS:
+            full = self._running[client] >= SLOTS_A_CLIENT or self._running.total() >= SLOTS
+            if full or self._changing[stream] >= SLOTS_A_STREAM:
                 raise TooManyError("too many requests wait for vehicles: try again", 1)
             self._running[client] += 1
+            self._changing[stream] += 1
         try:
             yield
         finally:
             with self._lock:
-                self._running[client] -= 1
-                if not self._running[client]:
-                    del self._running[client]
+                _one_less(self._running, client)
+                _one_less(self._changing, stream)
+
+    @contextmanager
+    def look(self, stream: Hashable) -> Iterator[bool]:
+        """Whether a vehicle may be asked for its settings now: one request of a stream does, and few of all."""
+        with self._lock:
+            may = stream not in self._looking and len(self._looking) < LOOKS
+            if may:
+                self._looking.add(stream)
+        try:
+            yield may
+        finally:
+            if may:
+                with self._lock:
+                    self._looking.discard(stream)
+
+
+def _one_less(counter: Counter[Key], key: Key) -> None:
+    counter[key] -= 1
+    if not counter[key]:
+        del counter[key]

@@ -57,6 +57,15 @@ def check_tls(config: ServerConfig) -> None:
         ) from None
 
 
+def tls_of(config: ServerConfig) -> ssl.SSLContext | None:
+    """What to encrypt connections with; None for plain HTTP. The files are those that `check_tls` has tried."""
+    if config.tls_certificate is None:
+        return None
+    made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    made.load_cert_chain(config.tls_certificate, config.tls_key, password="")
+    return made
+
+
 def listen(host: str, port: int) -> socket.socket:
     """A socket that listens.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -20,6 +20,12 @@ from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")
+REFUSED = "lidarcodec.refused"
+"""Where the scope of a request has why its body is refused; the body is then empty."""
+NO_BODY: Message = {"type": "http.request", "body": b"", "more_body": False}
+NEEDS_JSON = "the body has to be JSON: Content-Type: application/json"
+GUARDED, SESSION = "/api/v1/", "/api/v1/session"
+"""Where every path but one needs a token, once there are tokens."""
 ELSEWHERE = ("cross-site", "same-site")
 """As browsers say it of a request by a page of another origin; another port of this machine is the `same-site`."""
 SAFE = ("GET", "HEAD", "OPTIONS")
@@ -131,10 +137,28 @@ def _hostname(host: str) -> str:
         return ""
 
 
-class BodyLimit:
-    """Refuses bodies that are too long, that take too long to come, or that are said to be JSON and are none.
+class Knock:
+    """Refuses whoever may not ask, before anything is done, or waited for, for a request."""
 
-    A body of JSON is read whole and checked before anything is done for its request.
+    def __init__(self, app: ASGIApp, check: Callable[[HTTPConnection], Awaitable[object]]) -> None:
+        """check: raises ProblemError for a client that may not"""
+        self._app, self._check = app, check
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket") and scope["path"].startswith(GUARDED) and scope["path"] != SESSION:
+            try:
+                await self._check(HTTPConnection(scope))
+            except ProblemError as problem:
+                await refuse(scope, receive, send, problem)
+                return
+        await self._app(scope, receive, send)
+
+
+class BodyLimit:
+    """Refuses bodies that are too long, that take too long to come, or that are no JSON.
+
+    A body of JSON is read whole and checked before anything is done for its request. Another one is never waited for.
+    What is refused of a request that changes something is left to its route (`operations.operates`), which enters it.
     """
 
     def __init__(self, app: ASGIApp, max_bytes: int, limit_s: float) -> None:
@@ -148,9 +172,6 @@ class BodyLimit:
         told = headers.get("content-length", "0")
         if not told.isascii() or not told.isdigit() or len(told) > 18:
             await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
-            return
-        if int(told) > self._max:
-            await refuse(scope, receive, send, self._too_long())
             return
         end, size, more = time.monotonic() + self._limit_s, 0, True
 
@@ -168,15 +189,16 @@ class BodyLimit:
             more = message.get("more_body", False)
             return message
 
-        comes = int(told) > 0 or "transfer-encoding" in headers
-        if not comes or not is_json(headers.get("content-type", "")):
-            await self._app(scope, limited, send)
-            return
-        try:
-            first: Message | None = await self._json(limited)
-        except ProblemError as problem:
-            await refuse(scope, receive, send, problem)
-            return
+        first: Message | None = NO_BODY
+        if int(told) > 0 or "transfer-encoding" in headers:
+            try:
+                self._check(int(told), headers.get("content-type", ""))
+                first = await self._json(limited)
+            except ProblemError as problem:
+                if scope["method"] in SAFE:
+                    await refuse(scope, receive, send, problem)
+                    return
+                scope[REFUSED] = problem
 
         async def read() -> Message:
             nonlocal first
@@ -184,6 +206,13 @@ class BodyLimit:
             return await receive() if message is None else message
 
         await self._app(scope, read, send)
+
+    def _check(self, told: int, content_type: str) -> None:
+        """Raise ProblemError for a body that need not be waited for."""
+        if told > self._max:
+            raise self._too_long()
+        if not is_json(content_type):
+            raise ProblemError(415, NEEDS_JSON, "content-type")
 
     async def _json(self, limited: Receive) -> Message:
         parts: list[bytes] = []

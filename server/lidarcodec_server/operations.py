@@ -2,8 +2,8 @@
 
 A route that changes something takes `Annotated[Operation, operates("keyframe")]`: it is for operators, and by the time
 its answer begins to be sent, `Audit` has entered it, done or refused. A route, or what it calls, that writes an entry
-of its own says so with `entered`. Requests without the right to change anything are counted and logged, not entered:
-they would fill the log.
+of its own says so with `entered`. Requests of a client that come too soon share an entry a minute (`refusals`). Those
+without the right to change anything are counted and logged, not entered: they would fill the log.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from fastapi import Depends
 from starlette.concurrency import run_in_threadpool
@@ -22,7 +22,10 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.auth import require_operator
+from lidarcodec_server.limits import TooManyError
+from lidarcodec_server.middleware import REFUSED
 from lidarcodec_server.problems import TOLD
+from lidarcodec_server.service import Service
 from lidarcodec_server.tokens import Client
 
 logger = logging.getLogger(__name__)
@@ -36,7 +39,7 @@ class Operation:
 
     keys:    of the stream that it concerns, None for none;  about: what was asked, for the log
     reason:  why it was refused;  first_frame: from which frame on it shows
-    is_entered: whether an entry of it stands in the log
+    is_entered: whether an entry of it stands in the log;  too_soon: whether a limit on rates refused it
     """
 
     client: Client
@@ -46,6 +49,7 @@ class Operation:
     reason: str | None = None
     first_frame: int | None = None
     is_entered: bool = False
+    too_soon: bool = False
 
     def entered(self) -> None:
         """An entry was written."""
@@ -58,6 +62,13 @@ def operates(action: str) -> Any:
     def operation(connection: HTTPConnection) -> Operation:
         made = Operation(require_operator(connection), action, *_concerns(connection.path_params))
         connection.scope[KEY].append(made)
+        try:
+            cast(Service, connection.app.state.service).limits.change(made.client.name)
+        except TooManyError:
+            made.too_soon = True
+            raise
+        if REFUSED in connection.scope:
+            raise connection.scope[REFUSED]
         return made
 
     return Depends(operation)

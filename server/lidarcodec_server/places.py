@@ -69,10 +69,6 @@ class Places:
             most = Counter(one.vehicle for one in self.waiting).most_common(1)[0][0]
             del self.waiting[next(one for one in self.waiting if one.vehicle == most)]
 
-    def waiting_of(self) -> Counter[str]:
-        """How many streams of each vehicle wait for room: at most as many as it may have sensors."""
-        return Counter(one.vehicle for one in self.waiting)
-
     def leave_out(self, keys: StreamKeys, streams: int) -> None:
         """Count a stream that found no room, and say so."""
         self.left_out += 1

@@ -12,10 +12,46 @@ from typing import Any, NamedTuple
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from lidarcodec_server.connections import Connections
+from lidarcodec_server.connections import Connections, Place
 
 RESERVED_S = 2.0
 """The same as `request_s`, for a connection in one of the reserved places."""
+
+
+MAX_INCOMPLETE_BYTES = 16 * 1024
+MAX_HEADERS = 100
+"""Header fields of a request; a browser sends twenty."""
+CHUNKS, CHUNK_BYTES = 64, 64
+"""Chunks that a body may have, and one more for each so many bytes: to parse one takes as long as to take 10 kB."""
+LATE_BYTES = 1024 * 1024
+"""How much of a body may still come when its request was answered; what it holds is thrown away."""
+
+
+class Parser(h11.Connection):
+    """Refuses requests that are made of many small parts, which take long to parse."""
+
+    def __init__(self, most_bytes: int) -> None:
+        super().__init__(h11.SERVER, most_bytes)
+        self._chunks = self._bytes = 0
+
+    def next_event(self) -> Any:
+        """The next part of a request.
+
+        Raises h11.RemoteProtocolError for one with too many.
+        """
+        event = super().next_event()
+        if isinstance(event, h11.Request):
+            self._chunks = self._bytes = 0
+            if len(event.headers) > MAX_HEADERS:
+                raise h11.RemoteProtocolError(f"more than {MAX_HEADERS} header fields", 431)
+        elif isinstance(event, h11.Data):
+            self._chunks += event.chunk_start
+            self._bytes += len(event.data)
+            if self._chunks > CHUNKS + self._bytes // CHUNK_BYTES:
+                raise h11.RemoteProtocolError("a body in too many chunks")
+            if self.our_state is h11.DONE and self._bytes > LATE_BYTES:
+                raise h11.RemoteProtocolError("a body that nobody reads")
+        return event
 
 
 class Times(NamedTuple):
@@ -32,14 +68,20 @@ class Times(NamedTuple):
 class RequestProtocol(H11Protocol):
     """Ends a connection when its next request does not come whole in time, or its client does not read.
 
-    held: all connections of the server;  times: how long each thing may take
+    held:  all connections of the server;  times: how long each thing may take
+    place: of this connection, once it is admitted
     """
 
     held = Connections()
     times = Times()
+    place: Place | None = None
     _due: asyncio.TimerHandle | None = None
     _unread: asyncio.TimerHandle | None = None
     _reserved = False
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        super().__init__(*values, **named)
+        self.conn = Parser(self.config.h11_max_incomplete_event_size or MAX_INCOMPLETE_BYTES)
 
     @classmethod
     def of(cls, held: Connections, times: Times) -> type[RequestProtocol]:
@@ -49,12 +91,13 @@ class RequestProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first request, if there is a place."""
         super().connection_made(transport)
-        address = self.client[0] if self.client else "local"
-        place = self.held.admit(transport, address, transport.abort)
-        if place == "refused":
+        if self.place is None:
+            address = self.client[0] if self.client else "local"
+            self.place = self.held.admit(transport, address, transport.abort)
+        if self.place == "refused":
             transport.abort()
             return
-        self._reserved = place == "reserved"
+        self._reserved = self.place == "reserved"
         if self._reserved:
             self.app_state: dict[str, Any] = {**self.app_state, "reserved": True}
         self._expect()
@@ -67,16 +110,31 @@ class RequestProtocol(H11Protocol):
             self.held.works(self.transport)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request, which may be there already."""
+        """Wait for the next request, which may be there already; a host that asks too often has to wait with it."""
         self._expect()
         self.held.waits(self.transport)
-        super().on_response_complete()
+        pause_s = self.held.pause_s(self.client[0] if self.client else "local")
+        if pause_s > 0 and not self.transport.is_closing():
+            self.flow.pause_reading()
+            self.loop.call_later(pause_s, super().on_response_complete)
+        else:
+            super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """It is a WebSocket from now on, whose protocol says when it is gone."""
         self._forget()
         self.held.works(self.transport)
         super().handle_websocket_upgrade(event)
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no request, unless an answer is under way."""
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            super().send_400_response(msg)
+            if self.cycle is not None:
+                self.cycle.disconnected = True  # the application, if it is at work, answers nobody
+                self.cycle.message_event.set()
+        else:
+            self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""

@@ -14,7 +14,8 @@ import uvicorn
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.listening import begin
+from lidarcodec_server.door import Door
+from lidarcodec_server.listening import begin, tls_of
 from lidarcodec_server.live.protocol import ViewerProtocol
 from lidarcodec_server.request_protocol import RequestProtocol, Times
 from lidarcodec_server.store import Store
@@ -41,11 +42,12 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
         check_open(config)
         listener = begin(config)
     app = create_app(with_handles(config))
-    held = app.state.connections
+    held, tokens = app.state.connections, app.state.service.tokens
+    inside = RequestProtocol.of(held, Times(config.request_s, config.read_s))
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            http=RequestProtocol.of(held, Times(config.request_s, config.read_s)),
+            http=Door.of(inside, tokens.owner, tls_of(config)),
             ws=ViewerProtocol.of(held),
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,
@@ -59,8 +61,6 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             access_log=False,
             server_header=False,
             proxy_headers=False,
-            ssl_certfile=config.tls_certificate,
-            ssl_keyfile=config.tls_key,
         )
     )
     try:

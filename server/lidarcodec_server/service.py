@@ -20,7 +20,8 @@ from lidarcodec_server.fleet import Fleet, Stream
 from lidarcodec_server.limits import Limits, SparseLog
 from lidarcodec_server.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
-from lidarcodec_server.store import Store
+from lidarcodec_server.refusals import Refusals
+from lidarcodec_server.store import Entry, Store
 from lidarcodec_server.tokens import TokenBook
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ class Service:
 
     fleet:   which there are;  control: how to change them;  store: what survives a restart
     tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may
+    refusals: what was asked beyond that
     warnings: a log for what somebody outside can cause
     closing: things to close before the network session, in reverse order
     """
@@ -51,6 +53,7 @@ class Service:
         self.metrics = Metrics(self.fleet, self.ready)
         self.warnings = SparseLog(logger)
         self.limits = Limits(config.changes_per_second, config.burst)
+        self.refusals = Refusals(self.store)
         self.closing = ExitStack()
         self._transport: Transport | None = None
         self._given = transport
@@ -106,6 +109,10 @@ class Service:
             self._thread.join(10.0)
         if self._transport is not None and self._given is None:
             self._transport.close()
+        try:
+            self.refusals.write()
+        except StoreError as error:
+            logger.warning("the audit log lacks a number of requests that were refused: %s", error)
         self.store.close()
 
     def stream(self, keys: StreamKeys) -> Stream | None:
@@ -125,11 +132,19 @@ class Service:
         found += [Stream(keys) for keys in kept if keys not in seen]
         return sorted(found, key=lambda one: (one.keys.vehicle, one.keys.sensor))
 
+    def audit(self, keys: StreamKeys | None, limit: int, before: int | None) -> list[Entry]:
+        """Entries of the audit log, newest first, with all that was counted until now."""
+        self.refusals.write()
+        return self.store.audit(keys, limit, before)
+
     def enter(self, operation: Operation, result: str) -> None:
         """Enter what an operator did into the audit log; a log that cannot be written undoes nothing."""
         who, action, keys = operation.client.name, operation.action, operation.keys
         first, reason = operation.first_frame, operation.reason
         try:
+            if operation.too_soon:
+                self.refusals.enter(operation)
+                return
             self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
             name = "no stream" if keys is None else keys.prefix

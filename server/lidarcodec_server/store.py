@@ -22,6 +22,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server import database_file
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
+from lidarcodec_server.storable import storable
 from lidarcodec_server.tables import audit, desired, facts, tokens
 from lidarcodec_server.told import check_settings_size
 
@@ -201,10 +202,17 @@ class Store:
         changes: dict[str, Any],
         old: dict[str, Any] | None = None,
         **outcome: Any,
-    ) -> None:
-        """Enter into the audit log what has happened; outcome: `result`, and `new`, `reason`, `first_frame`."""
+    ) -> int:
+        """Enter into the audit log what has happened; the entry's id. outcome: `result`, and `new`, `reason`,
+        `first_frame`
+        """
         with self._writing() as connection:
-            self._enter(connection, keys, who, action, changes, old, **outcome)
+            return self._enter(connection, keys, who, action, changes, old, **outcome)
+
+    def recount(self, entry: int, changes: dict[str, Any]) -> None:
+        """Change what an entry of the audit log counts."""
+        with self._writing() as connection:
+            connection.execute(sa.update(audit).where(audit.c.id == entry).values(changes=storable(changes)))
 
     def finish(
         self,
@@ -216,8 +224,8 @@ class Store:
         restore: tuple[StreamKeys, dict[str, Any]] | None = None,
     ) -> None:
         """Enter what came of it; `restore` puts back the settings that were wanted before."""
-        values: dict[str, Any] = {"result": result, "reason": reason, "first_frame": first_frame}
-        values["new"] = sa.null() if new is None else new
+        values: dict[str, Any] = {"result": result, "reason": storable(reason), "first_frame": first_frame}
+        values["new"] = sa.null() if new is None else storable(new)
         with self._writing() as connection:
             connection.execute(sa.update(audit).where(audit.c.id == entry).values(values))
             if restore is not None:
@@ -284,8 +292,9 @@ class Store:
     ) -> int:
         vehicle, sensor = ("", "") if keys is None else (keys.vehicle, keys.sensor)
         values = {"vehicle": vehicle, "sensor": sensor, "at_ns": time.time_ns(), "who": who[:64]}
-        values |= {"action": action, "changes": changes, **outcome}
-        values |= {"old": sa.null() if old is None else old, "new": sa.null() if new is None else new}
+        values |= {"action": action, "changes": changes, "old": old, "new": new, **outcome}
+        values = {name: storable(value) for name, value in values.items()}
+        values |= {name: sa.null() for name in ("old", "new") if values[name] is None}
         made = connection.execute(sa.insert(audit).values(values))
         self._prune(connection)
         return int(cast(Any, made.inserted_primary_key)[0])

@@ -109,6 +109,11 @@ class TokenBook:
         """The same, as it was known last: asks nobody, so that it may be called anywhere."""
         return self._client(self._tokens, token)
 
+    def owner(self, token: str) -> str | None:
+        """The name of a token that works, as it was known last."""
+        client = self.seen_client(token)
+        return None if client is None else client.name
+
     @staticmethod
     def _client(tokens: list[Token], token: str) -> Client | None:
         digest = digest_of(token)

@@ -109,15 +109,15 @@ async def test_changes_come_too_often(serving):
 
 def test_threads_that_wait_for_vehicles_are_shared_out():
     shared = Limits()
-    slots = [shared.slot("a") for _ in range(limits.SLOTS_A_CLIENT)]
+    slots = [shared.slot("a", "a stream") for _ in range(limits.SLOTS_A_CLIENT)]
     for slot in slots:
         slot.__enter__()
-    with pytest.raises(TooManyError), shared.slot("a"):
+    with pytest.raises(TooManyError), shared.slot("a", "a stream"):
         pass
-    with shared.slot("b"):
+    with shared.slot("b", "another"):
         pass
     slots[0].__exit__(None, None, None)
-    with shared.slot("a"):
+    with shared.slot("a", "a stream"):
         pass
 
 

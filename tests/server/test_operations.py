@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from lidarcodec_server.operations import Operation
+from lidarcodec_server.refusals import Refusals
 from lidarcodec_server.store import Store
-from lidarcodec_server.tokens import create_token
+from lidarcodec_server.tokens import Client, create_token
 from tests.server.conftest import STREAM, until
 
 CHANGING = ("post", "put", "patch", "delete")
@@ -40,6 +42,7 @@ BODIES = [
     b"[]",
     b"{",
     b'{"x": ' + b"[" * 40 + b"]" * 40 + b"}",
+    b'{"codec": "\\ud800"}',
 ]
 PLACES = [
     {"vehicle": "car-7", "sensor": "roof", "id": "20261121T101500Z-3fa2c9"},
@@ -49,7 +52,7 @@ PLACES = [
 
 
 async def test_every_operator_route_leaves_one_entry_whatever_becomes_of_it(serving, vehicle, tokens, tmp_path):
-    """A body that is refused before any route is looked for is no operation."""
+    """Also of a body that is no JSON, or not said to be."""
     vehicle()
     seen = set()
     async with serving(tokens["operator"], recordings=tmp_path / "recordings", **RATES) as client:
@@ -67,9 +70,8 @@ async def test_every_operator_route_leaves_one_entry_whatever_becomes_of_it(serv
                     headers = {"Content-Type": "application/json"}
                     answer = await client.request(method.upper(), path, content=body, headers=headers)
                     made = entries(client)[: len(entries(client)) - before]
-                    none = body in BODIES[-2:]
-                    assert not none or answer.status_code == 422
-                    assert len(made) == (0 if none else 1), (method, path, body, answer.text, made)
+                    assert body not in BODIES[-3:] or answer.status_code == 422
+                    assert len(made) == 1, (method, path, body, answer.text, made)
                     for entry in made:
                         good = ("done", "applied", "stored")
                         assert (entry.result in good) == (answer.status_code < 400), (path, entry, answer.text)
@@ -142,3 +144,61 @@ async def test_a_page_of_another_site_can_show_nothing_from_here(serving, site):
         assert answer.status_code == 200
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
         assert "set-cookie" not in answer.headers
+
+
+async def test_requests_that_come_too_soon_share_one_entry_a_minute_with_their_number(serving, tokens):
+    """Each of them had none, and with one each whoever asks without end would fill the database."""
+    async with serving(tokens["operator"], changes_per_second=0.01, burst=2) as client:
+        before = len(entries(client))
+        answers = [await client.patch(f"{STREAM}/settings", json={"codec": "raw"}) for _ in range(30)]
+        answers += [await client.post(f"{STREAM}/keyframe") for _ in range(10)]
+        statuses = [answer.status_code for answer in answers]
+        assert statuses == [202] * 2 + [429] * 38
+        made = (await client.get("/api/v1/audit")).json()[: len(entries(client)) - before]
+        assert [entry["result"] for entry in made] == ["refused", "stored", "stored"]
+        assert made[0]["changes"] == {"requests": 38, "actions": ["keyframe", "settings"]}
+        assert (made[0]["who"], made[0]["action"], made[0]["vehicle"]) == ("operator", "settings", "car-7")
+        assert "changes a second" in made[0]["reason"]
+
+
+def test_a_minute_later_they_have_another_entry_and_at_the_end_the_number_is_kept(config, tokens):
+    clock = [0.0]
+    store = Store(config.database_url)
+    refusals = Refusals(store, lambda: clock[0])
+    for at_s in (0.0, 1.0, 2.0, 61.0, 62.0, 63.0, 64.0):
+        clock[0] = at_s
+        refusals.enter(Operation(Client("ada", "operator"), "keyframe", reason="too often"))
+    refusals.enter(Operation(Client("bert", "operator"), "play", reason="too often"))
+    refusals.write()
+    found = [(entry.who, entry.changes["requests"]) for entry in store.audit(None) if entry.result == "refused"]
+    store.close()
+    assert found == [("bert", 1), ("ada", 4), ("ada", 3)]
+
+
+BODY_HEADERS = [
+    ({"Content-Type": "text/plain"}, b"{}", 415),
+    ({"Content-Type": "application/json"}, b" " * 70_000, 413),
+    ({"Content-Type": "application/json"}, b'{"a": "\\u0000"}', 422),
+]
+
+
+@pytest.mark.parametrize(("headers", "body", "status"), BODY_HEADERS)
+async def test_a_body_that_is_refused_leaves_an_entry_too(serving, tokens, headers, body, status):
+    async with serving(tokens["operator"], **RATES) as client:
+        for method, pattern in routes(client):
+            before = len(entries(client))
+            path = pattern.format(**PLACES[0])
+            answer = await client.request(method.upper(), path, content=body, headers=headers)
+            assert answer.status_code == status, (method, path)
+            made = entries(client)
+            assert len(made) == before + 1
+            assert made[0].result == "refused"
+            assert made[0].reason == answer.json()["detail"]
+
+
+def test_what_no_database_keeps_is_entered_without_it(config, tokens):
+    store = Store(config.database_url)
+    store.note(None, "ada", "play", {"a\x00": ["\ud800"]}, result="refused", reason="no '\udfff'")
+    (entry, *_) = store.audit(None)
+    store.close()
+    assert (entry.changes, entry.reason) == ({"a\ufffd": ["\ufffd"]}, "no '\ufffd'")

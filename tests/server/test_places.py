@@ -112,3 +112,31 @@ async def test_operators_see_every_vehicle_beside_one_of_300_sensors_and_which_w
             assert re.search(r'lidarcodec_vehicle_streams_left_out_total{vehicle="big"} 2\d\d\.0', text)
         for token in tokens:
             token.close()
+
+
+async def test_a_vehicle_of_which_no_stream_has_room_is_in_the_list_of_the_fleet(serving, network):
+    """Only the log and the metrics said that it was there."""
+    with network.transport() as cars:
+        tokens = [cars.token(keys.alive) for keys in of("first", 1) + of("second", 1)]
+        async with serving(max_streams=2) as client:
+
+            async def full():
+                return len((await client.get("/api/v1/fleet")).json()) == 2
+
+            await until(full)
+            tokens += [cars.token(keys.alive) for keys in of("late", 3)]
+
+            async def told():
+                return [row for row in (await client.get("/api/v1/fleet")).json() if row["vehicle"] == "late"]
+
+            (row,) = await until(told)
+            assert (row["room"], row["alive"], row["codec"], row["silent_s"]) == (False, True, None, None)
+            rows = (await client.get("/api/v1/fleet")).json()
+            assert {one["vehicle"]: (one["room"], one["left_out"]) for one in rows} == {
+                "first": (True, 0),
+                "late": (False, row["left_out"]),
+                "second": (True, 0),
+            }
+            assert 1 <= row["left_out"] <= 3
+        for token in tokens:
+            token.close()

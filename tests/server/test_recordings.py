@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
@@ -212,3 +214,46 @@ def test_no_id_leads_out_of_the_folder(server, client, tmp_path):
 def test_recording_a_stream_that_was_never_seen_is_a_404(client):
     assert client.post("/api/v1/streams/nobody/lidar/recording").status_code == 404
     assert client.get("/api/v1/streams/nobody/lidar/recording").status_code == 404
+
+
+def test_of_two_recordings_that_are_played_under_one_name_at_once_one_begins(server, client):
+    """Both began, and the frames of both came as one stream."""
+    ids = [recorded(client, server, 3)["id"] for _ in range(2)]
+    body = {"vehicle": "again", "sensor": "lidar", "loop": True}
+    for _ in range(3):
+        with ThreadPoolExecutor(2) as pool:
+            answers = list(pool.map(lambda one: client.post(f"{ALL}/{one}/play", json=body), ids))
+        assert sorted(answer.status_code for answer in answers) == [201, 409]
+        refused = next(answer.json()["detail"] for answer in answers if answer.status_code == 409)
+        assert "again/lidar" in refused
+        for one, answer in zip(ids, answers, strict=True):
+            if answer.status_code == 201:
+                assert client.delete(f"{ALL}/{one}/play").status_code == 204
+        assert eventually(lambda: not client.get("/api/v1/streams/again/lidar").json().get("alive"))
+
+
+@pytest.mark.parametrize("kind", ["about.json", "drive.mcap"])
+def test_a_pipe_in_the_folder_of_recordings_holds_up_nobody(server, client, tmp_path, kind):
+    """Opening one waits until somebody writes to it: the list of recordings never came."""
+    made = recorded(client, server, 1)
+    folder = tmp_path / "recordings" / "20261121T101500Z-3fa2c9"
+    folder.mkdir()
+    if kind != "about.json":
+        shutil.copy(tmp_path / "recordings" / made["id"] / "about.json", folder)
+    os.mkfifo(folder / kind)
+    listed = [one["id"] for one in client.get(ALL, timeout=10).json()]
+    assert listed == [made["id"]] if kind == "about.json" else made["id"] in listed
+    answer = client.post(f"{ALL}/{folder.name}/play", timeout=10)
+    assert answer.status_code == 404
+    assert client.get(ALL, timeout=10).status_code == 200
+
+
+@pytest.mark.parametrize("damage", [lambda file: file.write_bytes(b"nothing"), lambda file: os.truncate(file, 600)])
+def test_a_recording_that_cannot_be_played_is_named_by_its_id_alone(server, client, tmp_path, damage):
+    made = recorded(client, server, 1)
+    (file,) = (tmp_path / "recordings" / made["id"]).glob("*.mcap")
+    damage(file)
+    answer = client.post(f"{ALL}/{made['id']}/play")
+    assert answer.status_code == 422
+    assert made["id"] in answer.json()["detail"]
+    assert "/" not in answer.json()["detail"]

@@ -126,9 +126,6 @@ async def test_a_change_that_is_not_allowed_is_refused_with_reason_and_field_and
         assert answer.json()["detail"]
         assert car.settings == StreamSettings()
         assert (await client.get(f"{STREAM}/settings")).json()["operator"] == {}
-        if answer.json()["detail"].startswith("the body is refused"):  # before any route was looked for
-            assert await audit(client) == []
-            return
         (entry,) = await audit(client)
         assert (entry["result"], entry["reason"], entry["new"]) == ("refused", answer.json()["detail"], None)
 

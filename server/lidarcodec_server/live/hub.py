@@ -18,6 +18,7 @@ from lidarcodec.filling import filled
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.options import View
+from lidarcodec_server.live.seats import Seat, Seats, TooManyViewersError
 from lidarcodec_server.live.view import FrameView
 from lidarcodec_server.live.viewer import Viewer
 from lidarcodec_server.live.watch import TICK_S, Watch
@@ -37,14 +38,6 @@ THREADS: Final = 2
 """For making frames ready and for opening and closing receivers; pictures have one of their own."""
 
 
-class TooManyViewersError(Exception):
-    """The limit of viewers is reached; `own`: that of one client, and not that of all."""
-
-    def __init__(self, message: str, *, own: bool = False) -> None:
-        super().__init__(message)
-        self.own = own
-
-
 class _Place:
     """A stream's watch, how many use it, and a lock that opens and closes it one at a time."""
 
@@ -61,7 +54,7 @@ class LiveHub:
     """Belongs to the event loop in which it is made.
 
     transport: gives the open network session, which stays the caller's; raises TransportError while there is none
-    max_viewers: sockets at once, and max_viewers_a_client of one client
+    seats: who has a live socket
     linger_s: how long a receiver outlives its last viewer
     ack_limit_s: how long a viewer may leave a frame without an acknowledgement
     counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
@@ -72,20 +65,17 @@ class LiveHub:
         self,
         transport: Callable[[], Transport],
         *,
-        max_viewers: int = 64,
-        max_viewers_a_client: int = 32,
+        seats: Seats | None = None,
         linger_s: float = LINGER_S,
         ack_limit_s: float = ACK_LIMIT_S,
     ) -> None:
-        self.max_viewers, self.max_viewers_a_client = max_viewers, max_viewers_a_client
+        self.seats = Seats() if seats is None else seats
         self.linger_s, self.ack_limit_s = linger_s, ack_limit_s
         self.counts: Counter[str] = Counter()
         self.pack_ms = Timings()
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._places: dict[StreamKeys, _Place] = {}
-        self._viewers = 0
-        self._viewers_of: Counter[str] = Counter()
         self._closed = False
         self._workers = ThreadPoolExecutor(THREADS, "lidarcodec live")
         self._painter = ThreadPoolExecutor(1, "lidarcodec picture")
@@ -116,38 +106,30 @@ class LiveHub:
                 place.closer = self._loop.create_task(self._close_later(keys, place))
 
     @contextlib.asynccontextmanager
-    async def viewing(self, keys: StreamKeys, viewer: Viewer, client: str = "") -> AsyncIterator[Watch]:
-        """The same for a viewer, which gets what comes meanwhile. client: who looks.
+    async def viewing(self, keys: StreamKeys, viewer: Viewer, seat: Seat) -> AsyncIterator[Watch]:
+        """The same for a viewer, which gets what comes meanwhile. seat: who looks; it may have to give way later
 
         Raises TooManyViewersError, TransportError.
         """
-        if self._closed or self._viewers >= self.max_viewers:
+        seat.end = viewer.give_way
+        try:
+            self.seats.take(seat)
+        except TooManyViewersError:
             self.counts["refused"] += 1
-            raise TooManyViewersError(f"{self._viewers} viewers are connected, as many as are allowed")
-        if not self.room_for(client):
-            self.counts["refused"] += 1
-            raise TooManyViewersError(f"'{client}' has {self._viewers_of[client]} live sockets: the limit", own=True)
-        self._viewers += 1
-        self._viewers_of[client] += 1
+            raise
         self.counts["viewers"] += 1
         try:
             async with self.watching(keys, decode=viewer.decodes) as watch:
                 watch.add(viewer)
+                seat.silent_s = watch.silent_s
                 try:
                     yield watch
                 finally:
                     watch.remove(viewer)
         finally:
-            self._viewers -= 1
-            self._viewers_of[client] -= 1
-            if not self._viewers_of[client]:
-                del self._viewers_of[client]
+            self.seats.leave(seat)
             for name in ("sent", "skipped", "sent_bytes"):
                 self.counts[f"{viewer.kind} {name}"] += getattr(viewer, name)
-
-    def room_for(self, client: str) -> bool:
-        """Whether a client may open one socket more, as far as its own are concerned."""
-        return self._viewers_of[client] < self.max_viewers_a_client
 
     def work(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
         """Run a function in a thread, and note how long it takes."""
@@ -183,11 +165,11 @@ class LiveHub:
     def state(self) -> dict[str, Any]:
         """Counts, and the state of each stream that is watched."""
         streams = {f"{keys.vehicle}/{keys.sensor}": watch.state() for keys, watch in self.watches().items()}
-        return {"viewers": self._viewers, "counts": dict(self.counts), "streams": streams}
+        return {"viewers": len(self.seats), "counts": dict(self.counts), "streams": streams}
 
     async def close(self) -> None:
         """End everything, within the limits of the receivers."""
-        self._closed = True
+        self._closed = True  # from now on `watching` raises TransportError
         closing = [self._loop.create_task(self._close(keys, place)) for keys, place in list(self._places.items())]
         if closing:
             _, late = await asyncio.wait(closing, timeout=CLOSE_S)

@@ -17,7 +17,7 @@ COUNTERS = {
     "skipped": "Frames or messages that gave way to newer ones, because the viewer had not acknowledged the last.",
     "sent_bytes": "Bytes sent to viewers.",
 }
-REASONS = ("slow", "abuse", "revoked", "failed")
+REASONS = ("slow", "abuse", "revoked", "gave way", "failed")
 
 
 class LiveMetrics(Collector):

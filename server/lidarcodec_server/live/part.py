@@ -14,6 +14,7 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.metrics import LiveMetrics
 from lidarcodec_server.live.recordings import Limits, Recordings
+from lidarcodec_server.live.seats import Seats
 from lidarcodec_server.live.shelf import Shelf
 from lidarcodec_server.service import Service
 
@@ -25,8 +26,7 @@ async def live(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
     hub = LiveHub(
         lambda: service.transport,
-        max_viewers=config.max_viewers,
-        max_viewers_a_client=config.max_viewers_a_client,
+        seats=Seats(config.max_viewers, config.max_viewers_a_client, config.max_viewers_a_host, config.proxies),
         ack_limit_s=config.ack_limit_s,
     )
     shelf = Shelf(config.recordings, max_total_bytes=config.max_recordings_bytes)

@@ -13,10 +13,11 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from lidarcodec.apps.recorder import BackgroundRecorder
-from lidarcodec.errors import TransportError
+from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.hub import LiveHub
@@ -196,16 +197,26 @@ class Recordings:
             raise BusyRecordingError(f"recording {name} is being played: stop that first")
         if len(self._playing) >= MAX_PLAYING:
             raise BusyRecordingError(f"{MAX_PLAYING} recordings are being played, as many as are allowed")
+        wanted = StreamKeys(request.vehicle, request.sensor)
+        if wanted in self.names()[1]:  # also one that is about to begin
+            raise BusyRecordingError(f"a recording is played as {wanted.vehicle}/{wanted.sensor}: give another name")
         playback = self._playing[name] = Playback(request)
         try:
             file = await self._in_thread(lambda: self.shelf.file(name))
-            await self._in_thread(lambda: playback.start(file, self._open_transport()))
+            await self._in_thread(lambda: self._begin(name, file, playback))
         except BaseException:
             self._playing.pop(name, None)
             raise
         playback.task = self._loop.create_task(self._watch_playback(name, playback))
         logger.info("recording %s is played as %s/%s", name, request.vehicle, request.sensor)
         return playback.state()
+
+    def _begin(self, name: str, file: Path, playback: Playback) -> None:
+        """Begin to play a file. Errors name the recording, not where it lies."""
+        try:
+            playback.start(file, self._open_transport())
+        except SourceError as error:
+            raise SourceError(str(error).replace(str(file), f"recording {name}")) from None
 
     async def stop_playing(self, name: str) -> None:
         """End a playback. Raises MissingRecordingError, StorageError when that takes too long."""

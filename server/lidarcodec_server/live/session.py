@@ -18,14 +18,13 @@ from lidarcodec.errors import TransportError
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.cloud_format import FORMAT_VERSION
 from lidarcodec_server.live.hub import LiveHub
+from lidarcodec_server.live.seats import Seat
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer, Viewer
 
 logger = logging.getLogger(__name__)
 
 MAX_CLIENT_BYTES: Final = 1024
 """Longest message that a viewer may send; what it has to say is a number."""
-MAX_CLIENT_RATE: Final = 200
-"""Messages a second that a viewer may send, over two seconds."""
 CLOSE_LIMIT_S: Final = 2.0
 WATCHDOG_S: Final = 0.25
 CHECK_S: Final = 0.3
@@ -34,6 +33,7 @@ CHECK_S: Final = 0.3
 GOING_AWAY, NOT_UNDERSTOOD, TOO_LONG, FAILED = 1001, 1008, 1009, 1011
 NOT_ALLOWED: Final = 4401
 NO_ACKNOWLEDGEMENT: Final = 4408
+GAVE_WAY: Final = 4429
 _INDEX: Final = struct.Struct("<Q")
 
 
@@ -50,26 +50,27 @@ async def run(
     hub: LiveHub,
     keys: StreamKeys,
     viewer: CloudViewer | FramesViewer,
+    seat: Seat,
     *,
-    client: str = "",
     subprotocol: str | None = None,
     allowed: Callable[[], bool] = lambda: True,
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
-    client: who looks; allowed: whether it may still look; asked in a thread, a few times a second
+    seat: who looks;  allowed: whether it may still look; asked in a thread, a few times a second
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
-    async with hub.viewing(keys, viewer, client):
+    async with hub.viewing(keys, viewer, seat):
         await websocket.accept(subprotocol)
         tasks = [
             asyncio.create_task(work)
             for work in (
-                _read(websocket, viewer),
+                _read(websocket, hub, viewer),
                 _write(websocket, hub, viewer),
                 _watch(viewer, hub.ack_limit_s),
                 _check(allowed),
+                _give_way(viewer),
             )
         ]
         try:
@@ -104,22 +105,17 @@ async def _write(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
             await websocket.send_bytes(parcel.data)
 
 
-async def _read(websocket: WebSocket, viewer: Viewer) -> None:
+async def _read(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
     """Take acknowledgements: the index of a frame, as decimal text or as 8 bytes, or `ack`."""
-    since, count = time.monotonic(), 0
     while True:
         message = await websocket.receive()
         if message["type"] == "websocket.disconnect":
+            hub.counts["abuse"] += "flood" in message  # `ViewerProtocol` has ended it, and said so
             return
         data = message.get("bytes")
         text = message.get("text") or ""
         if len(text if data is None else data) > MAX_CLIENT_BYTES:
             raise _EndError(TOO_LONG, f"at most {MAX_CLIENT_BYTES} bytes", "abuse")
-        now, count = time.monotonic(), count + 1
-        if now - since > 2.0:
-            since, count = now, 1
-        if count > 2 * MAX_CLIENT_RATE:
-            raise _EndError(NOT_UNDERSTOOD, f"more than {MAX_CLIENT_RATE} messages a second", "abuse")
         viewer.acknowledge(_acknowledged(text, data))
 
 
@@ -143,6 +139,11 @@ async def _check(allowed: Callable[[], bool]) -> None:
     while await run_in_threadpool(allowed):
         await asyncio.sleep(CHECK_S)
     raise _EndError(NOT_ALLOWED, "the token does not work any more", "revoked")
+
+
+async def _give_way(viewer: Viewer) -> None:
+    await viewer.must_leave()
+    raise _EndError(GAVE_WAY, "all places are taken, and another client needs this one", "gave way")
 
 
 async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: BaseException | None) -> None:

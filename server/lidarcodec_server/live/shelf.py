@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, Self
 
 from lidarcodec.errors import LidarCodecError
+from lidarcodec.regular_files import check_regular, open_regular
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import read_object
 
@@ -79,7 +80,7 @@ class Recording:
     def read(cls, folder: Path) -> Self | None:
         """What a folder says; None if it is no recording."""
         try:
-            with (folder / ABOUT).open("rb") as file:
+            with open_regular(folder / ABOUT) as file:
                 about = read_object(file.read(MAX_ABOUT_BYTES + 1), MAX_ABOUT_BYTES)
             keys = StreamKeys(about["vehicle"], about["sensor"])
             ended, started_ns = about.get("state") in ("complete", "failed"), _whole(about["started_ns"])
@@ -135,10 +136,14 @@ class Shelf:
         return self.folder / name
 
     def file(self, name: str) -> Path:
-        """The MCAP file of a recording. Raises MissingRecordingError."""
+        """The MCAP file of a recording. Raises MissingRecordingError, also for what is no file but a pipe."""
         files = sorted(self.path(name).glob("*.mcap"))
         if not files:
             raise MissingRecordingError(f"recording {name} holds no file: nothing came while it ran")
+        try:
+            check_regular(files[0])
+        except OSError as error:
+            raise MissingRecordingError(f"recording {name} holds no file that can be read: {error.strerror}") from None
         return files[0]
 
     def create(self, keys: StreamKeys, started_ns: int, by: str | None) -> Recording:

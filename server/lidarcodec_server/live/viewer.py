@@ -41,6 +41,7 @@ class Viewer(ABC):
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self._in_flight: deque[tuple[int, float]] = deque()
         self._changed = asyncio.Event()
+        self._gives_way = asyncio.Event()
 
     @property
     @abstractmethod
@@ -55,6 +56,14 @@ class Viewer(ABC):
         """Have an event sent, soon, whatever the viewer acknowledges."""
         self._events.append(event)
         self._changed.set()
+
+    def give_way(self) -> None:
+        """Have it leave its place to another one."""
+        self._gives_way.set()
+
+    async def must_leave(self) -> None:
+        """Wait until it has to."""
+        await self._gives_way.wait()
 
     def acknowledge(self, index: int | None) -> None:
         """It has frame `index` and all before; None: the oldest that is under way. Others mean nothing."""

@@ -95,6 +95,10 @@ class Watch:
             self.receiver.decoding = True
             self.receiver.request_key()
 
+    def silent_s(self) -> float:
+        """For how long nothing came, whether or not the vehicle is there."""
+        return time.monotonic() - self._heard_at
+
     def rest(self) -> None:
         """Stop decoding if nobody wants frames any more."""
         if not self._decoders:

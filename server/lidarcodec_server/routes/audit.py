@@ -19,7 +19,7 @@ Before = Annotated[int | None, Query(ge=1, le=2**62, description="Go on behind t
 @router.get("/audit")
 def whole(service: TheService, client: Viewer, limit: Limit = 100, before: Before = None) -> list[AuditEntry]:
     """Entries of the audit log, newest first: of all streams, and of what concerns none, such as tokens."""
-    return [AuditEntry.of(entry) for entry in service.store.audit(None, limit, before)]
+    return [AuditEntry.of(entry) for entry in service.audit(None, limit, before)]
 
 
 @router.get("/streams/{vehicle}/{sensor}/audit")
@@ -27,4 +27,4 @@ def audit(
     service: TheService, keys: TheStream, client: Viewer, limit: Limit = 100, before: Before = None
 ) -> list[AuditEntry]:
     """Entries of the audit log that concern a stream, newest first."""
-    return [AuditEntry.of(entry) for entry in service.store.audit(keys, limit, before)]
+    return [AuditEntry.of(entry) for entry in service.audit(keys, limit, before)]

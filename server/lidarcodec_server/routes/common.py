@@ -11,7 +11,7 @@ from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec_server.fleet import Stream
-from lidarcodec_server.middleware import is_json
+from lidarcodec_server.middleware import NEEDS_JSON, is_json
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service
 
@@ -47,7 +47,7 @@ async def json_object(request: Request) -> dict[str, Any]:
     """
     content = request.headers.get("content-type", "")
     if not content or not is_json(content):
-        raise ProblemError(415, "the body has to be JSON: Content-Type: application/json", "content-type")
+        raise ProblemError(415, NEEDS_JSON, "content-type")
     try:
         return read_object(await request.body())
     except JsonRefusedError as error:

@@ -17,7 +17,10 @@ router = APIRouter(prefix="/api/v1", tags=["streams"])
 
 
 class FleetRow(BaseModel):
-    """A stream in a line. Figures are null where the vehicle told none."""
+    """A stream in a line. Figures are null where the vehicle told none.
+
+    A vehicle of which no stream has room has one line, with the name of one of them and `room` false.
+    """
 
     vehicle: str
     sensor: str
@@ -38,6 +41,7 @@ class FleetRow(BaseModel):
     left_out: int = Field(
         description="Streams of this vehicle that the server has no room for, of which it remembers `--max-sensors`."
     )
+    room: bool = Field(description="Whether the server has room for this stream; it knows nothing else of one without.")
     recording: str | None = Field(description="Id of the recording that runs.")
     playback: str | None = Field(description="Id of the recording that this stream is played from.")
     minute: list[float | None] | None = Field(
@@ -56,15 +60,24 @@ def fleet(
     now_s = time.monotonic()
     recorded, played = recordings.names()
     waiting = service.fleet.waiting()
+    streams = service.streams()
+    known = {one.keys.vehicle for one in streams}
+    outside = [Stream(of_it[0], alive=True) for vehicle, of_it in waiting.items() if vehicle not in known]
     return [
-        _row(one, now_s, minute, waiting.get(one.keys.vehicle, 0), recorded.get(one.keys), played.get(one.keys))
-        for one in service.streams()
+        _row(one, now_s, minute).model_copy(
+            update={
+                "left_out": len(waiting.get(one.keys.vehicle, ())),
+                "room": one not in outside,
+                "recording": recorded.get(one.keys),
+                "playback": played.get(one.keys),
+            }
+        )
+        for one in sorted([*streams, *outside], key=lambda one: (one.keys.vehicle, one.keys.sensor))
     ]
 
 
-def _row(
-    stream: Stream, now_s: float, minute: bool, left_out: int, recording: str | None, playback: str | None
-) -> FleetRow:
+def _row(stream: Stream, now_s: float, minute: bool) -> FleetRow:
+    """What its vehicle tells of a stream."""
     status: dict[str, Any] = stream.status or {}
     rate = status.get("rate") if isinstance(status.get("rate"), dict) else None
     replaced = number_in(status, "replaced")
@@ -83,9 +96,10 @@ def _row(
         reached=None if rate is None or not isinstance(rate.get("reached"), bool) else rate["reached"],
         latency_ms=_latency_ms(status) if stream.alive else None,
         replaced=None if replaced is None else int(replaced),
-        left_out=left_out,
-        recording=recording,
-        playback=playback,
+        left_out=0,
+        room=True,
+        recording=None,
+        playback=None,
         minute=list(stream.kbps) if minute else None,
     )
 

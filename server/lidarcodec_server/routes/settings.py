@@ -38,10 +38,11 @@ CHANGE = {"requestBody": {"required": True, "content": {"application/json": {"sc
 
 @router.get("/settings")
 def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAnswer:
-    """The settings in force, and those that operators want."""
+    """The settings in force, and those that operators want. The vehicle is asked; where many ask, or it does not
+    answer, the settings are those that it told last."""
     known_stream(service, keys)
-    with service.limits.slot(client.name):
-        return SettingsAnswer.of(service.control.state(keys))
+    with service.limits.look(keys) as may_ask:
+        return SettingsAnswer.of(service.control.state(keys, ask=may_ask))
 
 
 @router.patch(
@@ -62,9 +63,9 @@ async def change(
     """Change some settings, all or none, between two frames. What is set here wins over the vehicle's command line."""
 
     def work() -> State:
-        if strict:
-            _check_reach(service.control.state(keys), changes)
-        with service.limits.slot(operation.client.name):
+        with service.limits.slot(operation.client.name, keys):
+            if strict:
+                _check_reach(service.control.state(keys), changes)
             return service.control.change(keys, changes, operation.client.name, operation.entered)
 
     state = await run_in_threadpool(work)
@@ -85,7 +86,7 @@ def _check_reach(state: State, changes: dict[str, Any]) -> None:
 def forget(service: TheService, keys: TheStream, operation: Annotated[Operation, operates("forget")]) -> SettingsAnswer:
     """Forget what operators set. The vehicle keeps what it has; when it starts again, its command line decides."""
     known_stream(service, keys)
-    with service.limits.slot(operation.client.name):
+    with service.limits.slot(operation.client.name, keys):
         return SettingsAnswer.of(service.control.forget(keys, operation.client.name, operation.entered))
 
 
@@ -95,7 +96,7 @@ def keyframe(
 ) -> KeyFrameAnswer:
     """Have the next message be a key frame. Requests within half a second are one."""
     known_stream(service, keys)
-    with service.limits.slot(operation.client.name):
+    with service.limits.slot(operation.client.name, keys):
         answer = KeyFrameAnswer(**service.control.key_frame(keys))
     operation.first_frame = answer.first_frame
     return answer

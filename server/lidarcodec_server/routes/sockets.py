@@ -5,10 +5,11 @@ from __future__ import annotations
 from fastapi import APIRouter, WebSocket
 
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.auth import Viewer, require_viewer, subprotocol_of
+from lidarcodec_server.auth import Viewer, host, require_viewer, subprotocol_of
 from lidarcodec_server.live import session
-from lidarcodec_server.live.hub import LiveHub, TooManyViewersError
+from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.options import CloudOptions, FramesOptions
+from lidarcodec_server.live.seats import Seat, TooManyViewersError
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.live import Hub, Known
@@ -41,6 +42,7 @@ async def _serve(
 
     try:
         protocol = subprotocol_of(websocket)
-        await session.run(websocket, hub, keys, viewer, client=client.name, subprotocol=protocol, allowed=allowed)
+        seat = Seat(client.name, host(websocket), client.role == "operator")
+        await session.run(websocket, hub, keys, viewer, seat, subprotocol=protocol, allowed=allowed)
     except TooManyViewersError as error:
         raise ProblemError(429 if error.own else 503, str(error), "viewers", {"Retry-After": "10"}) from None

@@ -113,18 +113,49 @@ async def test_more_viewers_than_allowed_are_refused_and_may_come_later(server, 
 
 
 async def test_one_client_cannot_take_the_places_of_all(server, vehicle, monkeypatch):
-    monkeypatch.setattr(server.hub, "max_viewers_a_client", 2)
+    monkeypatch.setattr(server.hub.seats, "most_a_client", 2)
     sockets = [await server.socket(f"{STREAM}/{kind}") for kind in ("cloud?max_points=10", "frames")]
     with pytest.raises(InvalidStatus) as caught:
         await server.socket(f"{STREAM}/cloud")
     assert caught.value.response.status_code == 429
     assert "127.0.0.1" in json.loads(caught.value.response.body)["detail"]
-    assert server.hub.room_for("another")
     for socket in sockets:
         await socket.close()
-    assert eventually(lambda: server.hub.room_for("127.0.0.1"))
+    assert eventually(lambda: not server.hub.seats.of("127.0.0.1"))
     async with server.socket(f"{STREAM}/cloud") as socket:
         await frame(socket)
+
+
+async def test_viewers_leave_room_for_operators_and_for_one_another(tmp_path):
+    """Two viewers took all sockets, on a stream that was away, and kept them."""
+    with running(tmp_path, max_viewers=8, max_viewers_a_client=4, ack_limit_s=60.0) as server, server.publisher():
+        assert server.seen()
+        store = server.app.state.service.store
+        tokens = {name: create_token(store, name, "viewer") for name in ("anna", "bert", "carl", "dora")}
+        tokens["ada"] = create_token(store, "ada", "operator")
+        assert await asyncio.to_thread(eventually, lambda: server.app.state.service.tokens.needed)
+
+        def look(name):
+            return server.socket(f"{STREAM}/frames", additional_headers={"Authorization": f"Bearer {tokens[name]}"})
+
+        sockets = [await look(name) for name in ("anna", "anna", "anna", "bert", "bert", "bert", "bert")]
+        async with look("ada") as socket:
+            await frame(socket)
+        async with look("carl") as socket:
+            await frame(socket)
+            assert (await ending(sockets[6]))[0] == 4429
+            async with look("ada") as other, look("dora") as one:
+                await frame(other)
+                await frame(one)
+        statuses = []
+        for _ in range(5):
+            try:
+                sockets.append(await look("anna"))
+            except InvalidStatus as error:
+                statuses.append(error.response.status_code)
+        assert statuses
+        assert set(statuses) <= {429, 503}
+        await asyncio.gather(*(one.close() for one in sockets))
 
 
 async def test_a_page_of_another_site_may_not_look(server, vehicle):

@@ -1,0 +1,119 @@
+"""Seats: who has a live socket, so that nobody who takes many leaves none for others.
+
+There are limits in all, for one client and for one host, and the last eighth is for operators. Where no seat is left,
+one gives way: one whose stream has been silent for long, or one of the client that has clearly more than the newcomer.
+
+>>> seats = Seats(most=2, most_a_client=2)
+>>> first, second = (seats.take(Seat("anna", "10.0.0.1", True)) for _ in range(2))
+>>> second.end = lambda: print("the last of anna's gives way")
+>>> bert = seats.take(Seat("bert", "10.0.0.2", True))
+the last of anna's gives way
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from lidarcodec_server.connections import host_of
+
+SILENT_S: Final = 60.0
+"""A socket whose stream has been silent for so long gives way first."""
+FOR_OPERATORS: Final = 8
+"""One seat of so many is for operators."""
+
+
+class TooManyViewersError(Exception):
+    """The limit of viewers is reached; `own`: that of one client or host, and not that of all."""
+
+    def __init__(self, message: str, *, own: bool = False) -> None:
+        super().__init__(message)
+        self.own = own
+
+
+@dataclass(eq=False)
+class Seat:
+    """A live socket.
+
+    client: who looks, and from which `host`;  operator: whether it may also change
+    silent_s: for how long its stream has brought nothing;  end: ends it
+    """
+
+    client: str
+    host: str
+    operator: bool
+    silent_s: Callable[[], float] = lambda: 0.0
+    end: Callable[[], object] = lambda: None
+
+
+class Seats:
+    """The live sockets of a server. Belongs to the event loop.
+
+    most: in all;  most_a_client, most_a_host: of one;  proxies: addresses that are not one host
+    """
+
+    def __init__(
+        self, most: int = 64, most_a_client: int = 32, most_a_host: int = 48, proxies: Iterable[str] = ()
+    ) -> None:
+        self.most, self.most_a_client, self.most_a_host = most, most_a_client, most_a_host
+        self._proxies = frozenset(host_of(one) for one in proxies)
+        self._taken: list[Seat] = []
+
+    def __len__(self) -> int:
+        return len(self._taken)
+
+    def of(self, client: str) -> int:
+        """How many one client has."""
+        return sum(one.client == client for one in self._taken)
+
+    def take(self, seat: Seat) -> Seat:
+        """Sit down; another one may have to give way.
+
+        Raises TooManyViewersError.
+        """
+        seat.host = host_of(seat.host)
+        own = [one for one in self._taken if one.client == seat.client]
+        if len(own) >= self.most_a_client and not self._free(_silent(own)):
+            raise TooManyViewersError(f"'{seat.client}' has {len(own)} live sockets: the limit", own=True)
+        here = [one for one in self._taken if one.host == seat.host]
+        full = len(here) >= self.most_a_host and seat.host not in self._proxies
+        if full and not self._free(_silent(here) or _of_the_greedy(here, len(own))):
+            raise TooManyViewersError(f"{seat.host} has {len(here)} live sockets: the limit", own=True)
+        viewers = [one for one in self._taken if not one.operator]
+        room = self.most - self.most // FOR_OPERATORS
+        if not seat.operator and len(viewers) >= room and not self._free(_gives_way(viewers, len(own))):
+            raise TooManyViewersError(f"{len(viewers)} viewers are connected: further places are for operators")
+        if len(self._taken) >= self.most and not self._free(_gives_way(self._taken, len(own))):
+            raise TooManyViewersError(f"{len(self._taken)} viewers are connected, as many as are allowed")
+        self._taken.append(seat)
+        return seat
+
+    def leave(self, seat: Seat) -> None:
+        """Get up; harmless when called twice."""
+        if seat in self._taken:
+            self._taken.remove(seat)
+
+    def _free(self, seat: Seat | None) -> bool:
+        if seat is None:
+            return False
+        self.leave(seat)
+        seat.end()
+        return True
+
+
+def _gives_way(seats: list[Seat], own: int) -> Seat | None:
+    return _silent(seats) or _of_the_greedy(seats, own)
+
+
+def _silent(seats: list[Seat]) -> Seat | None:
+    """The one whose stream has been silent for longest, if that is long."""
+    longest = max(seats, key=lambda one: one.silent_s(), default=None)
+    return longest if longest is not None and longest.silent_s() >= SILENT_S else None
+
+
+def _of_the_greedy(seats: list[Seat], own: int) -> Seat | None:
+    """The last of the client that has the most, if it has clearly more than the one that comes."""
+    client, most = Counter(one.client for one in seats).most_common(1)[0] if seats else ("", 0)
+    return [one for one in seats if one.client == client][-1] if most > own + 1 else None

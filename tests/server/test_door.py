@@ -1,0 +1,254 @@
+"""Who connects, asks or sends in small parts as fast as it can costs others nothing, with a token or without."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import socket
+import time
+
+import httpx
+import pytest
+import uvicorn
+from uvicorn.server import ServerState
+
+from lidarcodec.commands.certificates import Authority
+from lidarcodec_server.connections import Connections
+from lidarcodec_server.door import HANDSHAKE_S, Door
+from lidarcodec_server.request_protocol import CHUNKS, MAX_HEADERS, RequestProtocol, Times
+from lidarcodec_server.store import Store
+from lidarcodec_server.tokens import create_token
+from tests.command_line import start
+from tests.faults.serving import Server
+from tests.server.conftest import STREAM
+from tests.server.floods import flood, longest_answer_s, sending, upgrade, ws_frame
+from tests.server.test_metrics import value
+from tests.server.test_request_protocol import LIMIT_S, connected
+from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
+
+POST = b"POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+LONG_S = 1.5
+"""Long for a health check on a busy machine; chunks of a byte took up to 38 s, with connections again and again 5 s."""
+
+
+async def body_of(scope, receive, send):
+    """Answers with the length of the body, or before it with /early."""
+    size = 0
+    while scope["path"] != "/early":
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return
+        size += len(message["body"])
+        if not message["more_body"]:
+            break
+    await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"5")]})
+    await send({"type": "http.response.body", "body": b"%5d" % size})
+
+
+@pytest.mark.parametrize("path", [b"/", b"/early"])
+async def test_a_body_in_chunks_of_a_byte_is_refused_after_some(monkeypatch, path, caplog):
+    """44,000 of them come in one packet, and took a second to parse; nobody needs a token to send them."""
+    monkeypatch.setattr("tests.server.test_request_protocol.app", body_of)
+    async with connected(limit_s=5.0) as (reader, writer, state):
+        writer.write(POST.replace(b"/ ", path + b" ") + 40_000 * b"1\r\nx\r\n")
+        with contextlib.suppress(ConnectionError):
+            answer = await asyncio.wait_for(reader.read(), LIMIT_S)
+            assert b" 400 " in answer or (path == b"/early" and b" 200 " in answer)
+        for _ in range(100):
+            if not state.connections:
+                break
+            await asyncio.sleep(0.02)
+        assert not state.connections
+    assert "Traceback" not in caplog.text
+
+
+@pytest.mark.parametrize("size", [1, 100, 4096])
+async def test_a_body_in_chunks_of_an_ordinary_size_is_taken(monkeypatch, size):
+    monkeypatch.setattr("tests.server.test_request_protocol.app", body_of)
+    count = CHUNKS if size == 1 else 60_000 // size
+    async with connected(limit_s=5.0) as (reader, writer, _):
+        writer.write(POST + count * (b"%x\r\n" % size + b"x" * size + b"\r\n") + b"0\r\n\r\n")
+        answer = await asyncio.wait_for(reader.readuntil(b"%5d" % (count * size)), LIMIT_S)
+        assert b" 200 " in answer
+
+
+async def test_a_request_with_very_many_headers_is_refused():
+    async with connected(limit_s=5.0) as (reader, writer, _):
+        writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\n" + MAX_HEADERS * b"X: y\r\n" + b"\r\n")
+        assert b" 400 " in await asyncio.wait_for(reader.read(), LIMIT_S)
+
+
+@contextlib.asynccontextmanager
+async def door(held, tokens=()):
+    """A door that leads to an application which says who asked for what; the address to connect to."""
+
+    async def app(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"2")]})
+        await send({"type": "http.response.body", "body": b"ok"})
+
+    inside = RequestProtocol.of(held, Times(5.0, 5.0))
+    protocol = Door.of(inside, lambda token: token if token in tokens else None)
+    config = uvicorn.Config(app, log_config=None, lifespan="off")
+    config.load()
+    state = ServerState()
+    make = lambda: protocol(config=config, server_state=state, app_state={}, _loop=None)  # noqa: E731
+    server = await asyncio.get_running_loop().create_server(make, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()
+    finally:
+        server.close()
+
+
+async def ask(address, path="/", headers=""):
+    """Status of a request on a connection of its own."""
+    reader, writer = await asyncio.open_connection(*address)
+    try:
+        writer.write(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{headers}\r\n".encode())
+        return int((await asyncio.wait_for(reader.read(), LIMIT_S)).split()[1])
+    finally:
+        writer.close()
+
+
+async def test_a_host_that_connects_too_often_is_turned_away_but_for_health_checks_and_tokens():
+    held = Connections(a_second=3.0)
+    async with door(held, tokens=("lct_good",)) as address:
+        statuses = [await ask(address) for _ in range(12)]
+        assert statuses[:6] == [200] * 6
+        assert statuses[-1] == 429
+        assert await ask(address, "/healthz") == 200
+        assert await ask(address, "/readyz") == 200
+        for headers in (
+            "Authorization: Bearer lct_good\r\n",
+            "Sec-WebSocket-Protocol: a, lidarcodec.token.lct_good\r\n",
+        ):
+            assert await ask(address, headers=headers) == 200
+        assert await ask(address, headers="Authorization: Bearer lct_bad\r\n") == 429
+        assert 429 in [await ask(address, headers="Authorization: Bearer lct_good\r\n") for _ in range(9)]
+        await asyncio.sleep(0.5)
+        assert await ask(address) == 200, "it may again a little later"
+    assert held.ended["hasty"] >= 5
+    assert len(held) == 0
+
+
+async def test_requests_that_come_too_often_on_open_connections_wait():
+    held = Connections(a_second=5.0)
+    async with connected(limit_s=20.0, held=held) as (reader, writer, _):
+        begin = time.monotonic()
+        writer.write(30 * b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        for _ in range(30):
+            await asyncio.wait_for(reader.readuntil(b"ok"), LIMIT_S)
+        assert 0.7 < time.monotonic() - begin < 10, "20 at once, then 10 a second"
+
+
+def test_a_proxy_connects_as_often_as_it_likes():
+    held = Connections(proxies=["10.0.0.1"], a_second=1.0)
+    assert not any(held.hasty("10.0.0.1") for _ in range(100))
+    assert held.pause_s("10.0.0.1") == 0.0
+    assert [held.hasty("10.0.0.2") for _ in range(4)] == [False, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("who", "kind", "status"),
+    [
+        ("", "text/plain", 401),
+        ("", "application/json", 401),
+        ("viewer", "application/json", 403),
+        ("viewer", "text/plain", 403),
+        ("operator", "text/plain", 415),
+    ],
+)
+async def test_a_body_that_never_comes_is_waited_for_only_where_it_is_wanted(serving, config, who, kind, status):
+    """Otherwise anybody could hold all turns of a host."""
+    store = Store(config.database_url)
+    tokens = {role: create_token(store, role, role) for role in ("viewer", "operator")}
+    store.close()
+
+    async def body():
+        yield b"{"
+        await asyncio.sleep(60)
+
+    async with serving(tokens.get(who), body_s=30.0) as client:
+        for method, path in (("POST", "recording"), ("PATCH", "settings")):
+            headers = {"Content-Type": kind}
+            ask_it = client.request(method, f"{STREAM}/{path}", content=body(), headers=headers)
+            answer = await asyncio.wait_for(ask_it, 10)
+            assert answer.status_code == status
+            assert answer.headers["content-type"] == "application/problem+json"
+
+
+FLOODS = {
+    "connections": (upgrade("nobody/lidar/frames") + 1000 * ws_frame(2), b""),
+    "chunks": (POST.replace(b"/ ", f"{STREAM}/settings ".encode()), 20_000 * b"1\r\n \r\n"),
+    "chunks that nobody reads": (POST.replace(b"POST / ", b"GET /healthz "), 20_000 * b"1\r\n \r\n"),
+    "requests": (b"", 500 * b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"),
+}
+
+
+@pytest.mark.timeout(180)
+def test_floods_of_requests_do_not_stop_health_checks(tmp_path):
+    server = Server(tmp_path, free_port(), free_port())
+    with contextlib.ExitStack() as stack:
+        stack.callback(server.kill)
+        server.start()
+        store = Store(f"sqlite:///{tmp_path / 'server.db'}")
+        token = create_token(store, "ada", "operator")
+        store.close()
+        for name, (begin, blob) in FLOODS.items():
+            end_s = time.monotonic() + 4.0
+            send = lambda begin=begin, blob=blob, end_s=end_s: hurry(server.port, begin, blob, end_s)  # noqa: E731
+            with flood(8, send):
+                assert longest_answer_s(server.port, end_s) < LONG_S, name
+                headers = {"Authorization": f"Bearer {token}"}
+                assert httpx.get(f"{server.url}/api/v1/streams", headers=headers, timeout=20).status_code == 200
+
+
+def hurry(port: int, begin: bytes, blob: bytes, end_s: float) -> None:
+    """Send without end, or where there is nothing to go on with, connect 200 times a second."""
+    if blob:
+        sending(port, begin, blob, end_s, wait=False, again=True)
+    while time.monotonic() < end_s:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as one:
+            one.sendall(begin)
+        time.sleep(0.005)
+
+
+@pytest.mark.timeout(180)
+def test_handshakes_that_do_not_end_count_as_connections_and_have_a_limit(tmp_path):
+    """They counted once they were done, and had a minute: a host could have as many as there are file handles."""
+    issued = Authority.open(tmp_path).issue("server", ("localhost",), 1)
+    (tmp_path / "cert.pem").write_bytes(issued.certificate)
+    (tmp_path / "key.pem").write_bytes(issued.key)
+    options = ("--tls-certificate", tmp_path / "cert.pem", "--tls-key", tmp_path / "key.pem")
+    options += ("--database-url", f"sqlite:///{tmp_path / 'server.db'}", "--listen", f"tcp/127.0.0.1:{free_port()}")
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(start("serve", "--port", 0, "--max-connections-a-host", 20, *options))
+        stack.callback(server.kill)
+        url = server.stdout.readline().split()[2]
+        client = stack.enter_context(httpx.Client(base_url=url, verify=False, timeout=20))
+        assert eventually(lambda: answers(client), 60)
+        address, half = ("127.0.0.1", int(url.rpartition(":")[2])), []
+        for _ in range(60):
+            half.append(stack.enter_context(socket.create_connection(address, 5)))
+            half[-1].sendall(b"\x16\x03\x01\x02\x00\x01")
+        begin = time.monotonic()
+        assert [client.get("/healthz").status_code for _ in range(5)] == [200] * 5
+        counted = client.get("/metrics").text
+        assert 10 <= value(counted, "lidarcodec_connections") <= 20
+        assert value(counted, "lidarcodec_connections_ended_total", reason="gave way") >= 40
+        half[-1].settimeout(HANDSHAKE_S + 20)
+        with contextlib.suppress(ConnectionError):
+            assert half[-1].recv(100) == b""
+        assert time.monotonic() - begin < HANDSHAKE_S + 5
+        asked = time.monotonic()
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(20) == 0
+        assert time.monotonic() - asked < 4
+
+
+def answers(client) -> bool:
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.HTTPError:
+        return False
