@@ -52,8 +52,8 @@ class StreamSettings(BaseModel):
     """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
     path carries."""
     intensity: str = AUTO
-    """`auto`, `lossless`, `error=N` (none off by more than N of 255, 1 to 127), `levels=N` (at most N values in a frame,
-    2 to 256, chosen for few bits and small errors) or `off`. `auto`: what a target has bits for, lossless without one."""
+    """`auto`, `lossless`, `error=N` (1 to 127: none off by more than N of 255), `levels=N` (2 to 256: at most N values
+    in a frame, chosen for few bits and small errors) or `off`. `auto`: what a target has bits for, lossless without."""
     reduction: str = AUTO
     """Which returns are sent. `auto`: as many columns as a target has bits for, all without one."""
     keep_points: int | None = Field(default=None, ge=1)

@@ -87,9 +87,7 @@ def decode_intensity(
     )
 
 
-def _check_values(
-    values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]
-) -> None:
+def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
     check_returns(returns, fired)
     if values.dtype != np.uint8 or values.shape != returns.shape:
         raise SectionError(f"intensities are {values.dtype}{values.shape}, not uint8{returns.shape}")

@@ -2,7 +2,7 @@
 #include "error.hpp"
 #include "geometry.hpp"
 #include "intensity_coder.hpp"
-#include "level_choice.hpp"
+#include "intensity_choice.hpp"
 
 namespace {
 

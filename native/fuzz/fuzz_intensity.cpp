@@ -9,7 +9,7 @@
 #include "fuzz_input.hpp"
 #include "intensity_coder.hpp"
 #include "intensity_symbols.hpp"
-#include "level_choice.hpp"
+#include "intensity_choice.hpp"
 #include "rangecoder.hpp"
 
 using lidarcodec::kMaskRows;

@@ -143,7 +143,7 @@ def test_damaged_intensities_are_refused(data: bytes) -> None:
 def test_modelled_intensities_are_a_good_deal_smaller() -> None:
     frame = frames.scene(60)
     sizes = [
-        len(encode_intensity(frame, fired_cells(frame.fired, frames.SENSOR), 256, grouped=grouped) or b"")
+        len(encode_intensity(frame, fired_cells(frame.fired, frames.SENSOR), Quality(256), grouped=grouped) or b"")
         for grouped in (False, True)
     ]
     assert sizes[0] < 0.9 * sizes[1]

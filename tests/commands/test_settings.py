@@ -81,7 +81,9 @@ def test_digits_are_those_of_ascii(pair):
         one_setting(None, [pair])
 
 
-@pytest.mark.parametrize("choice", ["error=0", "error=128", "error=", "error=-1", "levels=1", "levels=257", "levels=1.5"])
+@pytest.mark.parametrize(
+    "choice", ["error=0", "error=128", "error=", "error=-1", "levels=1", "levels=257", "levels=1.5"]
+)
 def test_intensities_beyond_the_limits_are_refused_with_what_is_possible(choice):
     with pytest.raises(SettingsError, match="error=N with N from 1 to 127, levels=N with N from 2 to 256"):
         one_setting(None, [f"intensity={choice}"])

@@ -42,7 +42,9 @@ def test_any_intensities_become_at_most_so_many_values_that_come_back(case, leve
         assert before.min() <= after.min()
         assert after.max() <= before.max()
         assert np.square(after.astype(float) - before).mean() <= np.var(before) + 0.25
-    np.testing.assert_array_equal(decode_intensity(encode_intensity(image, returns, fired, of), returns, fired, of), image)
+    np.testing.assert_array_equal(
+        decode_intensity(encode_intensity(image, returns, fired, of), returns, fired, of), image
+    )
     np.testing.assert_array_equal(choose_levels(values, returns, fired, of, levels), image)
 
 

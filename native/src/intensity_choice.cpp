@@ -1,4 +1,4 @@
-#include "level_choice.hpp"
+#include "intensity_choice.hpp"
 
 #include <algorithm>
 #include <array>
@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "error.hpp"
-#include "level_costs.hpp"
+#include "intensity_costs.hpp"
 #include "mask_rows.hpp"
 
 namespace lidarcodec {
@@ -18,7 +18,6 @@ using Values = std::vector<std::uint8_t>;
 constexpr std::size_t kSampled = 16384;   // returns whose rows tell how levels follow each other
 constexpr int kRounds = 4;               // of learning it
 constexpr std::size_t kMostLevels = 64;  // among more a choice is worth little: each return becomes the nearest
-constexpr Cost kWorth = 5;               // what a bit is worth, of the error that so many levels leave at least
 
 // Levels for a histogram, each the mean of the intensities that are nearest to it (Max 1960, Lloyd 1982). They begin evenly
 // spaced. `error`: the mean squared error, 16 times.
@@ -63,6 +62,13 @@ struct Means {
     error = static_cast<Cost>(errors / total);
   }
 };
+
+// What a bit is worth: some times the error that so many levels leave at least. Among few, many bits are to be saved by few
+// errors, as neighbours are alike but for noise; among many, noise is most of what is coded.
+Worth worth_for(const Means& means) {
+  const std::size_t levels = std::max<std::size_t>(means.value.size(), 10);
+  return {static_cast<Cost>(std::int64_t{48} * means.error / static_cast<std::int64_t>(levels))};
+}
 
 // What became which level.
 class Became {
@@ -150,7 +156,7 @@ std::vector<std::uint8_t> choose_levels(const std::uint8_t* values, const std::u
     });
   Means means(counts, levels);
   Values& value = means.value;
-  const Worth worth{kWorth * means.error};
+  const Worth worth = worth_for(means);
   const bool looks = means.error != 0 && value.size() <= kMostLevels;
 
   std::optional<Turns> turns;
