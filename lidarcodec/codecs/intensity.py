@@ -4,7 +4,8 @@ Forms (docs/wire-format.md). The codecs write modelled bytes (entropy/intensity_
 (neighbour.py), which are a fifth larger and take a third of the time; every decoder reads both.
 
 0 returns, grouped; 1 u32 size of the grouped returns, these, and one zstd frame for the fired cells without a return;
-3 and 4 the same with modelled returns. Intensities that were reduced to few values are sent as any others.
+2 returns reduced to few values, grouped as in form 0: tells that the intensities are not those of the sensor;
+3, 4 and 5 the same with modelled returns.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from lidarcodec.settings import StreamSettings
 
 FORM_RETURNS: Final = 0
 FORM_ALL_FIRED: Final = 1
+FORM_FEW: Final = 2
 MODELLED: Final = 3
 """What is added to a form whose returns are modelled."""
 LOSSLESS_LEVELS: Final = 256
@@ -86,7 +88,7 @@ def encode_intensity(
     """Bytes of the section, or None when intensity is off; 4 ms for 120,000 returns, 1.5 ms if grouped.
 
     A choice among few values takes 4 ms more. cells: (64, W), those that fired; turn: columns in a full turn, as for
-    the mask; grouped: take forms 0 and 1. Of a reduced frame intensities without a return are not sent.
+    the mask; grouped: take forms 0 to 2. Of a reduced frame intensities without a return are not sent.
     """
     if not quality.levels:
         return None
@@ -99,6 +101,8 @@ def encode_intensity(
         else entropy.encode_intensity(image, valid, frame.fired, frame.sensor, turn=turn)
     )
     kind = 0 if grouped else MODELLED
+    if not quality.lossless:
+        return bytes([kind + FORM_FEW]) + coded
     others = cells > valid
     if frame.keep is not None or not np.multiply(image, others).any():
         return bytes([kind + FORM_RETURNS]) + coded
@@ -114,7 +118,7 @@ def decode_intensity(data: bytes | None, valid: Mask, cells: Mask, fired: Mask, 
     if data is None:
         return np.zeros(valid.shape, np.uint8)
     kind, form = divmod(data[0], MODELLED) if data else (-1, -1)
-    if kind not in (0, 1) or form not in (FORM_RETURNS, FORM_ALL_FIRED):
+    if kind not in (0, 1):
         raise SectionError(f"an intensity section of {len(data)} bytes that begins with {data[:1].hex() or 'nothing'}")
 
     def returns(coded: bytes) -> Bytes:
@@ -124,7 +128,7 @@ def decode_intensity(data: bytes | None, valid: Mask, cells: Mask, fired: Mask, 
         image[valid] = decode_bytes(coded, int(np.count_nonzero(valid)))
         return image
 
-    if form == FORM_RETURNS:
+    if form in (FORM_RETURNS, FORM_FEW):
         return returns(data[1:])
     split = 5 + int.from_bytes(data[1:5], "little")
     image, others = returns(data[5:split]), cells > valid

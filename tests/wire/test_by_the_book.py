@@ -231,7 +231,7 @@ def test_grouped_intensities_by_the_book(frame) -> None:
         np.testing.assert_array_equal(plain(coded[5 + first :]), frame.intensity[~frame.valid])
     for few, quality in {"levels=10": Quality(10), "error=9": Quality(14, 9)}.items():
         _, found = sections_of(message_of("zstd", frame, intensity=few))
-        assert found[3][:1] == b"\x00"
+        assert found[3][:1] == b"\x02"
         np.testing.assert_array_equal(coded_bytes(found[3][1:]), reduced(frame, quality)[frame.valid])
 
 
@@ -254,4 +254,4 @@ def test_modelled_intensities_by_the_book(frame) -> None:
         np.testing.assert_array_equal(np.frombuffer(plain, np.uint8), others)
     for few, quality in {"levels=10": Quality(10), "error=9": Quality(14, 9)}.items():
         _, found = sections_of(message_of("pcodec", frame, intensity=few))
-        assert found[3] == b"\x03" + modelled(reduced(frame, quality))
+        assert found[3] == b"\x05" + modelled(reduced(frame, quality))

@@ -1,4 +1,4 @@
-/** The INTENSITY section: forms 0 and 1, and 3 and 4 whose returns are modelled (docs/wire-format-intensity.md). */
+/** The INTENSITY section: forms 0 to 2, and 3 to 5 whose returns are modelled (docs/wire-format-intensity.md). */
 
 import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
@@ -21,9 +21,9 @@ export function readIntensity(
   if (data === null) return new Uint8Array(mask.length);
   if (data.length === 0) throw damaged("an intensity section without bytes");
   const form = data[0];
-  if (form > 4 || form === 2) throw new DecodeError("version", `intensities of form ${form}`);
+  if (form > 5) throw new DecodeError("version", `intensities of form ${form}`);
   const returns = (coded: Uint8Array) => (form >= 3 ? modelled(coded) : readGrouped(coded, mask));
-  if (form % 3 === 0) return returns(data.subarray(1));
+  if (form % 3 !== 1) return returns(data.subarray(1));
   if (data.length < 5) throw damaged("intensities end within their head");
   const size = data[1] + data[2] * 256 + data[3] * 65536 + data[4] * 16777216;
   if (size > data.length - 5) throw new DecodeError("truncated", "intensities end before their returns");
