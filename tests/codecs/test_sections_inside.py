@@ -130,8 +130,8 @@ def test_intensities_come_back_in_every_form(frame: Frame, quality: Quality, gro
     "data",
     [
         b"", b"\0", b"\0\1abc", b"\1\0\0", b"\2", b"\2\7", b"\1\xff\xff\xff\xff",
-        b"\3", b"\3abc", b"\3\0\7\7", b"\4", b"\4\2\0\0\0\0\7", b"\4\xff\xff\xff\xff\0", b"\5", b"\5\0\7\7", b"\2\xff\7",
-        b"\6\0\7", b"\xff",
+        b"\3", b"\3abc", b"\3\0\7\7", b"\4", b"\4\2\0\0\0\0\7", b"\4\xff\xff\xff\xff\0", b"\5", b"\5\0\7\7",
+        b"\2\xff\7", b"\6\0\7", b"\xff",
     ],
 )  # fmt: skip
 def test_damaged_intensities_are_refused(data: bytes) -> None:
