@@ -1,12 +1,14 @@
 """What each working point of a codec costs and shows: the table from which the rate control makes its operating curves.
 
-    python -m benchmarks.working_points [--codecs riddle,pcodec] [--frames 6] [--write]
+    python -m benchmarks.working_points [--codecs riddle,pcodec] [--frames 6] [--steps 10 | --steps none] [--write]
 
 A working point is a step of the lattice of columns, a value of the codec's knob and a number of intensity levels. For
 each codec it measures, over frames of the training drives (0013, sfnd, 0001) and a simulated town, in bits per return
-of the original frame: ranges (by step and knob), intensity (by step and levels), and all else (by step); and what is
-seen at the receiver with gaps filled in: Chamfer distance, RMSE along the ray, RMSE of intensity. With --write the
-table goes to lidarcodec/ratecontrol/working_points.json, one entry a codec; other codecs' entries stay.
+of the original frame: ranges (by step and knob), intensity (by step and levels: intensity_points.py), and all else (by
+step); and what is seen at the receiver with gaps filled in: Chamfer distance, RMSE along the ray, RMSE of intensity.
+With --write the table goes to lidarcodec/ratecontrol/working_points.json, one entry a codec; other codecs' entries
+stay. All codecs take hours. --steps measures ranges of some steps alone, and keeps what the table has of the others;
+intensities are measured anew each time, which takes two minutes.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.intensity_points import Intensities, intensities
 from benchmarks.scenes import DATA
 from lidarcodec import api
 from lidarcodec.codecs import table
@@ -38,11 +41,14 @@ DRIVES: Final = (
     ("kitti_0001_f000-089.pcap.xz", 40),
     ("sim:city?seed=3&frames=20", 5),
 )
-STEPS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+STEPS: Final = (1, 2, 3, 4, 6, 8, 10, 12, 16, 24)
 BOUNDS_M: Final = (0.0, 0.002, 0.004, 0.008, 0.012, 0.02, 0.03, 0.045, 0.065, 0.1, 0.14, 0.2, 0.3)
 QUALITIES: Final = (3, 5, 10, 20, 35, 50, 65, 80, 90, 95, 98, 100)
 CRFS: Final = (48, 42, 36, 32, 28, 24, 20, 16, 12, 8, 4, 0)
-LEVELS: Final = (0, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64, 128, 256)
+LEVELS: Final = (0, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96, 128, 256)
+ROWS: Final = ("range_bits", "rest_bits", "chamfer_m", "rmse_m")
+"""What an entry has of each step, but for intensity."""
+Row = dict[str, Any]
 WARM: Final = 2
 """Frames at the beginning that teach a codec and are not counted."""
 
@@ -99,66 +105,59 @@ def coded(codec: str, step: int, settings: StreamSettings, frames: list[Frame]) 
     return bits, out
 
 
-def measured(codec: str, sets: list[list[Frame]], known: dict[str, Any] | None) -> dict[str, Any]:
-    """The codec's entry. known: that of another codec with a bound, whose distances are the same."""
+def measured(codec: str, step: int, sets: list[list[Frame]], known: Row | None) -> Row:
+    """What is known of a step but for intensity. known: of another codec with a bound, whose distances are the same."""
     values = values_of(codec)
-    bounded = table.codec(codec).bounded
     knob = table.codec(codec).knob
     assert knob is not None
     points = sum(frame.points for frames in sets for frame in frames[WARM:])
-    clouds = [[Cloud(xyz_of(frame.cloud())) for frame in frames[WARM:]] for frames in sets]
-    shape = (len(STEPS), len(values))
-    ranges, distance, rmse = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    rest = np.zeros(len(STEPS))
-    levels_bits, levels_rmse = np.zeros((len(STEPS), len(LEVELS))), np.zeros((len(STEPS), len(LEVELS)))
-    for at, step in enumerate(STEPS):
-        for place, value in enumerate(values):
-            settings = knob.with_value(StreamSettings(codec=codec, intensity="off"), value)
-            far, squares, count = [], 0.0, 0
-            for frames, originals in zip(sets, clouds, strict=True):
-                bits, decoded = coded(codec, step, settings, frames)
-                ranges[at, place] += bits["range"] / points
-                rest[at] += bits["rest"] / points / len(values)
-                if known is not None:
-                    continue
-                for frame, cloud, back in zip(frames[WARM:], originals, decoded[WARM:], strict=True):
-                    far.append(chamfer(cloud, filled(back)))
-                    both = (frame.range > 0) & (back.range > 0)
-                    off = frame.range[both].astype(np.int64) - back.range[both]
-                    squares, count = squares + float(np.dot(off, off)), count + len(off)
-            if known is None:
-                distance[at, place] = float(np.mean(far))
-                rmse[at, place] = 0.002 * float(np.sqrt(squares / max(count, 1)))
-        for place, levels in enumerate(LEVELS):
-            name = {0: "off", 256: "lossless"}.get(levels, f"levels={levels}")
-            settings = knob.with_value(StreamSettings(codec=codec, intensity=name), values[len(values) // 2])
-            squares, count = 0.0, 0
-            for frames in sets:
-                bits, decoded = coded(codec, step, settings, frames)
-                levels_bits[at, place] += bits["intensity"] / points
-                for frame, narrow in zip(frames[WARM:], decoded[WARM:], strict=True):
-                    back = filled(narrow)
-                    both = (frame.range > 0) & (back.range > 0)
-                    off = frame.intensity[both].astype(np.int64) - back.intensity[both]
-                    squares, count = squares + float(np.dot(off, off)), count + len(off)
-            levels_rmse[at, place] = float(np.sqrt(squares / max(count, 1)))
-        print(f"{codec} 1/{step}: range", ranges[at].round(3).tolist(), "rest", round(rest[at], 4), "levels",
-              levels_bits[at].round(3).tolist(), levels_rmse[at].round(1).tolist(), "chamfer",
-              distance[at].round(4).tolist(), file=sys.stderr, flush=True)  # fmt: skip
+    ranges, distance, rmse = np.zeros(len(values)), np.zeros(len(values)), np.zeros(len(values))
+    rest = 0.0
+    for place, value in enumerate(values):
+        settings = knob.with_value(StreamSettings(codec=codec, intensity="off"), value)
+        far, squares, count = [], 0.0, 0
+        for frames in sets:
+            bits, decoded = coded(codec, step, settings, frames)
+            ranges[place] += bits["range"] / points
+            rest += bits["rest"] / points / len(values)
+            if known is not None:
+                continue
+            for frame, back in zip(frames[WARM:], decoded[WARM:], strict=True):
+                far.append(chamfer(Cloud(xyz_of(frame.cloud())), filled(back)))
+                both = (frame.range > 0) & (back.range > 0)
+                off = frame.range[both].astype(np.int64) - back.range[both]
+                squares, count = squares + float(np.dot(off, off)), count + len(off)
+        if known is None:
+            distance[place] = float(np.mean(far))
+            rmse[place] = 0.002 * float(np.sqrt(squares / max(count, 1)))
+    found = {"range_bits": ranges.round(5).tolist(), "rest_bits": round(rest, 5)}
+    found |= {"chamfer_m": distance.round(5).tolist(), "rmse_m": rmse.round(5).tolist()}
     if known is not None:
-        distance, rmse = np.array(known["chamfer_m"]), np.array(known["rmse_m"])
+        found |= {name: known[name] for name in ("chamfer_m", "rmse_m")}
+    print(f"{codec} 1/{step}:", found, file=sys.stderr, flush=True)
+    return found
+
+
+def rows_of(entry: dict[str, Any]) -> dict[int, Row]:
+    """What is known of each step of a codec, but for intensity."""
+    return {step: {name: entry[name][at] for name in ROWS} for at, step in enumerate(entry["steps"])}
+
+
+def entry_of(codec: str, rows: dict[int, Row]) -> dict[str, Any]:
+    """The codec's entry but for intensity."""
+    knob = table.codec(codec).knob
+    assert knob is not None
+    head = {"knob": knob.setting, "bounded": table.codec(codec).bounded, "steps": sorted(rows)}
+    head["values"] = list(values_of(codec))
+    return head | {name: [rows[step][name] for step in sorted(rows)] for name in ROWS}
+
+
+def of_intensity(found: Intensities) -> dict[str, Any]:
+    """The part of a codec's entry that is about intensity."""
     return {
-        "knob": knob.setting,
-        "bounded": bounded,
-        "steps": list(STEPS),
-        "values": list(values),
         "levels": list(LEVELS),
-        "range_bits": ranges.round(5).tolist(),
-        "rest_bits": rest.round(5).tolist(),
-        "intensity_bits": levels_bits.round(5).tolist(),
-        "chamfer_m": distance.round(5).tolist(),
-        "rmse_m": rmse.round(5).tolist(),
-        "intensity_rmse": levels_rmse.round(3).tolist(),
+        "intensity_bits": found.bits.round(5).tolist(),
+        "intensity_rmse": found.rmse.round(3).tolist(),
     }
 
 
@@ -167,13 +166,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--codecs", default=",".join(name for name in table.names() if table.codec(name).knob))
     parser.add_argument("--frames", type=int, default=6, help="frames of each drive that are counted")
+    parser.add_argument("--steps", default=",".join(map(str, STEPS)), help="whose ranges are measured, or `none`")
     parser.add_argument("--write", action="store_true", help="keep the result")
     args = parser.parse_args()
     sets = drives(args.frames)
     entries: dict[str, Any] = json.loads(OUT.read_text()) if OUT.exists() else {}
+    counted = [frame for frames in sets for frame in frames[WARM:]]
+    shades: dict[bool, Intensities] = {}
+    steps = [] if args.steps == "none" else [int(step) for step in args.steps.split(",")]
+    fresh: dict[int, Row] = {}
     for codec in args.codecs.split(","):
-        bounded = (entry for entry in entries.values() if entry["bounded"] and table.codec(codec).bounded)
-        entries[codec] = measured(codec, sets, next(bounded, None))
+        grouped = codec == "zstd"
+        if grouped not in shades:
+            shades[grouped] = intensities(counted, STEPS, LEVELS, grouped=grouped)
+        rows = rows_of(entries[codec]) if codec in entries else {}
+        for step in steps:
+            known = fresh.get(step) if table.codec(codec).bounded else None
+            rows[step] = measured(codec, step, sets, known)
+            if table.codec(codec).bounded:
+                fresh[step] = rows[step]
+        if set(rows) != set(STEPS):
+            raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured")
+        entries[codec] = entry_of(codec, rows) | of_intensity(shades[grouped])
         if args.write:
             OUT.write_text(json.dumps(entries, separators=(",", ":")).replace("],[", "],\n[") + "\n")
     if not args.write:

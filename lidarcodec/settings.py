@@ -52,8 +52,8 @@ class StreamSettings(BaseModel):
     """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
     path carries."""
     intensity: str = AUTO
-    """`auto`, `lossless`, `levels=N` (2 to 256 evenly spaced levels) or `off`. `auto`: what a target has bits for,
-    lossless without one."""
+    """`auto`, `lossless`, `error=N` (1 to 127: none off by more than N of 255), `levels=N` (2 to 256: at most N values
+    in a frame, chosen for few bits and small errors) or `off`. `auto`: what a target has bits for, lossless without."""
     reduction: str = AUTO
     """Which returns are sent. `auto`: as many columns as a target has bits for, all without one."""
     keep_points: int | None = Field(default=None, ge=1)
@@ -84,10 +84,12 @@ class StreamSettings(BaseModel):
     def _intensity(cls, value: str) -> str:
         if value in (AUTO, "lossless", "off"):
             return value
-        found = re.fullmatch(r"levels=([0-9]{1,3})", value)
-        if not found or not 2 <= int(found[1]) <= 256:
-            raise ValueError("intensity is auto, lossless, levels=N with N from 2 to 256, or off")
-        return value
+        found = re.fullmatch(r"(levels|error)=([0-9]{1,3})", value)
+        if found and int(found[2]) in (range(2, 257) if found[1] == "levels" else range(1, 128)):
+            return value
+        raise ValueError(
+            "intensity is auto, lossless, error=N with N from 1 to 127, levels=N with N from 2 to 256, or off"
+        )
 
     @field_validator("target_kbps")
     @classmethod
@@ -126,9 +128,22 @@ class StreamSettings(BaseModel):
 
     @property
     def intensity_levels(self) -> int:
-        """Number of intensity levels sent: 256 = lossless, 0 = off. Of `auto` it is what is sent without a target."""
+        """Number of intensity levels sent: 256 = lossless, 0 = off. Of `auto` it is what is sent without a target.
+
+        Of `error=N` it is how many levels keep all of 0 to 255 within N.
+        """
         fixed = {AUTO: 256, "lossless": 256, "off": 0}
-        return fixed[self.intensity] if self.intensity in fixed else int(self.intensity.removeprefix("levels="))
+        if self.intensity in fixed:
+            return fixed[self.intensity]
+        if self.intensity_error:
+            return 255 // (2 * self.intensity_error + 1) + 1
+        return int(self.intensity.removeprefix("levels="))
+
+    @property
+    def intensity_error(self) -> int:
+        """Largest error of an intensity, of 255, that `error=N` allows; 0 with any other choice."""
+        name, _, number = self.intensity.partition("=")
+        return int(number) if name == "error" else 0
 
     @property
     def reduces(self) -> bool:

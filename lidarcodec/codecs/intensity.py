@@ -4,12 +4,13 @@ Forms (docs/wire-format.md). The codecs write modelled bytes (entropy/intensity_
 (neighbour.py), which are a fifth larger and take a third of the time; every decoder reads both.
 
 0 returns, grouped; 1 u32 size of the grouped returns, these, and one zstd frame for the fired cells without a return;
-2 levels - 1 as u8, grouped level numbers of the returns; 3, 4 and 5 the same with modelled returns.
+2 returns reduced to few values, grouped as in form 0: tells that the intensities are not those of the sensor;
+3, 4 and 5 the same with modelled returns.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +21,11 @@ from lidarcodec.codecs.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
 
 FORM_RETURNS: Final = 0
 FORM_ALL_FIRED: Final = 1
-FORM_LEVELS: Final = 2
+FORM_FEW: Final = 2
 MODELLED: Final = 3
 """What is added to a form whose returns are modelled."""
 LOSSLESS_LEVELS: Final = 256
@@ -33,46 +35,74 @@ Bytes = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
 
-def level_of(intensity: Bytes, levels: int) -> Bytes:
-    """Number of the nearest of `levels` evenly spaced levels of 0..255, for each intensity."""
-    table = (np.arange(256, dtype=np.uint32) * (levels - 1) + 127) // 255
-    return table.astype(np.uint8)[intensity]
+class Quality(NamedTuple):
+    """How near intensities come back.
 
-
-def intensity_of(level: Bytes, levels: int) -> Bytes:
-    """Intensity of each level number.
-
-    Raises SectionError for a number that is no level.
+    levels: values in a frame at most, 256 = lossless, 0 = off; error: if not 0, the largest error, instead of levels
     """
-    if not 2 <= levels <= LOSSLESS_LEVELS:
-        raise SectionError(f"{levels} intensity levels: 2 to 256 are possible")
-    if int(level.max(initial=0)) >= levels:
-        raise SectionError(f"intensity level {int(level.max())} of {levels}")
-    table = (np.arange(levels, dtype=np.uint32) * 255 + (levels - 1) // 2) // (levels - 1)
-    return table.astype(np.uint8)[level]
+
+    levels: int
+    error: int = 0
+
+    @classmethod
+    def of(cls, settings: StreamSettings) -> Quality:
+        """What settings ask for."""
+        return cls(settings.intensity_levels, settings.intensity_error)
+
+    @property
+    def lossless(self) -> bool:
+        """Whether every fired cell keeps its intensity."""
+        return self.levels == LOSSLESS_LEVELS and not self.error
+
+
+def reduced(frame: Frame, quality: Quality) -> Bytes:
+    """(64, W) uint8, the intensities of the frame's returns reduced to few values; zeros elsewhere.
+
+    quality: neither off nor lossless
+    """
+    valid = frame.valid
+    if not quality.error:
+        return entropy.choose_levels(frame.intensity, valid, frame.fired, frame.sensor, quality.levels)
+    table = values_within(np.bincount(frame.intensity[valid], minlength=256), quality.error)
+    return np.where(valid, table[frame.intensity], np.uint8(0))
+
+
+def values_within(counts: npt.NDArray[np.intp], error: int) -> Bytes:
+    """(256,) uint8, for each intensity a value at most `error` away; as few values as those that occur need.
+
+    A value is near the mean of those that it stands for. counts: (256,), how often each intensity occurs
+    """
+    table = np.arange(256, dtype=np.uint8)
+    used = np.flatnonzero(counts)
+    while used.size:
+        group = used[used <= used[0] + 2 * error]
+        mean = np.rint(np.average(group, weights=counts[group]))
+        table[group] = np.clip(mean, group[-1] - error, group[0] + error)
+        used = used[group.size :]
+    return table
 
 
 def encode_intensity(
-    frame: Frame, cells: Mask, levels: int, *, turn: int | None = None, grouped: bool = False
+    frame: Frame, cells: Mask, quality: Quality, *, turn: int | None = None, grouped: bool = False
 ) -> bytes | None:
-    """Bytes of the section, or None when intensity is off (`levels` 0); 4 ms for 120,000 returns, 1.5 ms if grouped.
+    """Bytes of the section, or None when intensity is off; 4 ms for 120,000 returns, 1.5 ms if grouped.
 
-    cells: (64, W), those that fired; levels: 256 = lossless; turn: columns in a full turn, as for the mask
-    grouped: take forms 0 to 2. Of a reduced frame intensities without a return are not sent.
+    A choice among few values takes 4 ms more. cells: (64, W), those that fired; turn: columns in a full turn, as for
+    the mask; grouped: take forms 0 to 2. Of a reduced frame intensities without a return are not sent.
     """
-    if not levels:
+    if not quality.levels:
         return None
     valid, image = frame.valid, frame.intensity
-    if levels < LOSSLESS_LEVELS:
-        image = level_of(image, levels)
+    if not quality.lossless:
+        image = reduced(frame, quality)
     coded = (
         encode_bytes(image[valid])
         if grouped
         else entropy.encode_intensity(image, valid, frame.fired, frame.sensor, turn=turn)
     )
     kind = 0 if grouped else MODELLED
-    if levels < LOSSLESS_LEVELS:
-        return bytes([kind + FORM_LEVELS, levels - 1]) + coded
+    if not quality.lossless:
+        return bytes([kind + FORM_FEW]) + coded
     others = cells > valid
     if frame.keep is not None or not np.multiply(image, others).any():
         return bytes([kind + FORM_RETURNS]) + coded
@@ -88,7 +118,7 @@ def decode_intensity(data: bytes | None, valid: Mask, cells: Mask, fired: Mask, 
     if data is None:
         return np.zeros(valid.shape, np.uint8)
     kind, form = divmod(data[0], MODELLED) if data else (-1, -1)
-    if kind not in (0, 1) or (form == FORM_LEVELS and len(data) < 2):
+    if kind not in (0, 1):
         raise SectionError(f"an intensity section of {len(data)} bytes that begins with {data[:1].hex() or 'nothing'}")
 
     def returns(coded: bytes) -> Bytes:
@@ -98,10 +128,8 @@ def decode_intensity(data: bytes | None, valid: Mask, cells: Mask, fired: Mask, 
         image[valid] = decode_bytes(coded, int(np.count_nonzero(valid)))
         return image
 
-    if form == FORM_RETURNS:
+    if form in (FORM_RETURNS, FORM_FEW):
         return returns(data[1:])
-    if form == FORM_LEVELS:
-        return np.where(valid, intensity_of(returns(data[2:]), data[1] + 1), np.uint8(0))
     split = 5 + int.from_bytes(data[1:5], "little")
     image, others = returns(data[5:split]), cells > valid
     image[others] = np.frombuffer(decompress(data[split:], int(np.count_nonzero(others))), np.uint8)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.history import MaskHistory
+from lidarcodec.codecs.intensity import Quality
 from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes, decode_planes, encode_planes
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
@@ -98,7 +99,7 @@ class IntraEncoder(FrameEncoder):
         encode_mask = self._mask_in_stream() if frame.keep is None else None
         planes = encode_planes(
             frame,
-            self.settings.intensity_levels,
+            Quality.of(self.settings),
             None if history is None or encode_mask is not None else history.before(frame.azimuth, frame.sensor),
             grouped_intensity=self.grouped_intensity,
             encode_mask=encode_mask,

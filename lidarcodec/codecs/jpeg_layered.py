@@ -22,6 +22,7 @@ from lidarcodec.codecs.base import Codec, Steering, own_settings
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
 from lidarcodec.codecs.group_head import pack_group, packets_in, split_group
 from lidarcodec.codecs.history import MaskHistory
+from lidarcodec.codecs.intensity import Quality
 from lidarcodec.codecs.intra import frame_of
 from lidarcodec.codecs.jpeg_file import read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
@@ -96,7 +97,7 @@ class LayeredEncoder:
         if not self._members:
             self._history = MaskHistory()
         previous = self._history.before(frame.azimuth, frame.sensor) if self._members else None
-        planes = encode_planes(frame, self.settings.intensity_levels, previous)
+        planes = encode_planes(frame, Quality.of(self.settings), previous)
         self._history.remember(frame.valid, frame.azimuth, frame.sensor)
         if not self._members:
             sensor = (frame.sensor.hash, frame.sensor.convention)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from lidarcodec import entropy
 from lidarcodec.codecs.history import MaskHistory
-from lidarcodec.codecs.intensity import decode_intensity, encode_intensity
+from lidarcodec.codecs.intensity import Quality, decode_intensity, encode_intensity
 from lidarcodec.codecs.motion import is_rigid
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -71,7 +71,7 @@ def check_unfired(frame: Frame, cells: Mask) -> None:
 
 def encode_planes(
     frame: Frame,
-    levels: int,
+    quality: Quality,
     previous: Mask | None = None,
     *,
     grouped_intensity: bool = False,
@@ -79,7 +79,7 @@ def encode_planes(
 ) -> list[Section]:
     """Sections of a frame beside calibration and range.
 
-    levels: of intensity, 256 = lossless, 0 = off; previous: mask that the mask coder may look at
+    quality: of intensity; previous: mask that the mask coder may look at
     grouped_intensity: code intensities quickly instead of small; encode_mask: of streams that code masks with memory
 
     Raises LidarCodecError for a frame that contradicts itself.
@@ -92,7 +92,7 @@ def encode_planes(
         Section(SectionType.AZIMUTH, entropy.encode_azimuth(frame.azimuth, frame.fired)),
         _mask_section(frame, previous, turn, encode_mask),
     ]
-    intensity = encode_intensity(frame, cells, levels, turn=turn, grouped=grouped_intensity)
+    intensity = encode_intensity(frame, cells, quality, turn=turn, grouped=grouped_intensity)
     if intensity is not None:
         sections.append(Section(SectionType.INTENSITY, intensity))
     if frame.side is not None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.base import Codec, CodecSettings
-from lidarcodec.codecs.intensity import LOSSLESS_LEVELS, intensity_of, level_of
+from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
 from lidarcodec.codecs.planes import (
     Planes,
@@ -99,17 +99,17 @@ class RawEncoder(IntraEncoder):
         check_unfired(frame, fired_cells(frame.fired, frame.sensor))
         if int(frame.azimuth.max(initial=0)) >= AZIMUTH_TURN:
             raise SectionError("a rotation of a full turn or more")
-        valid, levels = frame.valid, self.settings.intensity_levels
+        valid, quality = frame.valid, Quality.of(self.settings)
         halves = frame.fired[0] | frame.fired[1] << np.uint8(1)
         sections = [
             Section(SectionType.RANGE, self._range(frame, valid)),
             Section(SectionType.AZIMUTH, frame.azimuth.astype("<u2").tobytes() + halves.tobytes()),
         ]
-        if levels:
+        if quality.levels:
             intensity = frame.intensity
-            if levels < LOSSLESS_LEVELS:
-                intensity = intensity_of(level_of(intensity, levels), levels)
-            if levels < LOSSLESS_LEVELS or frame.keep is not None:
+            if not quality.lossless:
+                intensity = reduced(frame, quality)
+            elif frame.keep is not None:
                 intensity = np.where(valid, intensity, np.uint8(0))
             sections.append(Section(SectionType.INTENSITY, intensity.tobytes()))
         if frame.side is not None:

@@ -20,6 +20,7 @@ from lidarcodec.codecs.calibrations import SensorBook
 from lidarcodec.codecs.canvas import MAX_VALUE, level_offsets
 from lidarcodec.codecs.h264_stream import PictureReader, PictureWriter, Preset
 from lidarcodec.codecs.holes import filled_lines
+from lidarcodec.codecs.intensity import Quality
 from lidarcodec.codecs.intra import FrameEncoder, frame_of
 from lidarcodec.codecs.planes import decode_planes, encode_planes
 from lidarcodec.codecs.range_mapping import NAMES, MappingName, check_top, mapping_of
@@ -114,7 +115,7 @@ class VideoEncoder(FrameEncoder):
         return key
 
     def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
-        planes = encode_planes(frame, self.settings.intensity_levels)
+        planes = encode_planes(frame, Quality.of(self.settings))
         valid = frame.valid
         data, needs = self._picture(frame, valid, key) if valid.any() else (b"", None)
         if key and not data:

@@ -9,7 +9,7 @@ from lidarcodec.entropy.azimuth_coder import (
     rotation_runs,
 )
 from lidarcodec.entropy.fast import GivenLayer, NativeNets, net_forms
-from lidarcodec.entropy.intensity_coder import decode_intensity, encode_intensity
+from lidarcodec.entropy.intensity_coder import choose_levels, decode_intensity, encode_intensity
 from lidarcodec.entropy.keep_coder import decode_keep, encode_keep
 from lidarcodec.entropy.mask_coder import decode_mask, encode_mask
 from lidarcodec.entropy.mask_stream import STREAM_KINDS, MaskStream
@@ -31,6 +31,7 @@ __all__ = [
     "TrainSettings",
     "columns_in_turn",
     "decode_azimuth",
+    "choose_levels",
     "decode_intensity",
     "decode_keep",
     "decode_mask",

@@ -140,6 +140,20 @@ def encode_intensity(
     return cast(bytes, _native.encode_intensity(*arrays, turn))
 
 
+def choose_levels(
+    values: npt.NDArray[np.uint8],
+    returns: npt.NDArray[np.bool_],
+    fired: npt.NDArray[np.bool_],
+    half: npt.NDArray[np.uint8],
+    rotation: npt.NDArray[np.int32],
+    levels: int,
+) -> npt.NDArray[np.uint8]:
+    """(64, W) uint8, at most `levels` values at the returns, 0 elsewhere. half, rotation: (64,)."""
+    arrays = (values, returns.view(np.uint8), fired.view(np.uint8), half, rotation)
+    image: npt.NDArray[np.uint8] = _native.choose_levels(*arrays, levels)
+    return image
+
+
 def decode_intensity(
     data: bytes,
     returns: npt.NDArray[np.bool_],

@@ -2,7 +2,7 @@
 
 Context of a return are the last four of its row, the row above shifted by rotation correction, and the no returns
 beside it; what follows which context is learned afresh in every message, so each decodes alone. Values that do not
-occur cost nothing: intensities reduced to few levels are cheaper accordingly. The format is
+occur cost nothing: intensities reduced to few levels (`choose_levels`) are cheaper accordingly. The format is
 docs/wire-format-intensity.md.
 
 >>> import numpy as np
@@ -44,12 +44,32 @@ def encode_intensity(
 
     Raises SectionError if shapes do not fit, or a cell is set in a half that did not fire.
     """
-    check_returns(returns, fired)
-    if values.dtype != np.uint8 or values.shape != returns.shape:
-        raise SectionError(f"intensities are {values.dtype}{values.shape}, not uint8{returns.shape}")
+    _check_values(values, returns, fired)
     check_turn(turn)
     arrays = (np.ascontiguousarray(values), np.ascontiguousarray(returns), np.ascontiguousarray(fired))
     return fast.encode_intensity(*arrays, *row_geometry(sensor), turn or 0)
+
+
+def choose_levels(
+    values: npt.NDArray[np.uint8],
+    returns: npt.NDArray[np.bool_],
+    fired: npt.NDArray[np.bool_],
+    sensor: SensorModel,
+    levels: int,
+) -> npt.NDArray[np.uint8]:
+    """(64, W) uint8 with at most `levels` values at the returns, 0 elsewhere; 4 ms for 120,000 returns.
+
+    Values, and which of them each return becomes, are chosen for small errors and few bits of `encode_intensity`: by
+    Lloyd's method for the values, then along each row by Viterbi's with prices of how values follow each other.
+    Intensities that have no more than `levels` values stay as they are.
+
+    values: (64, W) uint8; returns: (64, W) bool; fired: (2, W) bool; levels: 2 to 255. Raises SectionError.
+    """
+    _check_values(values, returns, fired)
+    if not 2 <= levels <= 255:
+        raise SectionError(f"{levels} intensity levels: 2 to 255 are possible")
+    arrays = (np.ascontiguousarray(values), np.ascontiguousarray(returns), np.ascontiguousarray(fired))
+    return fast.choose_levels(*arrays, *row_geometry(sensor), levels)
 
 
 def decode_intensity(
@@ -65,6 +85,12 @@ def decode_intensity(
     return fast.decode_intensity(
         data, np.ascontiguousarray(returns), np.ascontiguousarray(fired), *row_geometry(sensor)
     )
+
+
+def _check_values(values: npt.NDArray[np.uint8], returns: npt.NDArray[np.bool_], fired: npt.NDArray[np.bool_]) -> None:
+    check_returns(returns, fired)
+    if values.dtype != np.uint8 or values.shape != returns.shape:
+        raise SectionError(f"intensities are {values.dtype}{values.shape}, not uint8{returns.shape}")
 
 
 def check_turn(turn: int | None) -> None:

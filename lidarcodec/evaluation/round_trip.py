@@ -15,7 +15,7 @@ from collections import deque
 import numpy as np
 
 from lidarcodec.codecs import table
-from lidarcodec.codecs.intensity import FORM_LEVELS, MODELLED
+from lidarcodec.codecs.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
 from lidarcodec.errors import LidarCodecError, RoundTripError
 from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
@@ -62,13 +62,13 @@ class RoundTrip:
         try:
             message = unpack(data)
             frames = self._decoder.decode(message)
-            step, levels = promise_of(message).step, levels_in(message)
+            step, told = promise_of(message).step, told_of(message)
         except LidarCodecError as error:
             raise _fault(
                 f"{self._named()} does not decode again as {self.settings.codec} encoded it ({error})"
             ) from None
         for frame in frames:
-            self._compare(frame, step, levels)
+            self._compare(frame, step, told)
         return frames
 
     def end(self) -> list[Frame]:
@@ -81,7 +81,7 @@ class RoundTrip:
             raise _fault(f"{self._named()} did not come out of what {self.settings.codec} encoded{others}")
         return frames
 
-    def _compare(self, came: Frame, step: int | None, levels: int | None = None) -> None:
+    def _compare(self, came: Frame, step: int | None, told: Quality | None = None) -> None:
         if not self._sent or self._sent[0][0].index != came.index:
             if self._joining:
                 return
@@ -89,8 +89,8 @@ class RoundTrip:
         sent, settings = self._sent.popleft()
         self._joining = False
         if settings.intensity != AUTO or settings.target_kbps is None:
-            levels = settings.intensity_levels
-        wrong = difference(came, sent, settings, step, levels)
+            told = None
+        wrong = difference(came, sent, settings, step, told)
         if wrong is not None:
             raise _fault(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
         self.compared += 1
@@ -103,20 +103,22 @@ def _fault(what: str) -> RoundTripError:
     return RoundTripError(f"{what}: take another codec or other settings, and report this")
 
 
-def levels_in(message: Message) -> int:
-    """How many levels of intensity a message tells, 0 for none and 256 for all."""
+def told_of(message: Message) -> Quality:
+    """What a message tells of its intensities: all, none, or few values; of these not how many."""
     coded = next((section.data for section in message.sections if section.type == SectionType.INTENSITY), None)
     if coded is None:
-        return 0
-    return coded[1] + 1 if len(coded) > 1 and coded[0] % MODELLED == FORM_LEVELS else 256
+        return Quality(0)
+    few = bool(coded) and coded[0] % MODELLED == FORM_FEW
+    return Quality(LOSSLESS_LEVELS - few)
 
 
 def difference(
-    came: Frame, sent: Frame, settings: StreamSettings, step: int | None, levels: int | None = None
+    came: Frame, sent: Frame, settings: StreamSettings, step: int | None, told: Quality | None = None
 ) -> str | None:
     """What of a decoded frame is not as settings promise, in words; None: all is.
 
-    step: quantiser width that its message tells, None where it tells none;  levels: of intensity, None: as in settings
+    step: quantiser width that its message tells, None where it tells none;  told: by the message of its
+    intensities, None: as in settings
     """
     if came.range.shape != sent.range.shape:
         return f"{came.width} columns, where it had {sent.width}"
@@ -143,7 +145,7 @@ def difference(
     if not _same_side(came.side, sent.side):
         return "other packets"
     return _range_difference(came, sent, settings, step) or _intensity_difference(
-        came, sent, settings.intensity_levels if levels is None else levels
+        came, sent, Quality.of(settings) if told is None else told, exact=told is None
     )
 
 
@@ -159,14 +161,20 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
     return f"a range {bound_of(2 * off):g} m off, where {bound_of(2 * allowed):g} m are allowed"
 
 
-def _intensity_difference(came: Frame, sent: Frame, levels: int) -> str | None:
-    if not levels:
+def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: bool) -> str | None:
+    """exact: whether the encoder chose with this very quality."""
+    if not quality.levels:
         return "intensities, which are off" if came.intensity.any() else None
-    if levels == 256:
+    if quality.lossless:
         kept = sent.intensity if sent.keep is None else np.where(sent.valid, sent.intensity, np.uint8(0))
         return None if np.array_equal(came.intensity, kept) else "other intensities"
-    off = int(np.abs(came.intensity.astype(np.int16) - sent.intensity)[sent.valid].max(initial=0))
-    return None if off <= 127.5 / (levels - 1) + 0.5 else f"an intensity {off} off its level"
+    if exact:
+        return None if np.array_equal(came.intensity, reduced(sent, quality)) else "other intensities than were chosen"
+    given, off = (plane[sent.valid].astype(np.float64) for plane in (sent.intensity, came.intensity))
+    off -= given
+    if off.size and np.square(off).mean() > given.var() + 0.25:  # of one value, the mean as an integer
+        return "intensities further off than any choice of values"
+    return None
 
 
 def _same_side(came: SideInfo | None, sent: SideInfo | None) -> bool:

@@ -200,14 +200,20 @@ class RateControl:
             "reached": self._reached(),
             "kbps_5s": None if mean is None else round(mean, 1),
             self._knob.setting: self.point.value,
-            "intensity": _intensity_of(self.point.levels),
+            "intensity": self._intensity_at(self.point),
             "step": self.step,
             "frames_left_out": self.left_out,
         }
 
     def _at(self, point: WorkingPoint) -> StreamSettings:
         settings = self._knob.with_value(self._settings, point.value)
-        return settings.model_copy(update={"intensity": _intensity_of(point.levels)})
+        return settings.model_copy(update={"intensity": self._intensity_at(point)})
+
+    def _intensity_at(self, point: WorkingPoint) -> str:
+        chosen = self._settings.intensity
+        if chosen != AUTO:
+            return chosen
+        return {0: "off", 256: "lossless"}.get(point.levels, f"levels={point.levels}")
 
     def _take(self, settings: StreamSettings) -> None:
         knob = table.codec(settings.codec).knob
@@ -284,10 +290,6 @@ def _nearest_to(point: WorkingPoint, curve: Curve) -> int:
         return abs(math.log(of.step / point.step)), abs(of.value - point.value), abs(of.levels - point.levels)
 
     return min(range(len(curve.points)), key=unlike)
-
-
-def _intensity_of(levels: int) -> str:
-    return {0: "off", 256: "lossless"}.get(levels, f"levels={levels}")
 
 
 def _sum(loads: Sequence[Load]) -> Load:

@@ -1,7 +1,7 @@
 """The controller: (state, frame) to a working point, (state, what was sent) to the next state. No clock.
 
 >>> from lidarcodec.ratecontrol.curve import Pins, operating_curve
->>> plan = Plan(2e6, "riddle", operating_curve("riddle", Pins()))
+>>> plan = Plan(1e6, "riddle", operating_curve("riddle", Pins()))
 >>> load = Load(returns=100_000, packets=348, seconds=0.1)
 >>> state = RateState()
 >>> point = plan.curve.points[chosen(state, plan, load)]

@@ -3,7 +3,7 @@
 A working point is a step of the lattice of columns, a value of the codec's knob and a number of intensity levels.
 `working_points.json` has, for each codec, what points of a grid took and showed on training drives (how:
 `benchmarks/working_points.py`). From it a curve is made for what the operator left free: what is pinned stays, the
-rest moves. Along a curve more bits never show less.
+rest moves. Along a curve more bits never show less: neither distances, nor errors of intensity, nor the step grow.
 
 >>> curve = operating_curve("riddle", Pins())
 >>> bool((np.diff(curve.bits) > 0).all()), bool((np.diff(curve.cost) < 0).all())
@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.rate_knob import BOUND
+from lidarcodec.ratecontrol.chain import chain
 from lidarcodec.settings import Purpose, step_of
 from lidarcodec.units import RANGE_STEP_M
 
@@ -34,12 +35,12 @@ COARSEST_M: Final = 0.3
 """No automatic choice makes a larger range error, nor a larger RMSE of a codec that keeps no bound."""
 COARSEST_RMSE_M: Final = 0.2
 """RMSE on training drives up to which a codec without a bound is used: other scenes are rougher."""
-GAIN: Final = 0.005
-"""A point is on the curve if it shows more than the one below it by this share of the cost at least."""
-INTENSITY_M: Final = 0.0012
-"""What one step of RMSE in intensity (of 255) weighs, in metres of Chamfer distance, where it is small."""
-INTENSITY_KNEE: Final = 10.0
-"""RMSE of intensity from which on more of it weighs less and less: a person sees shades or does not."""
+INTENSITY_M: Final = 1e-4
+"""What a squared error of intensity (of 255) weighs, in metres of Chamfer distance, up to INTENSITY_KNEE."""
+INTENSITY_KNEE: Final = 18.0
+"""RMSE of intensity up to which shades are seen, and not only what is bright and what is dark."""
+INTENSITY_BEYOND_M: Final = 4e-4
+"""What a step of RMSE weighs just beyond the knee, in metres; at twice that RMSE it weighs half, and so on."""
 
 
 class WorkingPoint(NamedTuple):
@@ -66,13 +67,16 @@ class Pins(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Curve:
     """points: from fewest bits to most; of each point (N,): `range`, `intensity` and `rest`, in bits per return of the
-    original frame, and `cost`, what is missing from the picture, in metres."""
+    original frame; `chamfer_m` and `shades`, the distance in metres and the RMSE of intensity, of 255, both with gaps
+    filled in; and `cost`, what is missing from the picture, in metres. None of these three ever grows."""
 
     points: tuple[WorkingPoint, ...]
     range: Floats
     intensity: Floats
     rest: Floats
     cost: Floats
+    chamfer_m: Floats
+    shades: Floats
 
     @property
     def bits(self) -> Floats:
@@ -106,7 +110,8 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
         allowed_steps = allowed_steps[:1]
     allowed_levels = levels if pins.levels is None else levels[[np.abs(levels - pins.levels).argmin()]]
     fine_enough = _allowed(entry, codec, values, grids["rmse_m"], pins)
-    missed = _missed(np.array(entry["intensity_rmse"]))
+    shades = np.array(entry["intensity_rmse"])
+    shades[:, levels == 0] = shades.max()  # none is none, whichever columns have none
     parts: list[list[Floats]] = []
     for step in allowed_steps:
         at = int(np.flatnonzero(steps == step)[0])
@@ -116,19 +121,23 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
             parts.append(
                 [ones * step, values[chosen], ones * levels[of], grids["range_bits"][at, chosen],
                  ones * entry["intensity_bits"][at][of], ones * entry["rest_bits"][at],
-                 grids["chamfer_m"][at, chosen] + missed[at, of]]
+                 grids["chamfer_m"][at, chosen], ones * shades[at, of]]
             )  # fmt: skip
-    found = _envelope(np.array([np.concatenate(column) for column in zip(*parts, strict=True)]))
+    found = np.array([np.concatenate(column) for column in zip(*parts, strict=True)])
+    cost = found[6] + _missed(found[7])
+    kept = chain(found[3] + found[4] + found[5], cost, found[[0, 6, 7]])
     points = tuple(
         WorkingPoint(pins.step or int(step), float(value), int(level) if pins.levels is None else pins.levels)
-        for step, value, level in found[:3].T
+        for step, value, level in found[:3, kept].T
     )
-    return Curve(points, *found[3:])
+    ranges, intensity, rest, chamfer_m, rmse = found[3:, kept]
+    return Curve(points, ranges, intensity, rest, cost[kept], chamfer_m, rmse)
 
 
 def _missed(rmse: Floats) -> Floats:
     """What RMSEs of intensity weigh, in metres; same shape."""
-    missed: Floats = INTENSITY_M * INTENSITY_KNEE * np.log1p(rmse / INTENSITY_KNEE)
+    beyond = INTENSITY_KNEE * np.log(np.maximum(rmse / INTENSITY_KNEE, 1.0))
+    missed: Floats = INTENSITY_M * np.minimum(rmse, INTENSITY_KNEE) ** 2 + INTENSITY_BEYOND_M * beyond
     return missed
 
 
@@ -162,19 +171,3 @@ def _allowed(entry: dict[str, Any], codec: str, values: Floats, rmse: Floats, pi
         fine = np.broadcast_to(steps <= step_of(bound_m), rmse.shape).copy()
     fine[:, -1] |= ~fine.any(axis=1)
     return fine
-
-
-def _envelope(found: Floats) -> Floats:
-    """(7, N) of (7, M) step, value, levels, bits of ranges, of intensity and of the rest, cost, a column a point: those
-    of which none takes fewer bits and shows as much; with more bits the step never grows."""
-    bits = found[3] + found[4] + found[5]
-    kept: list[int] = []
-    for place in np.lexsort((found[6], bits)).tolist():
-        if kept and not found[6, place] < (1.0 - GAIN) * found[6, kept[-1]]:
-            continue
-        if kept and found[0, place] > found[0, kept[-1]]:
-            continue
-        if kept and bits[place] <= bits[kept[-1]]:
-            kept.pop()
-        kept.append(place)
-    return found[:, kept]

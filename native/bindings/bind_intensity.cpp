@@ -2,6 +2,7 @@
 #include "error.hpp"
 #include "geometry.hpp"
 #include "intensity_coder.hpp"
+#include "intensity_choice.hpp"
 
 namespace {
 
@@ -33,6 +34,23 @@ void bind_intensity(nb::module_& m) {
       nb::arg("values").noconvert(), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(),
       nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
       "Bytes of the intensities of the returns; `turn`: columns in a full turn, 0 to find it from the returns.");
+  m.def(
+      "choose_levels",
+      [](In<std::uint8_t, 2> values, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
+         In<std::int32_t, 1> rotation, std::uint32_t levels) {
+        const MaskGeometry geometry = geometry_of(fired, half, rotation);
+        expect_image(values, geometry);
+        expect_image(returns, geometry);
+        std::vector<std::uint8_t> image;
+        {
+          nb::gil_scoped_release release;
+          image = lidarcodec::choose_levels(values.data(), returns.data(), geometry, levels);
+        }
+        return give(std::move(image), {kMaskRows, geometry.width});
+      },
+      nb::arg("values").noconvert(), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(),
+      nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("levels"),
+      "(64, W) uint8 of at most that many values, chosen by error and by bits; 0 outside of the returns.");
   m.def(
       "decode_intensity",
       [](nb::bytes data, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,

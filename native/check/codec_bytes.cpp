@@ -12,6 +12,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "intensity_choice.hpp"
 #include "intensity_coder.hpp"
 #include "mask_coder.hpp"
 #include "mask_stream.hpp"
@@ -291,7 +292,7 @@ void check_mask_stream(const Scene& scene, Path path) {
 }
 
 void check_intensities(const Scene& scene) {
-  Hash hash;
+  Hash hash, few;
   for (const std::uint32_t levels : {4u, 64u, 256u}) {
     const Ranges image = scene.ranges(0);
     const Bytes returns = returns_of(image);
@@ -303,8 +304,11 @@ void check_intensities(const Scene& scene) {
     const Bytes data = encode_intensity(values.data(), returns.data(), scene.geometry, 0);
     if (decode_intensity(data.data(), data.size(), returns.data(), scene.geometry) != values) fail("intensities");
     hash.add(data);
+    for (const std::size_t at_most : {2, 6, 20, 70})
+      few.add(choose_levels(values.data(), returns.data(), scene.geometry, at_most));
   }
   hash.print("intensity");
+  few.print("few intensities");
 }
 
 // What is expected of a frame, and the motion that is found for it.

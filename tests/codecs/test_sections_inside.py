@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
-from lidarcodec.codecs.intensity import decode_intensity, encode_intensity, intensity_of, level_of
+from lidarcodec.codecs.intensity import Quality, decode_intensity, encode_intensity, values_within
 from lidarcodec.codecs.planes import decode_pose, fired_cells, pose_sections
 from lidarcodec.codecs.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError, TruncatedError
@@ -76,23 +76,25 @@ def test_a_sensor_that_does_not_fit_is_refused_by_the_encoder() -> None:
         encode_calibration(SensorModel("x" * 300, zeros), key=True)
 
 
-def test_levels_are_the_nearest_of_evenly_spaced_ones() -> None:
-    every = np.arange(256, dtype=np.uint8)
-    for levels in range(2, 257):
-        came = intensity_of(level_of(every, levels), levels).astype(int)
-        ideal = np.rint(np.arange(levels) * 255 / (levels - 1))
-        assert np.abs(np.unique(came) - ideal).max() <= 1
-        assert np.abs(came - every).max() <= np.ceil(255 / (levels - 1) / 2)
-        assert (np.diff(came) >= 0).all()
-        assert (came[0], came[-1]) == (0, 255)
-    np.testing.assert_array_equal(intensity_of(level_of(every, 256), 256), every)
+def test_an_error_takes_as_few_values_as_the_intensities_need() -> None:
+    every = np.arange(256)
+    for error in range(1, 128):
+        table = values_within(np.ones(256, np.intp), error).astype(int)
+        assert np.abs(table - every).max() <= error
+        assert (np.diff(table) >= 0).all()
+        assert len(np.unique(table)) == -(-256 // (2 * error + 1))
+    counts = np.zeros(256, np.intp)
+    counts[[3, 4, 8, 9, 200]] = [1, 9, 1, 1, 5]
+    table = values_within(counts, 3)
+    assert table[[3, 4, 8, 9, 200]].tolist() == [6, 6, 6, 6, 200]  # near the mean, 4.7, as far as the bound lets it
+    np.testing.assert_array_equal(values_within(np.zeros(256, np.intp), 9), every)
 
 
 @pytest.mark.parametrize("grouped", [False, True])
 def test_intensities_without_return_cost_nothing_where_they_are_zero(grouped: bool) -> None:
     frame = frames.scene(4)
     cells = np.ones(frame.range.shape, np.bool_)
-    data = encode_intensity(frame, cells, 256, grouped=grouped)
+    data = encode_intensity(frame, cells, Quality(256), grouped=grouped)
     assert data is not None
     assert data[0] == (0 if grouped else 3)
     np.testing.assert_array_equal(
@@ -101,26 +103,35 @@ def test_intensities_without_return_cost_nothing_where_they_are_zero(grouped: bo
 
 
 @pytest.mark.parametrize("grouped", [False, True])
-@pytest.mark.parametrize("levels", [2, 16, 256])
+@pytest.mark.parametrize("quality", [Quality(2), Quality(16), Quality(255), Quality(256), Quality(29, 4)], ids=str)
 @pytest.mark.parametrize(
     "frame", [frames.scene(4), frames.noise(3), frames.one_return()], ids=["scene", "noise", "one"]
 )
-def test_intensities_come_back_in_every_form(frame: Frame, levels: int, grouped: bool) -> None:
+def test_intensities_come_back_in_every_form(frame: Frame, quality: Quality, grouped: bool) -> None:
     cells = fired_cells(frame.fired, frame.sensor)
-    data = encode_intensity(frame, cells, levels, grouped=grouped)
+    data = encode_intensity(frame, cells, quality, grouped=grouped)
     came = decode_intensity(data, frame.valid, cells, frame.fired, frame.sensor)
-    expected = intensity_of(level_of(frame.intensity, levels), levels)
-    if levels < 256:
-        expected[~frame.valid] = 0
-    np.testing.assert_array_equal(came, expected)
+    if quality.lossless:
+        np.testing.assert_array_equal(came, frame.intensity)
+        return
+    assert data is not None
+    assert data[0] == (2 if grouped else 5)
+    assert not came[~frame.valid].any()
+    before, after = frame.intensity[frame.valid].astype(int), came[frame.valid].astype(int)
+    if quality.error:
+        assert np.abs(after - before).max(initial=0) <= quality.error
+    elif len(np.unique(before)) <= quality.levels:
+        np.testing.assert_array_equal(after, before)
+    else:
+        assert len(np.unique(after)) <= quality.levels
 
 
 @pytest.mark.parametrize(
     "data",
     [
         b"", b"\0", b"\0\1abc", b"\1\0\0", b"\2", b"\2\7", b"\1\xff\xff\xff\xff",
-        b"\3", b"\3abc", b"\3\0\7\7", b"\4", b"\4\2\0\0\0\0\7", b"\4\xff\xff\xff\xff\0", b"\5", b"\5\7", b"\5\7\0\x08",
-        b"\6\0\7", b"\xff",
+        b"\3", b"\3abc", b"\3\0\7\7", b"\4", b"\4\2\0\0\0\0\7", b"\4\xff\xff\xff\xff\0", b"\5", b"\5\0\7\7",
+        b"\2\xff\7", b"\6\0\7", b"\xff",
     ],
 )  # fmt: skip
 def test_damaged_intensities_are_refused(data: bytes) -> None:
@@ -132,7 +143,7 @@ def test_damaged_intensities_are_refused(data: bytes) -> None:
 def test_modelled_intensities_are_a_good_deal_smaller() -> None:
     frame = frames.scene(60)
     sizes = [
-        len(encode_intensity(frame, fired_cells(frame.fired, frames.SENSOR), 256, grouped=grouped) or b"")
+        len(encode_intensity(frame, fired_cells(frame.fired, frames.SENSOR), Quality(256), grouped=grouped) or b"")
         for grouped in (False, True)
     ]
     assert sizes[0] < 0.9 * sizes[1]

@@ -75,10 +75,25 @@ def test_true_is_no_number_where_it_would_mean_a_metre(pair):
         one_setting("zstd", [pair])
 
 
-@pytest.mark.parametrize("pair", ["framing=packets:١٢", "intensity=levels=٣٣"])
+@pytest.mark.parametrize("pair", ["framing=packets:١٢", "intensity=levels=٣٣", "intensity=error=٣"])
 def test_digits_are_those_of_ascii(pair):
     with pytest.raises(SettingsError):
         one_setting(None, [pair])
+
+
+@pytest.mark.parametrize(
+    "choice", ["error=0", "error=128", "error=", "error=-1", "levels=1", "levels=257", "levels=1.5"]
+)
+def test_intensities_beyond_the_limits_are_refused_with_what_is_possible(choice):
+    with pytest.raises(SettingsError, match="error=N with N from 1 to 127, levels=N with N from 2 to 256"):
+        one_setting(None, [f"intensity={choice}"])
+
+
+def test_an_error_of_intensities_is_kept_and_told_as_levels_too():
+    settings = one_setting(None, ["intensity=error=4"])
+    assert (settings.intensity_error, settings.intensity_levels) == (4, 29)
+    assert one_setting(None, ["intensity=error=127"]).intensity_levels == 2
+    assert one_setting(None, ["intensity=levels=9"]).intensity_error == 0
 
 
 @pytest.mark.parametrize("names", ["zstd,", ",zstd", "zstd,,raw", ","])

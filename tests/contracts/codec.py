@@ -141,16 +141,23 @@ def check_reduced(codec: CodecUnderTest) -> None:
 
 
 def check_intensity(codec: CodecUnderTest) -> None:
-    """`off` gives zeros; N levels give the nearest level at every return, and zeros elsewhere."""
+    """`off` gives zeros; `levels` at most so many values, `error` none further off, and both zeros without a return."""
     for frame in (frames.noise(80), *frames.ordinary().values()):
         (came,), _ = send(codec, [frame], intensity="off", max_error_m=0)
         assert not came.intensity.any()
+        given = frame.intensity[frame.valid].astype(int)
         for levels in (2, 16, 255):
             (came,), _ = send(codec, [frame], intensity=f"levels={levels}", max_error_m=0)
-            error = np.abs(came.intensity.astype(int) - frame.intensity)[frame.valid]
-            assert error.max(initial=0) <= 255 / (levels - 1) / 2 + 0.5
+            values = came.intensity[frame.valid].astype(int)
+            assert len(np.unique(values)) <= levels
+            assert given.size == 0 or np.square(values - given).mean() <= np.square(given - given.mean()).mean() + 0.25
+            if len(np.unique(given)) <= levels:
+                np.testing.assert_array_equal(values, given)
             assert not came.intensity[~frame.valid].any()
-            assert len(np.unique(came.intensity[frame.valid])) <= levels
+        for error in (1, 10, 127):
+            (came,), _ = send(codec, [frame], intensity=f"error={error}", max_error_m=0)
+            assert np.abs(came.intensity[frame.valid].astype(int) - given).max(initial=0) <= error
+            assert not came.intensity[~frame.valid].any()
 
 
 def check_same_bytes(codec: CodecUnderTest) -> None:

@@ -40,6 +40,7 @@ GOLDEN = {
     "mask": ("09e94b116add8d39", "da0f69b12ad0ee1a"),
     "mask of a stream": ("4c613a31c967585e", "c6dd2774adbdd03f"),
     "intensity": ("943e7df0f75e1864", "03bd171deff4646f"),
+    "few intensities": ("fec05fdd077b905d", "142fcf848ae25871"),
     "warp": ("d77449e8cb63100e", "d77449e8cb63100e"),
     "motion search": ("8dfa9ab55c2d30af", "8dfa9ab55c2d30af"),
 }

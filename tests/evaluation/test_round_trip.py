@@ -9,6 +9,7 @@ import pytest
 
 from lidarcodec.cli import run
 from lidarcodec.codecs import pcodec
+from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.codecs.jpeg_layered import CODEC as LAYERED
 from lidarcodec.errors import RoundTripError
 from lidarcodec.evaluation.round_trip import RoundTrip, difference
@@ -29,6 +30,8 @@ SENT = [frames.scene(3, index=index) for index in range(5)]
         {"codec": "pcodec"},
         {"codec": "predictive", "max_error_m": 0.05, "intensity": "levels=8"},
         {"codec": "riddle", "target_kbps": 20000.0},
+        {"codec": "jpeg-layered", "intensity": "levels=5"},
+        {"codec": "raw", "intensity": "error=9"},
         {"codec": "jpeg-layered", "intensity": "off"},
         {"codec": "raw", "reduction": "random", "keep_fraction": 0.4},
         {"codec": "h264", "reduction": "random", "keep_fraction": 0.4},
@@ -95,9 +98,13 @@ def test_each_is_judged_by_what_its_settings_promise() -> None:
         ({"codec": "jpeg"}, 1, True),
     ):
         assert (difference(ranges, WHOLE, settings_from(values), step) is None) is holds, values
-    levels = WHOLE.with_(intensity=WHOLE.intensity - np.uint8(20) * (WHOLE.intensity > 20))
-    for intensity, holds in (("levels=4", True), ("levels=16", False), ("off", False), ("lossless", False)):
-        assert (difference(levels, WHOLE, settings_from({"intensity": intensity}), 1) is None) is holds, intensity
+    four = WHOLE.with_(intensity=reduced(WHOLE, Quality(4)))
+    for intensity, holds in (("levels=4", True), ("levels=6", False), ("off", False), ("lossless", False)):
+        assert (difference(four, WHOLE, settings_from({"intensity": intensity}), 1) is None) is holds, intensity
+    steered = settings_from({"codec": "pcodec", "target_kbps": 500.0})
+    assert difference(four, WHOLE, steered, 1, Quality(255)) is None
+    scrambled = WHOLE.with_(intensity=np.where(WHOLE.valid, np.flip(four.intensity), 0).astype(np.uint8))
+    assert difference(scrambled, WHOLE, steered, 1, Quality(255)) == "intensities further off than any choice of values"
 
 
 def test_a_frame_that_does_not_come_out_is_missed() -> None:

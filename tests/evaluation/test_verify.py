@@ -117,6 +117,17 @@ def test_every_message_says_what_it_promises_and_keeps_it(codec, bound_m):
     assert changed_since_the_start(settings, found) == []
 
 
+@pytest.mark.parametrize("codec", ["zstd", "riddle"])
+@pytest.mark.parametrize("intensity", ["levels=2", "error=9"])
+def test_few_intensities_promise_no_packets(codec, intensity):
+    found, packets = Comparison(), PacketsByTime(turning(60))
+    for frame, promise in coded(StreamSettings(codec=codec, intensity=intensity), turning(60)):
+        assert (promise.step, promise.identical) == (1, False)
+        found.add(frame, packets, promise)
+    assert not found.packets_identical
+    assert found.differing == 0
+
+
 def test_a_bound_that_was_loosened_on_the_way_is_told_and_breaks_nothing():
     found, packets = Comparison(), PacketsByTime(turning(60))
     fine = coded(StreamSettings(max_error_m=0.01), turning(60))

@@ -14,6 +14,7 @@ import zstandard
 import lidarcodec.errors
 from lidarcodec import entropy, wire
 from lidarcodec.codecs import table
+from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.message import SectionType
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
@@ -228,10 +229,10 @@ def test_grouped_intensities_by_the_book(frame) -> None:
     else:
         np.testing.assert_array_equal(coded_bytes(coded[5 : 5 + first]), frame.intensity[frame.valid])
         np.testing.assert_array_equal(plain(coded[5 + first :]), frame.intensity[~frame.valid])
-    _, found = sections_of(message_of("zstd", frame, intensity="levels=10"))
-    x = frame.intensity[frame.valid].astype(int)
-    assert found[3][:2] == b"\x02\x09"
-    np.testing.assert_array_equal(coded_bytes(found[3][2:]), (x * 9 + 127) // 255)
+    for few, quality in {"levels=10": Quality(10), "error=9": Quality(14, 9)}.items():
+        _, found = sections_of(message_of("zstd", frame, intensity=few))
+        assert found[3][:1] == b"\x02"
+        np.testing.assert_array_equal(coded_bytes(found[3][1:]), reduced(frame, quality)[frame.valid])
 
 
 @pytest.mark.parametrize("frame", [frames.scene(60), frames.noise(40)], ids=["form 3", "form 4"])
@@ -251,6 +252,6 @@ def test_modelled_intensities_by_the_book(frame) -> None:
         assert found[3][5 : 5 + len(returns)] == returns
         plain = zstandard.ZstdDecompressor().decompress(found[3][5 + len(returns) :])
         np.testing.assert_array_equal(np.frombuffer(plain, np.uint8), others)
-    _, found = sections_of(message_of("pcodec", frame, intensity="levels=10"))
-    levels = ((frame.intensity.astype(int) * 9 + 127) // 255).astype(np.uint8)
-    assert found[3] == b"\x05\x09" + modelled(levels)
+    for few, quality in {"levels=10": Quality(10), "error=9": Quality(14, 9)}.items():
+        _, found = sections_of(message_of("pcodec", frame, intensity=few))
+        assert found[3] == b"\x05" + modelled(reduced(frame, quality))

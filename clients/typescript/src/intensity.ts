@@ -23,11 +23,7 @@ export function readIntensity(
   const form = data[0];
   if (form > 5) throw new DecodeError("version", `intensities of form ${form}`);
   const returns = (coded: Uint8Array) => (form >= 3 ? modelled(coded) : readGrouped(coded, mask));
-  if (form % 3 === 0) return returns(data.subarray(1));
-  if (form % 3 === 2) {
-    if (data.length < 2) throw damaged("intensity levels without their number");
-    return levelled(returns(data.subarray(2)), mask, data[1] + 1);
-  }
+  if (form % 3 !== 1) return returns(data.subarray(1));
   if (data.length < 5) throw damaged("intensities end within their head");
   const size = data[1] + data[2] * 256 + data[3] * 65536 + data[4] * 16777216;
   if (size > data.length - 5) throw new DecodeError("truncated", "intensities end before their returns");
@@ -37,17 +33,6 @@ export function readIntensity(
   for (let i = 0; i < others.length; i++) total += others[i] &= 1 - mask[i];
   const values = zstdFrame(data.subarray(5 + size), total);
   for (let i = 0, at = 0; i < others.length; i++) if (others[i]) image[i] = values[at++];
-  return image;
-}
-
-function levelled(image: Uint8Array, mask: Uint8Array, levels: number): Uint8Array {
-  if (levels < 2) throw damaged("intensities of one level");
-  const half = (levels - 1) >> 1;
-  for (let i = 0; i < image.length; i++) {
-    if (!mask[i]) continue;
-    if (image[i] >= levels) throw damaged(`intensity level ${image[i]} of ${levels}`);
-    image[i] = Math.floor((image[i] * 255 + half) / (levels - 1));
-  }
   return image;
 }
 

@@ -54,7 +54,7 @@ def _schema() -> dict[str, Any]:
     schema = StreamSettings.model_json_schema()
     fields = schema["properties"]
     fields["codec"]["enum"] = list(codecs.names())
-    fields["intensity"]["examples"] = ["auto", "lossless", "levels=16", "levels=64", "off"]
+    fields["intensity"]["examples"] = ["auto", "lossless", "error=4", "levels=32", "levels=16", "levels=6", "off"]
     fields["framing"]["examples"] = ["packets", "packets:29", "revolution"]
     # Without its number a reduction that takes one is refused: `columns:4`.
     takes_number = [name for name in reductions.names() if reductions.reduction(name).argument is not None]
