@@ -2,8 +2,9 @@ import { useEffect, useRef } from "preact/hooks";
 import { count, ms } from "../model/format";
 import { noticeOf } from "../model/notice";
 import { titleOf } from "../model/title";
-import { chosen, chosenRow, nameOf, options, rows, setOptions, stats, token } from "../state";
+import { chosen, chosenRow, nameOf, options, rows, setOptions, stats, token, watchStream } from "../state";
 import { createView, type View, type ViewStats } from "../view";
+import { Missed } from "./missed";
 import { Playback } from "./playback";
 import { ViewTools } from "./tools";
 
@@ -12,6 +13,7 @@ export function Viewer() {
   const host = useRef<HTMLDivElement>(null);
   const view = useRef<View | null>(null);
   const key = chosen.value;
+  const known = chosenRow.value !== null;
 
   useEffect(() => {
     if (!host.current) return;
@@ -33,6 +35,8 @@ export function Viewer() {
     else view.current?.open(nameOf(key), token.value ?? undefined);
   }, [key, token.value]);
 
+  useEffect(() => (key !== null && known ? watchStream(key) : undefined), [key, known]);
+
   useEffect(() => {
     view.current?.set(options.value);
   }, [options.value]);
@@ -40,6 +44,7 @@ export function Viewer() {
   return (
     <main class="viewer" aria-label="Live view">
       <ViewTools options={options.value} set={setOptions} />
+      <Missed />
       <div class="stage">
         <div class="host" ref={host} />
         <Notice told={stats.value} />
