@@ -79,9 +79,9 @@ def reach_warning(settings: StreamSettings) -> ReachWarning | None:
     if not isinstance(settings.target_kbps, int | float) or least is None or settings.target_kbps >= SURE * least:
         return None
     names = in_the_way(settings)
-    message = f"{_kbps(settings.target_kbps)} cannot carry every frame: about {least:.0f} are needed"
+    message = f"{_kbps(settings.target_kbps)} cannot carry every frame: about {least:,.0f} are needed"
     if names:
-        message += f" with {', '.join(names)} as set"
+        message += f" with {_listed(names)} as set"
     return ReachWarning(
         "target_out_of_reach",
         message,
@@ -107,13 +107,13 @@ def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> 
         return None
     path = " that the path carries" if settings.target_kbps == AUTO else ""
     names = in_the_way(settings)
-    because = f" with {', '.join(names)} as set" if names else ""
+    because = f" with {_listed(names)} as set" if names else ""
     if not path and sent is not None and sent > asked * (1.0 + TOLERANCE):
         code = "target_missed"
-        message = f"{_kbps(asked)} are asked for, {sent:.0f} are sent; every frame takes {needed:.0f}{because}"
+        message = f"{_kbps(asked)} are asked for, {sent:,.0f} are sent; every frame takes {needed:,.0f}{because}"
     elif rate.get("limited_by") == "floor":
         code = "frames_left_out"
-        message = f"the {_kbps(asked)}{path} do not carry every frame: {needed:.0f} are needed{because}"
+        message = f"the {_kbps(asked)}{path} do not carry every frame: {needed:,.0f} are needed{because}"
     else:
         return None
     return ReachWarning(code, message, _remedy(settings, names, needed), names, asked, sent, needed)
@@ -130,15 +130,19 @@ def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> 
     instead = (
         "take another codec, or a better path"
         if settings.target_kbps == AUTO
-        else f"set a target of {needed:.0f} kbit/s or more"
+        else f"set a target of {needed:,.0f} kbit/s or more"
     )
     if not names:
         return instead if settings.target_kbps == AUTO else f"{instead}, or another codec"
     least, free = least_kbps(settings), least_kbps(_freed(settings, list(names)))
-    takes = f", which needs about {needed * free / least:.0f} kbit/s" if least and free else ""
-    return f"set {' and '.join(names)} back{takes}, or {instead}"
+    takes = f", which needs about {needed * free / least:,.0f} kbit/s" if least and free else ""
+    return f"set {_listed(names)} back{takes}, or {instead}"
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _kbps(value: float) -> str:
-    return f"{value:.0f} kbit/s"
-
+    return f"{value:,.0f} kbit/s"

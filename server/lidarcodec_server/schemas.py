@@ -20,8 +20,8 @@ class WarningAnswer(BaseModel):
     """Why a target bitrate is not kept, and what to do."""
 
     code: str = Field(
-        description="For programs. `target_out_of_reach`: expected of the settings; `target_missed`, `frames_left_out`: "
-        "measured."
+        description="For programs. `target_out_of_reach`: expected of the settings; `target_missed` and "
+        "`frames_left_out`: measured."
     )
     message: str
     remedy: str

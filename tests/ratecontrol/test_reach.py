@@ -1,4 +1,4 @@
-"""What keeps a stream from its target: without these words an operator looks at two frames a second and does not know why."""
+"""Without these words an operator sees two frames a second and does not know what keeps the stream from its target."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_before_anything_was_measured_the_settings_say_what_is_expected():
     assert warning == missed_warning(PINNED, None) == missed_warning(PINNED, {"reachable_kbps": None})
     assert (warning.code, warning.asked_kbps, warning.sent_kbps) == ("target_out_of_reach", 1000, None)
     assert warning.needed_kbps > 5000
-    assert warning.remedy.startswith("set max_error_m and intensity and reduction back, which needs about ")
+    assert warning.remedy.startswith("set max_error_m, intensity and reduction back, which needs about ")
 
 
 def test_what_is_measured_counts_and_not_what_was_expected():
@@ -46,7 +46,9 @@ def test_what_is_measured_counts_and_not_what_was_expected():
     missed = missed_warning(PINNED, rate(kbps_5s=4575.0, limited_by="floor", reachable_kbps=[4500.0, 4600.0]))
     assert missed is not None
     assert missed.code == "target_missed"
-    assert missed.message.startswith("1000 kbit/s are asked for, 4575 are sent; every frame takes 4500 with max_error_m")
+    assert missed.message.startswith(
+        "1,000 kbit/s are asked for, 4,575 are sent; every frame takes 4,500 with max_error_m"
+    )
     assert (missed.asked_kbps, missed.sent_kbps, missed.needed_kbps) == (1000.0, 4575.0, 4500.0)
 
 
@@ -65,11 +67,13 @@ def test_a_path_that_carries_too_little_is_no_fault_of_the_target():
     assert missed_warning(auto, rate(auto=True, kbps_5s=2000.0)) is None, "it is compared with no mean"
     floor = missed_warning(auto, rate(auto=True, limited_by="floor"))
     assert floor is not None
-    assert "1000 kbit/s that the path carries" in floor.message
+    assert "1,000 kbit/s that the path carries" in floor.message
     assert "better path" in floor.remedy
 
 
-@pytest.mark.parametrize("told", [rate(kbps_5s=400.0, limited_by="codec", reached=False), {"reachable_kbps": [1.0, 2.0]}])
+@pytest.mark.parametrize(
+    "told", [rate(kbps_5s=400.0, limited_by="codec", reached=False), {"reachable_kbps": [1.0, 2.0]}]
+)
 def test_less_than_was_asked_for_or_nothing_that_was_told_is_no_alarm(told):
     assert missed_warning(PINNED.changed(target_kbps=20_000), told) is None
 

@@ -1,6 +1,7 @@
 /** What the page knows: who looks, which streams there are, which one is chosen. Components read signals from here. */
 import { computed, signal } from "@preact/signals";
 import { Problem, request } from "./model/api";
+import { fillsFor } from "./model/filling";
 import { added, keyOf, lacks, type Minutes } from "./model/minute";
 import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
@@ -37,6 +38,12 @@ export const stream = signal<Stream | null>(null);
 export const missed = signal<TargetWarning | null>(null);
 export const stats = signal<ViewStats | null>(null);
 export const options = signal<ViewOptions>(kept());
+/** Streams of recordings and for programs whose gaps are filled all the same, because somebody wanted it. */
+const filledAnyway = signal<ReadonlySet<string>>(new Set());
+/** Whether gaps of the chosen stream are filled. */
+export const fillGaps = computed(() =>
+  fillsFor(chosenRow.value, stream.value) ? options.value.fillGaps : filledAnyway.value.has(chosen.value ?? ""),
+);
 export const mayChange = computed(() => session.value?.role === "operator");
 
 /** Whether a token is needed, and there is none. */
@@ -82,6 +89,16 @@ export function choose(key: string | null): void {
 export function setOptions(changed: Partial<ViewOptions>): void {
   options.value = { ...options.value, ...changed };
   localStorage.setItem(OPTIONS, JSON.stringify(options.value));
+}
+
+/** Have the gaps of the chosen stream filled, or not. */
+export function setFillGaps(on: boolean): void {
+  if (fillsFor(chosenRow.value, stream.value)) {
+    setOptions({ fillGaps: on });
+    return;
+  }
+  const others = [...filledAnyway.value].filter((key) => key !== chosen.value);
+  filledAnyway.value = new Set(on && chosen.value !== null ? [...others, chosen.value] : others);
 }
 
 let fleet: Poller | null = null;
