@@ -12,12 +12,11 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from lidarcodec.codecs import table
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.control import pins_of
-from lidarcodec.ratecontrol.curve import Pins, operating_curve
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, Pins, operating_curve
 from lidarcodec.settings import AUTO, StreamSettings
 
-RETURNS_A_SECOND: Final = 1_100_000
-"""Of an HDL-64E in a street, in single return."""
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
 """Settings that keep a stream from its target, and what leaves them free."""
 SURE: Final = 0.8
@@ -39,12 +38,14 @@ def pinned(settings: StreamSettings) -> list[str]:
 
 def least_kbps(settings: StreamSettings) -> float:
     """What the smallest working point is expected to take, all frames sent."""
+    settings = without_auto(settings)
     curve = operating_curve(settings.codec, pins_of(settings))
     return float(curve.bits[0]) * RETURNS_A_SECOND / 1e3
 
 
 def reach_warning(settings: StreamSettings) -> ReachWarning | None:
     """What to tell who sets a target that cannot be kept with all frames; None if it can, or there is none."""
+    settings = without_auto(settings)
     if not isinstance(settings.target_kbps, int | float) or table.codec(settings.codec).knob is None:
         return None
     least = least_kbps(settings)

@@ -108,8 +108,8 @@ class Metrics:
         for stream in streams:
             labels = [stream.keys.vehicle, stream.keys.sensor]
             alive.add_metric(labels, float(stream.alive))
-            if stream.alive and stream.settings is not None:
-                codec.add_metric([*labels, stream.settings.codec[:32]], 1.0)
+            if stream.alive and stream.codec is not None:
+                codec.add_metric([*labels, stream.codec[:32]], 1.0)
         yield alive
         yield codec
         for name, text in GAUGES.items():

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from lidarcodec.ratecontrol.reach import reach_warning
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import Purpose, StreamSettings
 from lidarcodec_server.control import State
 from lidarcodec_server.fleet import Stream
 from lidarcodec_server.store import Entry
@@ -142,3 +142,19 @@ class CodecAnswer(BaseModel):
     target: bool = Field(description="Whether it can be steered to `target_kbps`.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
     reach: Reach | None = Field(description="Null where no target is offered.")
+
+
+class LinkSettings(BaseModel):
+    """The settings that a preset stands for: the body of a PATCH of a stream's settings."""
+
+    purpose: Purpose
+    codec: str
+    target_kbps: float | None
+
+
+class LinkAnswer(BaseModel):
+    """A preset for streams over such a link."""
+
+    name: str = Field(description="As `publish --link` has it.")
+    label: str = Field(description="For people.")
+    settings: LinkSettings
