@@ -219,7 +219,7 @@ def _statistics(key: StreamKeys, live: LiveStream, channels: _Channels) -> dict[
     kbps = (received - channels.bytes) * 8e-3 / max(now_s - channels.measured_s, 1e-3)
     channels.bytes, channels.measured_s = received, now_s
     settings, rate = there.get("settings"), there.get("rate")
-    codec = settings.get("codec") if isinstance(settings, dict) else None
+    codec = there.get("codec") or (settings.get("codec") if isinstance(settings, dict) else None)
     target = rate.get("target_kbps") if isinstance(rate, dict) else None
     replaced = there.get("replaced")
     return {

@@ -14,13 +14,12 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from lidarcodec.codecs import table
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
-from lidarcodec.ratecontrol.curve import operating_curve
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, operating_curve
 from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 
-RETURNS_A_SECOND: Final = 1_100_000
-"""Of an HDL-64E in a street, in single return."""
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
 """Settings that keep a stream from its target, and what leaves them free."""
 SURE: Final = 0.8
@@ -48,13 +47,14 @@ class ReachWarning(NamedTuple):
 
 def pinned(settings: StreamSettings) -> list[str]:
     """Names of the settings that are set, and so are kept beside a target. A codec's own: `codec_settings.NAME`."""
-    knob = table.codec(settings.codec).knob
+    knob = table.codec(without_auto(settings).codec).knob
     own = [] if knob is None or knob.setting not in settings.codec_settings else [f"codec_settings.{knob.setting}"]
     return [name for name, free in FREE.items() if getattr(settings, name) != free] + own
 
 
 def least_kbps(settings: StreamSettings) -> float | None:
     """What the smallest working point is expected to take, all frames sent; None where that was never measured."""
+    settings = without_auto(settings)
     if table.codec(settings.codec).knob is None:
         return None
     if settings.reduces and settings.reduction.partition(":")[0] != LATTICE:
@@ -97,7 +97,7 @@ def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> 
 
     rate: the `rate` of the status that belongs to these settings, whose fields may be missing; None: not told yet
     """
-    if settings.target_kbps is None or table.codec(settings.codec).knob is None:
+    if settings.target_kbps is None or table.codec(without_auto(settings).codec).knob is None:
         return None
     ends = (rate or {}).get("reachable_kbps")
     if not rate or not ends:

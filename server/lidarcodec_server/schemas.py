@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.pipeline import check
 from lidarcodec.ratecontrol.reach import ReachWarning, missed_warning, reach_warning
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, Purpose, StreamSettings
 from lidarcodec_server.control import State
 from lidarcodec_server.fleet import Stream
 from lidarcodec_server.store import Entry
@@ -65,11 +65,14 @@ class StreamAnswer(BaseModel):
 
 def _missed(stream: Stream) -> ReachWarning | None:
     """Why a stream does not keep its target. A status from before the last change says nothing of it."""
-    if not stream.alive or not _known(stream.settings):
+    settings = stream.settings
+    if not stream.alive or settings is None:
         return None
     status = stream.status or {}
-    rate = status.get("rate") if status.get("settings") == stream.settings.model_dump() else None
-    return missed_warning(stream.settings, rate)
+    rate = status.get("rate") if status.get("settings") == settings.model_dump() else None
+    if settings.codec == AUTO and stream.codec is not None:
+        settings = settings.model_copy(update={"codec": stream.codec})
+    return missed_warning(settings, rate) if _known(settings) else None
 
 
 def _known(settings: StreamSettings | None) -> TypeGuard[StreamSettings]:
@@ -176,3 +179,19 @@ class CodecAnswer(BaseModel):
     target: bool = Field(description="Whether it can be steered to `target_kbps`.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
     reach: Reach | None = Field(description="Null where no target is offered.")
+
+
+class LinkSettings(BaseModel):
+    """The settings that a preset stands for: the body of a PATCH of a stream's settings."""
+
+    purpose: Purpose
+    codec: str
+    target_kbps: float | None
+
+
+class LinkAnswer(BaseModel):
+    """A preset for streams over such a link."""
+
+    name: str = Field(description="As `publish --link` has it.")
+    label: str = Field(description="For people.")
+    settings: LinkSettings
