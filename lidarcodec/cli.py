@@ -239,6 +239,14 @@ def publish(
         str | None, _option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, else vehicle.")
     ] = None,
     sensor: Annotated[str | None, _option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
+    link: Annotated[
+        str | None,
+        _option(
+            "--link",
+            metavar="1mbit|2mbit|5mbit|lan",
+            help="Purpose, codec and target bitrate for such a link; what is given beside it wins.",
+        ),
+    ] = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     reduction: ReductionName = None,
@@ -288,9 +296,9 @@ def publish(
 
         command.check_alone(
             {
-                "SOURCE": source, "--sensor": sensor, "--codec": codec, "--set": pairs, "--reduction": reduction,
-                "--keep-points": keep_points, "--keep-fraction": keep_fraction, "--rate": rate,
-                "--record": record, "--record-as": record_as, "--record-gb": record_gb,
+                "SOURCE": source, "--sensor": sensor, "--link": link, "--codec": codec, "--set": pairs,
+                "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
+                "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
                 "--calibration": calibration, "--poses": poses, "--original": original,
             }
         )  # fmt: skip
@@ -304,7 +312,7 @@ def publish(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
-        health_file, original, weights_dir,
+        health_file, original, weights_dir, link,
     )  # fmt: skip
 
 

@@ -27,6 +27,8 @@ JUMP_SHARE: Final = 20
 """Ranges a and b lie on one surface if |a - b| <= JUMP_STEPS + min(a, b) // JUMP_SHARE."""
 WIDEST: Final = 64
 """Columns between which something is made up; wider gaps stay empty."""
+FOR_PROGRAMS: Final = frozenset({"localise", "detect"})
+"""Purposes of streams whose clouds are looked at by programs, which take every point for a measured one."""
 
 Whole = npt.NDArray[np.integer[Any]]
 
@@ -64,6 +66,17 @@ def filled(frame: Frame) -> Frame:
         shade[rows, into] = (shades[rows, at] * (gap - place) + shades[rows, at + 1] * place) // gap
         marked[rows, into] = True
     return frame.with_(range=wide, intensity=shade, filled=marked)
+
+
+def made_up(frame: Frame) -> npt.NDArray[np.bool_]:
+    """(N,) bool, of each point of `Frame.cloud` whether a receiver made it up."""
+    valid = frame.valid.T
+    return np.zeros(np.count_nonzero(valid), np.bool_) if frame.filled is None else frame.filled.T[valid]
+
+
+def fills_for(purpose: str) -> bool:
+    """Whether a receiver makes up returns of a stream of that purpose unless it is told otherwise."""
+    return purpose not in FOR_PROGRAMS
 
 
 def measured_only(frame: Frame) -> Frame:

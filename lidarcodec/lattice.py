@@ -133,11 +133,18 @@ def fired_halves(side: SideInfo) -> npt.NDArray[np.bool_]:
 
 
 def _azimuths(azimuth: npt.NDArray[np.uint16], columns: Columns, width: int) -> npt.NDArray[np.uint16]:
-    """(2, width) uint16, azimuths of all columns from those of some: straight between them, the short way round."""
-    known = azimuth.astype(np.int64)
-    steps = known[:, 1:] - known[:, :-1]
-    steps = (steps + AZIMUTH_TURN // 2) % AZIMUTH_TURN - AZIMUTH_TURN // 2
-    at = np.concatenate([known[:, :1], steps], axis=1).cumsum(axis=1)
-    wide = np.stack([np.interp(np.arange(width), columns, row) for row in at])
-    turned: npt.NDArray[np.uint16] = np.mod(np.rint(wide), AZIMUTH_TURN).astype(np.uint16)
+    """(2, width) uint16, azimuths of all columns from those of some: straight between them, the short way round.
+
+    In whole numbers, so that every decoder says the same: the nearest, a half to the even one.
+    """
+    known, places = azimuth.astype(np.int64), columns.astype(np.int64)
+    ways = np.diff(known, axis=1, append=known[:, -1:])
+    ways = (ways + AZIMUTH_TURN // 2) % AZIMUTH_TURN - AZIMUTH_TURN // 2
+    gaps = np.diff(places, append=width)
+    before = np.maximum(np.searchsorted(places, np.arange(width), side="right") - 1, 0)
+    gone = np.maximum(np.arange(width) - places[before], 0)
+    whole, rest = np.divmod(2 * ways[:, before] * gone + gaps[before], 2 * gaps[before])
+    wide = known[:, before] + whole
+    wide -= (rest == 0) & (wide % 2 == 1)
+    turned: npt.NDArray[np.uint16] = np.mod(wide, AZIMUTH_TURN).astype(np.uint16)
     return turned

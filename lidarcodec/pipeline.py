@@ -22,6 +22,7 @@ from lidarcodec.lattice import on_lattice, thinned
 from lidarcodec.message import Message
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
 from lidarcodec.sensor_model import SensorModel
@@ -59,21 +60,26 @@ def check(settings: StreamSettings) -> StreamSettings:
 
     Raises UnknownNameError or SettingsError with the field and the reason.
     """
-    return check_reduction(table.check(settings))
+    check_reduction(table.check(without_auto(settings)))
+    return settings
 
 
 def check_offline(settings: StreamSettings) -> StreamSettings:
-    """The settings themselves, if they can be followed where no path is.
+    """The settings, if they can be followed where no path is and no time passes; the codec `auto` is replaced by the
+    one that it stands for there.
 
     Raises SettingsError.
     """
     if settings.target_kbps == AUTO:
         raise SettingsError("target_kbps=auto is found on a live path: give a number of kbit/s here", "target_kbps")
-    return settings
+    return without_auto(settings)
 
 
 class StreamEncoder:
     """Reduces and encodes the frames of one stream; settings, the codec among them, may change between two frames.
+
+    settings: those in force; of the codec `auto` the one that shows most, however long it takes (live, the publisher
+    chooses by time as well)
 
     make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
     Raises SettingsError or UnknownNameError when settings are not allowed; nothing has changed then.
@@ -86,7 +92,7 @@ class StreamEncoder:
         make_encoder: Callable[[StreamSettings, int], Encoder] = table.make_encoder,
     ) -> None:
         self._make_encoder = make_encoder
-        self.settings = check(settings or StreamSettings())
+        self.settings = without_auto(check(settings or StreamSettings()))
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
         self._reducing = Reducing(self.settings)
         self._encoder = make_encoder(self.settings, self.stream_id)
@@ -137,7 +143,7 @@ class StreamEncoder:
 
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
-        checked = check(settings)
+        checked = without_auto(check(settings))
         reducing = Reducing(checked, self._reducing)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)

@@ -43,7 +43,8 @@ class StreamSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
     codec: str = "pcodec"
-    """Which codec; a new one starts with its own default settings."""
+    """Which codec; a new one starts with its own default settings. `auto`: the one that shows most at the target in the
+    processor time that is there."""
     codec_settings: dict[str, Any] = Field(default_factory=dict)
     """The codec's own settings."""
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)

@@ -98,6 +98,8 @@ def read_lattice(data: bytes) -> Lattice:
     if behind + size > len(data):
         raise TruncatedError(f"a lattice section of {len(data)} bytes that announces {behind + size}")
     columns = _read_columns(kind, width, data[_HEAD.size : behind])
+    if width and not len(columns):
+        raise SectionError(f"a lattice of none of {width} columns")
     side, positions = data[behind : behind + size], data[behind + size :]
     if not size:
         if packets or positions:

@@ -4,6 +4,7 @@ never sent on."""
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
@@ -114,6 +115,33 @@ def test_damaged_sections_are_refused() -> None:
     narrow = thinned(on_lattice(FRAMES["scene"], 4))
     with pytest.raises(SectionError, match="a lattice of 3 columns for a frame"):
         expanded(narrow, Lattice(12, columns_of(12, 8)))
+
+
+def test_a_lattice_without_columns_is_refused() -> None:
+    with pytest.raises(SectionError, match="none of 12 columns"):
+        read_lattice(lattice_bytes(Lattice(12, np.empty(0, np.uint16))))
+    assert read_lattice(lattice_bytes(Lattice(0, np.empty(0, np.uint16)))).width == 0
+
+
+@given(st.lists(st.integers(0, 35999), min_size=1, max_size=6), st.data())
+def test_azimuths_between_columns_are_the_nearest_on_a_straight_line(azimuths: list[int], data: st.DataObject) -> None:
+    """As the format says it: by fractions, the short way round, a half to the even number."""
+    gaps = data.draw(st.lists(st.integers(1, 9), min_size=len(azimuths) + 1, max_size=len(azimuths) + 1))
+    columns = np.cumsum(gaps[:-1]).astype(np.uint16) - 1
+    width = int(columns[-1]) + gaps[-1]
+    narrow = made.scene(1).with_(
+        **{name: np.zeros((64, len(columns)), kind) for name, kind in (("range", np.uint16), ("intensity", np.uint8))},
+        azimuth=np.array([azimuths, azimuths], np.uint16),
+        fired=np.ones((2, len(columns)), np.bool_),
+        side=None,
+    )
+    wide = expanded(narrow, Lattice(width, columns)).azimuth
+    for column in range(width):
+        left = max(int(np.searchsorted(columns, column, side="right")) - 1, 0)
+        right = min(left + (column > columns[left]), len(columns) - 1)
+        part = Fraction(int(column) - int(columns[left]), max(int(columns[right]) - int(columns[left]), 1))
+        way = (azimuths[right] - azimuths[left] + 18000) % 36000 - 18000
+        assert wide[0, column] == wide[1, column] == round(azimuths[left] + max(part, Fraction(0)) * way) % 36000
 
 
 @given(st.integers(1, 65535), st.integers(1, 64), st.data())

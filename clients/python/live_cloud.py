@@ -39,7 +39,7 @@ FIELDS = [
     "rings",
     "total_bytes",
 ]
-INTENSITY, RING, RANGE, ORIGINAL = 1, 2, 4, 16
+INTENSITY, RING, RANGE, ORIGINAL, FILLED = 1, 2, 4, 16, 64
 
 
 def read_message(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -52,7 +52,13 @@ def read_message(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     cells = head["rings"] * head["columns"]
     if head["magic"] == b"LDCP":
         wanted = [(axis, "<i2", head["count"]) for axis in "xyz"]
-        for flag, name, kind in ((INTENSITY, "intensity", "u1"), (RING, "ring", "u1"), (RANGE, "range", "<u2")):
+        kinds = (
+            (INTENSITY, "intensity", "u1"),
+            (RING, "ring", "u1"),
+            (RANGE, "range", "<u2"),
+            (FILLED, "filled", "u1"),
+        )
+        for flag, name, kind in kinds:
             if head["flags"] & flag:
                 wanted.append((name, kind, head["count"]))
     else:
@@ -61,6 +67,8 @@ def read_message(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             wanted.append(("intensity", "u1", cells))
         if head["flags"] & ORIGINAL:
             wanted.append(("original", "<u2", cells))
+        if head["flags"] & FILLED:
+            wanted.append(("filled", "u1", cells))
     arrays, at = {}, head["header_bytes"]
     for name, kind, number in wanted:
         arrays[name] = np.frombuffer(data, kind, number, at)
@@ -131,9 +139,10 @@ def main() -> None:
                 points = points_of_range(head, arrays, sensor) if ranged else points_of(head, arrays)
                 high = points[points[:, 2] > -1.2]
                 nearest = f"{np.hypot(high[:, 0], high[:, 1]).min():.1f} m" if len(high) else "nothing"
+                made_up = f" and {head['count'] - head['returns']} made up" if "filled" in arrays else ""
                 print(
-                    f"frame {head['frame_index']}: {len(points)} points, {head['latency_ms']:.0f} ms old at the server,"
-                    f" nearest above the road: {nearest}",
+                    f"frame {head['frame_index']}: {head['returns']} points{made_up}, {head['latency_ms']:.0f} ms old"
+                    f" at the server, nearest above the road: {nearest}",
                     flush=True,
                 )
             if now - first >= options.seconds:

@@ -23,6 +23,7 @@ from lidarcodec.apps.demo_processes import PageServer, vehicle
 from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, SourceError, TransportError
 from lidarcodec.frame import Frame
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import PACKET_BYTES
 
@@ -113,7 +114,7 @@ class Demo:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
         self._browser = browser
         self._fidelity = "packets come back byte for byte"
-        if not table.codec(settings.codec).bounded:
+        if not table.codec(without_auto(settings).codec).bounded:
             self._fidelity = "lossy, without a bound"
         elif settings.step > 1:
             self._fidelity = f"no range off by more than {settings.max_error_m} m"

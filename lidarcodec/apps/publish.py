@@ -17,29 +17,31 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from lidarcodec.apps.choosing import CodecChooser
 from lidarcodec.apps.clocks import SYSTEM, Clock
-from lidarcodec.apps.control import Applied, settings_with
+from lidarcodec.apps.control import Applied
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.learning import SpareLearning
 from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.originals import Originals, check_local
+from lidarcodec.apps.publish_changes import Changes
 from lidarcodec.apps.publish_desk import Desk
 from lidarcodec.apps.publish_sending import Sending
-from lidarcodec.apps.publish_source import FrameFeed
+from lidarcodec.apps.publish_source import NOMINAL_HZ, FrameFeed
 from lidarcodec.apps.publish_status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
-from lidarcodec.apps.worker_process import START_S as WORKER_START_S
-from lidarcodec.errors import SettingsError, TransportError, WorkerError
+from lidarcodec.errors import TransportError, WorkerError
 from lidarcodec.frame import Frame
-from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.pipeline import StreamEncoder, check
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
 from lidarcodec.transport import Endpoints, Transport, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.units import FRAME_PACKETS
 
 logger = logging.getLogger(__name__)
 
@@ -95,9 +97,10 @@ class Publisher:
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
         self._isolation = Isolation(isolate, self._worker_failed)
-        self._encoder = StreamEncoder(settings, make_encoder=self._isolation.make_encoder)
-        self._changing = threading.Lock()
-        self._preparing: str | None = None
+        asked = check(settings or StreamSettings())
+        live_rate = rate if isinstance(rate, int | float) and not source.live else NOMINAL_HZ
+        self._choosing = CodecChooser(1.0 / (live_rate * FRAME_PACKETS))
+        self._encoder = StreamEncoder(self._choosing.codec_for(asked), make_encoder=self._isolation.make_encoder)
         self._own_transport = transport is None
         self._transport: Transport | None = None
         self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
@@ -119,7 +122,7 @@ class Publisher:
         self._feed = FrameFeed(
             source,
             self._mailbox,
-            self.settings.framing,
+            asked.framing,
             10.0 if rate is None else rate,
             self._recorder,
             record_as,
@@ -127,9 +130,7 @@ class Publisher:
             clock,
         )
         one_machine = (endpoints or Endpoints()).local and (endpoints is not None or transport is None)
-        self._flight = Flight(
-            self.settings.follow, limit_s=PATIENT_S if self._every else LIMIT_S, slow_server=not one_machine
-        )
+        self._flight = Flight(asked.follow, limit_s=PATIENT_S if self._every else LIMIT_S, slow_server=not one_machine)
         self._originals: Originals | None = None
         if original:
             check_local(endpoints or Endpoints())
@@ -146,12 +147,22 @@ class Publisher:
             self._once,
             self._stop,
             self._learning,
+            self._choosing,
             every=self._every,
             originals=self._originals,
             recorder=self._recorder,
         )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
         self._tell_now = threading.Event()
+        self._changes = Changes(
+            asked,
+            self._encoder,
+            self._sending,
+            self._isolation,
+            self._choosing,
+            running=lambda: self._begun and not self._done.is_set(),
+            tell=self._tell_now.set,
+        )
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
             threading.Thread(target=self._encode_frames, name="lidarcodec encoder", daemon=True),
@@ -160,8 +171,8 @@ class Publisher:
 
     @property
     def settings(self) -> StreamSettings:
-        """The settings in force."""
-        return self._encoder.settings
+        """The settings in force, as they were asked for: with the codec `auto`, the status has the one it is."""
+        return self._changes.asked
 
     @property
     def failure(self) -> BaseException | None:
@@ -188,7 +199,7 @@ class Publisher:
         self._begun = True
         if self._recorder is not None:
             self._recorder.start()
-        self._isolation.start(self.settings.codec)
+        self._isolation.start(self._encoder.settings.codec)
         for thread in self._threads:
             thread.start()
         self._opened.wait(START_S)
@@ -232,6 +243,7 @@ class Publisher:
         waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
         for thread in waiting:
             thread.join(LAST_FRAME_S)
+        self._choosing.close()
         self._learning.close()
         self._isolation.close()
         for thread in waiting:
@@ -251,6 +263,8 @@ class Publisher:
         """What is told once a second on the status key (docs/live.md lists the fields)."""
         return self._board.status(
             settings=self.settings,
+            codec=(codec := self._encoder.settings.codec),
+            codec_choice=self._choosing.state(codec),
             rate=self._encoder.rate,
             reduction=self._encoder.reduction,
             learning=self._learning.state(),
@@ -258,7 +272,7 @@ class Publisher:
             feed=self._feed,
             flight=self._flight.state(),
             errors=self._once.counts,
-            preparing=self._preparing,
+            preparing=self._changes.preparing,
             worker=self._isolation.state(),
             worker_restarts=self._isolation.restarts,
             recording=None if self._recorder is None else self._recorder.state(),
@@ -272,30 +286,7 @@ class Publisher:
 
         Raises SettingsError or UnknownNameError.
         """
-        with self._changing:
-            wanted = settings_with(self.settings, changes)
-            self._prepare(wanted)
-            first, key = self._sending.apply(wanted)
-            self._isolation.changed(wanted.codec)
-        logger.info("settings changed from frame %d on: %s", first, changes)
-        return Applied(wanted, first, key)
-
-    def _prepare(self, wanted: StreamSettings) -> None:
-        """Wait until the codec can be used at once; receivers are told meanwhile, so that theirs will be ready too."""
-        if self._isolation.isolated(self.settings.codec) or not self._isolation.isolated(wanted.codec):
-            return
-        if not self._begun or self._done.is_set():
-            return
-        self._preparing = wanted.codec
-        self._tell_now.set()
-        self._isolation.start(wanted.codec)
-        end = time.monotonic() + WORKER_START_S
-        while not self._isolation.ready(wanted.codec):
-            if self._isolation.rests or self._done.is_set() or time.monotonic() > end:
-                self._preparing = None
-                why = self._isolation.last_failure or "its process is not ready"
-                raise SettingsError(f"codec {wanted.codec} cannot be used now: {why}", "codec")
-        self._preparing = None
+        return self._changes.change(changes)
 
     def request_key(self) -> bool:
         """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""

@@ -6,6 +6,7 @@ import threading
 import time
 
 from lidarcodec.apps.adapting import Adapting
+from lidarcodec.apps.choosing import CodecChooser
 from lidarcodec.apps.flight import Flight
 from lidarcodec.apps.isolation import Isolation
 from lidarcodec.apps.learning import SpareLearning
@@ -48,6 +49,7 @@ class Sending:
         once: Once,
         stop: threading.Event,
         learning: SpareLearning,
+        choosing: CodecChooser,
         *,
         every: bool,
         originals: Originals | None = None,
@@ -56,7 +58,7 @@ class Sending:
         self._originals, self._recorder = originals, recorder
         self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
         self._isolation, self._board, self._once = isolation, board, once
-        self._stop, self._every, self._learning = stop, every, learning
+        self._stop, self._every, self._learning, self._choosing = stop, every, learning, choosing
         self._encoding = threading.Lock()
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
@@ -89,7 +91,8 @@ class Sending:
             if not self.matching:
                 if self._every:
                     self._stop.wait(TICK_S / 10)
-                elif self._mailbox.take(TICK_S) is not None:
+                elif (frame := self._mailbox.take(TICK_S)) is not None:
+                    self._choosing.offer(frame)
                     self._board.no_receiver += 1
                 continue
             if not self._flight.wait(TICK_S) or not self._coder_ready():
@@ -111,6 +114,7 @@ class Sending:
         now = time.monotonic()
         if self._originals is not None:
             self._originals.offer(frame)
+        self._choosing.offer(frame)
         key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
         start = time.perf_counter()
         try:

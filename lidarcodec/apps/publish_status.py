@@ -69,6 +69,8 @@ class StatusBoard:
         self,
         *,
         settings: StreamSettings,
+        codec: str,
+        codec_choice: dict[str, Any] | None,
         rate: dict[str, Any] | None,
         reduction: dict[str, Any] | None,
         learning: dict[str, Any] | None,
@@ -109,6 +111,8 @@ class StatusBoard:
             "stream_id": f"{self._stream_id:016x}",
             "stamp_ns": self._clock.wall_ns(),
             "settings": settings.model_dump(),
+            "codec": codec,
+            "codec_choice": codec_choice,
             "sensor_model": {
                 "name": sensor.name,
                 "calibration": sensor.origin,

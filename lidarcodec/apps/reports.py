@@ -52,6 +52,8 @@ STATUS_FIELDS = frozenset(
         "stream_id",
         "stamp_ns",
         "settings",
+        "codec",
+        "codec_choice",
         "sensor_model",
         "matching",
         "ended",

@@ -20,6 +20,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamEncoder, frames_of
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Endpoints, Transport, open_transport
@@ -85,6 +86,7 @@ class _Vehicle:
             "stream_id": f"{self._stream_id:016x}",
             "stamp_ns": time.time_ns(),
             "settings": self._settings.model_dump(),
+            "codec": without_auto(self._settings).codec,
             "matching": self._frames.matching,
             "assembled": self._index,
             "replaced": 0,

@@ -21,6 +21,7 @@ from lidarcodec.apps.ending import ended
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import MissingExtraError, TransportError
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.interop import foxglove as messages
 from lidarcodec.transport import Endpoints, Transport
@@ -51,7 +52,8 @@ STATISTICS_SCHEMA: Final = {
         "fps": {**_NUMBER, "description": "frames decoded a second"},
         "latency_ms": {**_NUMBER, "description": "last packet of a frame to the decoded frame, median"},
         "decode_ms": {**_NUMBER, "description": "median"},
-        "points": {**_NUMBER, "description": "of the last frame"},
+        "points": {**_NUMBER, "description": "of the last frame, measured"},
+        "made_up": {**_NUMBER, "description": "between those, filled in here; null while nobody looks"},
         "frames": {**_NUMBER, "description": "decoded since the start"},
         "replaced": {**_NUMBER, "description": "frames that gave way to newer ones before they were encoded"},
         "missing": {**_NUMBER, "description": "frames that did not come here, those replaced among them"},
@@ -79,6 +81,7 @@ class _Channels:
         self.statistics = Channel(topic, schema=about, message_encoding="json", context=context)
         self.frame_id = f"{key.vehicle}/{key.sensor}"
         self.returns: int | None = None
+        self.made_up: int | None = None
         self.bytes = 0
         self.measured_s = time.monotonic()
 
@@ -103,15 +106,21 @@ class FoxgloveBridge:
         endpoints: Endpoints | None = None,
         transport: Transport | None = None,
         until_end: bool = False,
+        fill: bool | None = None,
     ) -> None:
-        """host, port: where to listen; port 0 takes a free one. Raises SettingsError, MissingExtraError."""
+        """host, port: where to listen; port 0 takes a free one
+
+        fill: whether returns are made up between the columns of thinned frames, and marked; None: where a stream's
+        purpose is not for programs
+        Raises SettingsError, MissingExtraError.
+        """
         try:
             import foxglove
         except ImportError:
             raise MissingExtraError("the bridge to Foxglove", "bridges") from None
         self._foxglove = foxglove
         self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
-        self.host, self.port = host, port
+        self.host, self.port, self._fill = host, port, fill
         self.counts: Counter[str] = Counter()
         self._counting = threading.Lock()
         self._context = foxglove.Context()
@@ -175,7 +184,7 @@ class FoxgloveBridge:
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
         channels = self._channels[key]
-        channels.returns = int(frame.valid.sum())
+        channels.returns, channels.made_up = int(frame.valid.sum()), None
         stamp = max(0, frame.stamp_ns)
         if frame.pose is not None and channels.pose.has_sinks():
             data = messages.frame_transform(frame.stamp_ns, messages.WORLD, channels.frame_id, frame.pose)
@@ -184,7 +193,11 @@ class FoxgloveBridge:
         if not channels.points.has_sinks():
             self._count(unwatched=1)
             return
-        channels.points.log(messages.point_cloud(frame, channels.frame_id), log_time=stamp)
+        if self._streams.fills(key) if self._fill is None else self._fill:
+            frame = filled(frame)
+        channels.made_up = int(frame.valid.sum()) - channels.returns
+        marks = self._fill is not False  # the same fields in each frame
+        channels.points.log(messages.point_cloud(frame, channels.frame_id, marks=marks), log_time=stamp)
         self._count(clouds=1)
 
     def _count(self, **numbers: int) -> None:
@@ -206,7 +219,7 @@ def _statistics(key: StreamKeys, live: LiveStream, channels: _Channels) -> dict[
     kbps = (received - channels.bytes) * 8e-3 / max(now_s - channels.measured_s, 1e-3)
     channels.bytes, channels.measured_s = received, now_s
     settings, rate = there.get("settings"), there.get("rate")
-    codec = settings.get("codec") if isinstance(settings, dict) else None
+    codec = there.get("codec") or (settings.get("codec") if isinstance(settings, dict) else None)
     target = rate.get("target_kbps") if isinstance(rate, dict) else None
     replaced = there.get("replaced")
     return {
@@ -220,6 +233,7 @@ def _statistics(key: StreamKeys, live: LiveStream, channels: _Channels) -> dict[
         "latency_ms": here["latency_ms"]["p50"],
         "decode_ms": here["decode_ms"]["p50"],
         "points": channels.returns,
+        "made_up": channels.made_up,
         "frames": here.get("frames", 0),
         "replaced": replaced if isinstance(replaced, int | float) else None,
         "missing": here.get("missing", 0),

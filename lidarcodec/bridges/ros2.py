@@ -19,6 +19,7 @@ from typing import Any, Final, Self
 from lidarcodec.bridges.rmw_zenoh import Node, Publisher, checked_topic, topic_name
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
 from lidarcodec.interop.ros import POINT_CLOUD2, TF_MESSAGE
@@ -90,7 +91,8 @@ class _Topic:
 class RosBridge:
     """Bridges streams until it is closed; a context manager.
 
-    counts: `clouds`, `points` and `transforms` sent, `unwatched` frames that nobody subscribed to
+    counts: `clouds`, `points` (measured), `made_up` points and `transforms` sent, and `unwatched` frames, that nobody
+    subscribed to
     """
 
     def __init__(
@@ -103,13 +105,18 @@ class RosBridge:
         transport: Transport | None = None,
         ros_transport: Transport | None = None,
         until_end: bool = False,
+        fill: bool = False,
     ) -> None:
         """endpoints: where the streams are;  ros: where the router of ROS 2 is; transports: open ones instead.
+
+        fill: whether returns are made up between the columns of thinned frames, and marked. Most programs of ROS take
+        every point for a measured one.
 
         Raises SettingsError for names that cannot be used.
         """
         self.names = names or RosNames()
         self.counts: Counter[str] = Counter()
+        self._fill = fill
         self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
         if len(self._streams.keys) > 1 and (self.names.topic or self.names.frame_id):
             raise SettingsError("a topic or a frame can be named for one stream only", "topic")
@@ -189,8 +196,11 @@ class RosBridge:
         if not topic.wanted:
             self._count(unwatched=1)
             return
-        topic.put(point_cloud2(frame, frame_id))
-        self._count(clouds=1, points=int(frame.valid.sum()))
+        points = int(frame.valid.sum())
+        if self._fill:
+            frame = filled(frame)
+        topic.put(point_cloud2(frame, frame_id, marks=self._fill))
+        self._count(clouds=1, points=points, made_up=int(frame.valid.sum()) - points)
 
     def _count(self, **numbers: int) -> None:
         with self._counting:

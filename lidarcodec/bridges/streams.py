@@ -9,6 +9,7 @@ from typing import Any
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.errors import LidarCodecError, SettingsError
+from lidarcodec.filling import fills_for
 from lidarcodec.frame import Frame
 from lidarcodec.transport import Endpoints, Transport
 from lidarcodec.transport.keys import StreamKeys
@@ -73,6 +74,12 @@ class Streams:
         """Have all streams end soon; for signal handlers: it takes no lock."""
         for live in self.live.values():
             live.interrupt()
+
+    def fills(self, key: StreamKeys) -> bool:
+        """Whether gaps of a stream are filled unless somebody says otherwise: not where its purpose is for programs."""
+        settings = (self.live[key].status or {}).get("settings")
+        purpose = settings.get("purpose") if isinstance(settings, dict) else None
+        return not isinstance(purpose, str) or fills_for(purpose)
 
     def summary(self) -> dict[str, dict[str, Any]]:
         """How it goes, by stream."""

@@ -62,6 +62,9 @@ def ros2(
     ] = None,
     world: Annotated[str, option("--world", metavar="NAME", help="The frame of the poses.")] = "map",
     tf: Annotated[bool, option("--tf/--no-tf", help="Publish poses on /tf, where streams have them.")] = True,
+    fill: Annotated[
+        bool, option("--fill/--no-fill", help="Fill gaps between columns that were sent, marked in a field `filled`.")
+    ] = False,
     type_hash: Annotated[bool, option("--type-hash/--no-type-hash", help="Without: for ROS 2 Humble.")] = True,
     until_end: UntilEnd = False,
     connect: Connect = None,
@@ -75,7 +78,7 @@ def ros2(
     names = RosNames(topic, frame_id, world, tf, _domain(domain), type_hash)
     ros = endpoints_of((ros_connect or ([] if ros_config else [ROUTER]), [], ros_config))
     given = endpoints_of((connect or [], listen or [], zenoh_config))
-    bridge = RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end)
+    bridge = RosBridge(streams, names, endpoints=given, ros=ros, until_end=until_end, fill=fill)
     where = ", ".join(ros_connect or ([f"that of {ros_config}"] if ros_config else [ROUTER]))
     sys.stderr.write(f"to ROS 2, domain {names.domain}, router {where}: {', '.join(bridge.topics.values())}\n")
     _run(bridge, as_json)
@@ -86,6 +89,14 @@ def foxglove(
     streams: StreamNames,
     host: Annotated[str, option("--host", metavar="H", help="Where to listen.")] = "127.0.0.1",
     port: Annotated[int, option("--port", min=0, max=65535, metavar="P", help="0 takes a free one.")] = 8765,
+    fill: Annotated[
+        bool | None,
+        option(
+            "--fill/--no-fill",
+            help="Fill gaps between columns that were sent, marked in a field `filled`. "
+            "Default: not where a stream's purpose is localise or detect.",
+        ),
+    ] = None,
     until_end: UntilEnd = False,
     connect: Connect = None,
     listen: Listen = None,
@@ -96,7 +107,7 @@ def foxglove(
     from lidarcodec.bridges.foxglove import FoxgloveBridge
 
     given = endpoints_of((connect or [], listen or [], zenoh_config))
-    _run(FoxgloveBridge(streams, host=host, port=port, endpoints=given, until_end=until_end), as_json)
+    _run(FoxgloveBridge(streams, host=host, port=port, endpoints=given, until_end=until_end, fill=fill), as_json)
 
 
 def _domain(given: int | None) -> int:

@@ -16,6 +16,7 @@ from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError
+from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints, party_of
 
@@ -82,13 +83,16 @@ def run(
     health_file: Path | None,
     original: bool,
     weights_dir: Path | None,
+    link: str | None = None,
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
         raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
     if weights_dir is not None:
         look_in(weights_dir)
-    settings = one_setting(codec, pairs)
+    settings = one_setting(codec, pairs, link)
+    if link is not None:
+        print(f"--link {link} is {preset(link).text}", file=sys.stderr)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
     own_poses = poses == OWN_POSES
     with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:

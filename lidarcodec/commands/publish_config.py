@@ -50,12 +50,16 @@ class RecordConfig(_Strict):
 
 
 class SensorConfig(_Strict):
-    """One sensor. settings: fields of the stream's settings, else of the codec's own, as with `--set`."""
+    """One sensor. settings: fields of the stream's settings, else of the codec's own, as with `--set`
+
+    link: as with `--link`
+    """
 
     name: Name
     source: str
     calibration: Path | None = None
     poses: Path | None = None
+    link: str | None = None
     codec: str | None = None
     settings: dict[str, Any] = {}
     rate: float | Literal["max"] | None = None
@@ -79,7 +83,7 @@ class SensorConfig(_Strict):
 
     def stream_settings(self) -> StreamSettings:
         """The settings, checked against the codec. Raises SettingsError or UnknownNameError."""
-        return settings_of(self.codec, self.settings)
+        return settings_of(self.codec, self.settings, self.link)
 
     def check_files(self, place: str) -> None:
         """Try what can be tried before the sensor is there. place: of this sensor in the file

@@ -4,6 +4,8 @@
 {'level': 9}
 >>> [s.max_error_m for s in sweep("zstd,pcodec", ["max_error_m=0,0.02"])]
 [0.0, 0.02, 0.0, 0.02]
+>>> one_setting("predictive", [], link="2mbit").target_kbps
+1600.0
 """
 
 from __future__ import annotations
@@ -16,18 +18,19 @@ from typing import Any, Final
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import check, check_offline
+from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.settings import StreamSettings, settings_from
 
 SHORT_NUMBER: Final = re.compile(r"[+-]?([0-9]+\.[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.IGNORECASE)
 """What people write for a number that JSON has no such form of."""
 
 
-def one_setting(codec: str | None, pairs: Sequence[str]) -> StreamSettings:
-    """Settings that a codec can follow.
+def one_setting(codec: str | None, pairs: Sequence[str], link: str | None = None) -> StreamSettings:
+    """Settings that a codec can follow. link: name of a preset, for what is not given otherwise
 
     Raises SettingsError with the key, or UnknownNameError.
     """
-    return _settings(codec, [_key_and_text(pair) for pair in pairs])
+    return _settings(codec, [_key_and_text(pair) for pair in pairs], link)
 
 
 def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
@@ -60,21 +63,23 @@ def _value(text: str) -> Any:
     return text if isinstance(value, dict | list) else value
 
 
-def _settings(codec: str | None, pairs: Sequence[tuple[str, str]]) -> StreamSettings:
+def _settings(codec: str | None, pairs: Sequence[tuple[str, str]], link: str | None = None) -> StreamSettings:
     values: dict[str, Any] = {}
     for key, text in pairs:
         if key in values or (key == "codec" and codec):
             raise SettingsError(f"--set {key}={text}: {key} is given twice", key)
         values[key] = _value(text)
-    return settings_of(codec, values)
+    return settings_of(codec, values, link)
 
 
-def settings_of(codec: str | None, values: Mapping[str, Any]) -> StreamSettings:
+def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None = None) -> StreamSettings:
     """Settings of a codec from plain values: fields of StreamSettings, else of the codec's own.
 
+    link: name of a preset; what is given beside it wins
     Raises SettingsError with the key, or UnknownNameError.
     """
-    common: dict[str, Any] = {"codec": codec} if codec else {}
+    common: dict[str, Any] = {} if link is None else preset(link).settings
+    common |= {"codec": codec} if codec else {}
     own: dict[str, Any] = {}
     for key, value in values.items():
         is_common = key in StreamSettings.model_fields and key != "codec_settings"

@@ -2,6 +2,7 @@
 
 A point has 22 bytes: x y z intensity float32, ring uint16, time float32. Its ring counts from the lowest beam up, as
 the driver's does, and not from the highest down as `Frame` has it; its time is in seconds after the message's.
+With marks it has 23: `filled`, uint8, is 1 for a return that a receiver made up.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.filling import made_up
 from lidarcodec.frame import Frame
 from lidarcodec.interop.cdr import CdrWriter
 from lidarcodec.interop.poses import quaternion_of
@@ -19,13 +21,16 @@ from lidarcodec.units import LASERS
 POINT_DTYPE: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]
 )
-_DATATYPES: Final = {"<u2": 4, "<f4": 7}
+MARKED_DTYPE: Final = np.dtype([*POINT_DTYPE.descr, ("filled", "u1")])
+_DATATYPES: Final = {"|u1": 2, "<u2": 4, "<f4": 7}
 
 
-def points_of(frame: Frame) -> npt.NDArray[np.void]:
-    """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order."""
+def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:
+    """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order; with marks MARKED_DTYPE."""
     cloud = frame.cloud()
-    points = np.empty(len(cloud), POINT_DTYPE)
+    points = np.empty(len(cloud), MARKED_DTYPE if marks else POINT_DTYPE)
+    if marks:
+        points["filled"] = made_up(frame)
     for name in ("x", "y", "z", "intensity"):
         points[name] = cloud[name]
     points["ring"] = LASERS - 1 - cloud["ring"].astype(np.uint16)
@@ -33,13 +38,13 @@ def points_of(frame: Frame) -> npt.NDArray[np.void]:
     return points
 
 
-def point_cloud2(frame: Frame, frame_id: str) -> bytes:
+def point_cloud2(frame: Frame, frame_id: str, *, marks: bool = False) -> bytes:
     """A frame as a message, stamped with the time of its first packet. Cost: 8 ms for 120,000 points."""
-    points = points_of(frame)
-    writer = CdrWriter().header(frame.stamp_ns, frame_id).u32(1).u32(len(points)).u32(len(POINT_DTYPE.names or ()))
-    for name, (dtype, offset, *_) in dict(POINT_DTYPE.fields or {}).items():
+    points = points_of(frame, marks=marks)
+    writer = CdrWriter().header(frame.stamp_ns, frame_id).u32(1).u32(len(points)).u32(len(points.dtype.names or ()))
+    for name, (dtype, offset, *_) in dict(points.dtype.fields or {}).items():
         writer.text(name).u32(offset).u8(_DATATYPES[dtype.str]).u32(1)
-    writer.u8(0).u32(POINT_DTYPE.itemsize).u32(points.nbytes)
+    writer.u8(0).u32(points.dtype.itemsize).u32(points.nbytes)
     return writer.u32(points.nbytes).raw(points.tobytes()).u8(1).done()
 
 

@@ -31,6 +31,8 @@ from lidarcodec.units import RANGE_STEP_M
 
 Floats = npt.NDArray[np.float64]
 
+RETURNS_A_SECOND: Final = 1_100_000
+"""Of an HDL-64E in a street, in single return."""
 COARSEST_M: Final = 0.3
 """No automatic choice makes a larger range error, nor a larger RMSE of a codec that keeps no bound."""
 COARSEST_RMSE_M: Final = 0.2

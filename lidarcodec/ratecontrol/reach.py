@@ -1,62 +1,148 @@
-"""Whether a target bitrate can be kept with what is pinned, as far as can be said before a frame was encoded.
+"""What keeps a stream from its target bitrate: said before a frame was encoded, and of what was measured since.
 
 >>> from lidarcodec.settings import StreamSettings
 >>> reach_warning(StreamSettings(codec="riddle", target_kbps=1000)) is None
 True
->>> reach_warning(StreamSettings(codec="riddle", target_kbps=1000, intensity="lossless", reduction="all")).code
-'target_out_of_reach'
+>>> warning = reach_warning(StreamSettings(codec="riddle", target_kbps=1000, intensity="lossless", reduction="all"))
+>>> warning.code, warning.settings
+('target_out_of_reach', ('intensity', 'reduction'))
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
 from lidarcodec.codecs import table
+from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.control import pins_of
-from lidarcodec.ratecontrol.curve import Pins, operating_curve
-from lidarcodec.settings import AUTO, StreamSettings
+from lidarcodec.ratecontrol.controller import TOLERANCE
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, operating_curve
+from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 
-RETURNS_A_SECOND: Final = 1_100_000
-"""Of an HDL-64E in a street, in single return."""
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
 """Settings that keep a stream from its target, and what leaves them free."""
 SURE: Final = 0.8
 """A target is said to be out of reach below this share of what is expected to be needed: scenes differ."""
+LOWERS: Final = 0.95
+"""A setting is in the way if, left free, it takes what is needed below this share."""
 
 
 class ReachWarning(NamedTuple):
-    """code: for programs;  message: what is wrong;  remedy: what to do"""
+    """Why a target is not kept.
+
+    code:     for programs: `target_out_of_reach` (expected), `target_missed` or `frames_left_out` (measured)
+    message:  what is wrong;  remedy: what to do;  settings: names of those that are in the way
+    asked_kbps, sent_kbps, needed_kbps: the target, the mean of five seconds, what all frames take; None: not known
+    """
 
     code: str
     message: str
     remedy: str
+    settings: tuple[str, ...] = ()
+    asked_kbps: float | None = None
+    sent_kbps: float | None = None
+    needed_kbps: float | None = None
 
 
 def pinned(settings: StreamSettings) -> list[str]:
-    """Names of the settings that are set and keep a stream from its target."""
-    return [name for name, free in FREE.items() if getattr(settings, name) != free]
+    """Names of the settings that are set, and so are kept beside a target. A codec's own: `codec_settings.NAME`."""
+    knob = table.codec(without_auto(settings).codec).knob
+    own = [] if knob is None or knob.setting not in settings.codec_settings else [f"codec_settings.{knob.setting}"]
+    return [name for name, free in FREE.items() if getattr(settings, name) != free] + own
 
 
-def least_kbps(settings: StreamSettings) -> float:
-    """What the smallest working point is expected to take, all frames sent."""
+def least_kbps(settings: StreamSettings) -> float | None:
+    """What the smallest working point is expected to take, all frames sent; None where that was never measured."""
+    settings = without_auto(settings)
+    if table.codec(settings.codec).knob is None:
+        return None
+    if settings.reduces and settings.reduction.partition(":")[0] != LATTICE:
+        return None
     curve = operating_curve(settings.codec, pins_of(settings))
     return float(curve.bits[0]) * RETURNS_A_SECOND / 1e3
 
 
-def reach_warning(settings: StreamSettings) -> ReachWarning | None:
-    """What to tell who sets a target that cannot be kept with all frames; None if it can, or there is none."""
-    if not isinstance(settings.target_kbps, int | float) or table.codec(settings.codec).knob is None:
-        return None
+def in_the_way(settings: StreamSettings) -> tuple[str, ...]:
+    """Names of the pinned settings without which every frame would take clearly less."""
     least = least_kbps(settings)
-    if settings.target_kbps >= SURE * least:
-        return None
     names = pinned(settings)
-    free = float(operating_curve(settings.codec, Pins()).bits[0]) * RETURNS_A_SECOND / 1e3
-    message = f"{settings.target_kbps:g} kbit/s cannot carry every frame: about {least:.0f} are needed"
-    if names and free < least:
-        return ReachWarning(
-            "target_out_of_reach",
-            f"{message} with {', '.join(names)} as set",
-            f"set {' and '.join(names)} back, which needs about {free:.0f} kbit/s, or a target of {least:.0f}",
-        )
-    return ReachWarning("target_out_of_reach", message, f"set a target of {least:.0f} kbit/s or more, or another codec")
+    if least is None:
+        return tuple(name for name in names if name == "reduction")
+    return tuple(name for name in names if (least_kbps(_freed(settings, [name])) or least) < LOWERS * least)
+
+
+def reach_warning(settings: StreamSettings) -> ReachWarning | None:
+    """What to say before a target is tried that is not expected to be kept with all frames; None if it is, or there is
+    none."""
+    least = least_kbps(settings)
+    if not isinstance(settings.target_kbps, int | float) or least is None or settings.target_kbps >= SURE * least:
+        return None
+    names = in_the_way(settings)
+    message = f"{_kbps(settings.target_kbps)} cannot carry every frame: about {least:,.0f} are needed"
+    if names:
+        message += f" with {_listed(names)} as set"
+    return ReachWarning(
+        "target_out_of_reach",
+        message,
+        _remedy(settings, names, least),
+        names,
+        asked_kbps=float(settings.target_kbps),
+        needed_kbps=round(least, 1),
+    )
+
+
+def missed_warning(settings: StreamSettings, rate: Mapping[str, Any] | None) -> ReachWarning | None:
+    """What to say of a stream that misses its target, or keeps it by leaving out frames; None while all is well.
+
+    rate: the `rate` of the status that belongs to these settings, whose fields may be missing; None: not told yet
+    """
+    if settings.target_kbps is None or table.codec(without_auto(settings).codec).knob is None:
+        return None
+    ends = (rate or {}).get("reachable_kbps")
+    if not rate or not ends:
+        return reach_warning(settings)
+    asked, sent, needed = rate.get("target_kbps"), rate.get("kbps_5s"), float(ends[0])
+    if not asked:
+        return None
+    path = " that the path carries" if settings.target_kbps == AUTO else ""
+    names = in_the_way(settings)
+    because = f" with {_listed(names)} as set" if names else ""
+    if not path and sent is not None and sent > asked * (1.0 + TOLERANCE):
+        code = "target_missed"
+        message = f"{_kbps(asked)} are asked for, {sent:,.0f} are sent; every frame takes {needed:,.0f}{because}"
+    elif rate.get("limited_by") == "floor":
+        code = "frames_left_out"
+        message = f"the {_kbps(asked)}{path} do not carry every frame: {needed:,.0f} are needed{because}"
+    else:
+        return None
+    return ReachWarning(code, message, _remedy(settings, names, needed), names, asked, sent, needed)
+
+
+def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
+    """The settings with some of those that are pinned left free."""
+    own = {name: value for name, value in settings.codec_settings.items() if f"codec_settings.{name}" not in names}
+    return settings.changed(codec_settings=own, **{name: FREE[name] for name in names if name in FREE})
+
+
+def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> str:
+    """What to do where all frames take `needed` kbit/s."""
+    instead = (
+        "take another codec, or a better path"
+        if settings.target_kbps == AUTO
+        else f"set a target of {needed:,.0f} kbit/s or more"
+    )
+    if not names:
+        return instead if settings.target_kbps == AUTO else f"{instead}, or another codec"
+    least, free = least_kbps(settings), least_kbps(_freed(settings, list(names)))
+    takes = f", which needs about {needed * free / least:,.0f} kbit/s" if least and free else ""
+    return f"set {_listed(names)} back{takes}, or {instead}"
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _kbps(value: float) -> str:
+    return f"{value:,.0f} kbit/s"

@@ -34,6 +34,7 @@ ROUTERS = (
     "settings",
     "audit",
     "codecs",
+    "links",
     "metrics",
     "session",
     "fleet",

@@ -15,7 +15,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import JsonRefusedError
 from lidarcodec_server.limits import SparseLog
@@ -56,6 +56,14 @@ class Stream:
         """Of the publisher's current start."""
         given = None if self.status is None else self.status.get("stream_id")
         return given if isinstance(given, str) else None
+
+    @property
+    def codec(self) -> str | None:
+        """In force, as the vehicle told; before it did, the one that was asked for, which may be `auto`."""
+        if self.settings is None:
+            return None
+        given = (self.status or {}).get("codec")
+        return given if self.settings.codec == AUTO and isinstance(given, str) else self.settings.codec
 
 
 def number_in(values: Any, name: str) -> float | None:

@@ -15,6 +15,7 @@ from prometheus_client.registry import Collector
 
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.fleet import Fleet, Stream
+from lidarcodec_server.spending import SPENDING, gauges_of
 from lidarcodec_server.totals import Totals
 
 MEDIA_TYPE = CONTENT_TYPE_PLAIN_0_0_4
@@ -108,8 +109,8 @@ class Metrics:
         for stream in streams:
             labels = [stream.keys.vehicle, stream.keys.sensor]
             alive.add_metric(labels, float(stream.alive))
-            if stream.alive and stream.settings is not None:
-                codec.add_metric([*labels, stream.settings.codec[:32]], 1.0)
+            if stream.alive and stream.codec is not None:
+                codec.add_metric([*labels, stream.codec[:32]], 1.0)
         yield alive
         yield codec
         for name, text in GAUGES.items():
@@ -119,6 +120,7 @@ class Metrics:
                 if stream.alive and isinstance(value, int | float) and abs(value) < LARGEST:  # or it fits no float
                     gauge.add_metric([stream.keys.vehicle, stream.keys.sensor], float(value))
             yield gauge
+        yield from _spent(streams)
         yield from _counted(streams, totals)
         ready = GaugeMetricFamily("lidarcodec_ready", "Whether a part of the server answers.", labels=["part"])
         for part, answers in self._ready().items():
@@ -138,6 +140,20 @@ class Metrics:
             ("status_fields_dropped", "Fields of statuses that are not known, or of another type.", fleet.dropped),
         ):
             yield CounterMetricFamily(f"lidarcodec_{name}", text, value=value)
+
+
+def _spent(streams: list[Stream]) -> Iterator[Metric]:
+    told = [
+        ([one.keys.vehicle, one.keys.sensor], gauges_of(one.status, one.settings, one.codec))
+        for one in streams
+        if one.alive and one.status is not None
+    ]
+    for name, text in SPENDING.items():
+        gauge = GaugeMetricFamily(f"lidarcodec_stream_{name}", text, labels=LABELS)
+        for labels, values in told:
+            if name in values:
+                gauge.add_metric(labels, values[name])
+        yield gauge
 
 
 def _counted(streams: list[Stream], totals: dict[StreamKeys, Totals]) -> Iterator[Metric]:

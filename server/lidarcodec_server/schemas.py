@@ -3,15 +3,39 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeGuard
 
 from pydantic import BaseModel, Field
 
-from lidarcodec.ratecontrol.reach import reach_warning
-from lidarcodec.settings import StreamSettings
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.pipeline import check
+from lidarcodec.ratecontrol.reach import ReachWarning, missed_warning, reach_warning
+from lidarcodec.settings import AUTO, Purpose, StreamSettings
 from lidarcodec_server.control import State
 from lidarcodec_server.fleet import Stream
 from lidarcodec_server.store import Entry
+
+
+class WarningAnswer(BaseModel):
+    """Why a target bitrate is not kept, and what to do."""
+
+    code: str = Field(
+        description="For programs. `target_out_of_reach`: expected of the settings; `target_missed` and "
+        "`frames_left_out`: measured."
+    )
+    message: str
+    remedy: str
+    settings: list[str] = Field(
+        default=[], description="Settings that are in the way; a codec's own as `codec_settings.NAME`."
+    )
+    asked_kbps: float | None = Field(default=None, description="The target.")
+    sent_kbps: float | None = Field(default=None, description="Mean of five seconds; null before anything was sent.")
+    needed_kbps: float | None = Field(default=None, description="What all frames would take.")
+
+    @classmethod
+    def several(cls, warning: ReachWarning | None) -> list[WarningAnswer]:
+        """One, or none."""
+        return [] if warning is None else [cls(**warning._asdict())]
 
 
 class StreamAnswer(BaseModel):
@@ -24,6 +48,7 @@ class StreamAnswer(BaseModel):
         description="In force, or the last that were; null before the vehicle said."
     )
     status: dict[str, Any] | None = Field(description="The last status; null before the first one.")
+    warnings: list[WarningAnswer] = Field(default=[], description="While the target bitrate is not kept: why.")
 
     @classmethod
     def of(cls, stream: Stream) -> StreamAnswer:
@@ -34,7 +59,28 @@ class StreamAnswer(BaseModel):
             alive=stream.alive,
             settings=stream.settings,
             status=stream.status,
+            warnings=WarningAnswer.several(_missed(stream)),
         )
+
+
+def _missed(stream: Stream) -> ReachWarning | None:
+    """Why a stream does not keep its target. A status from before the last change says nothing of it."""
+    settings = stream.settings
+    if not stream.alive or settings is None:
+        return None
+    status = stream.status or {}
+    rate = status.get("rate") if status.get("settings") == settings.model_dump() else None
+    if settings.codec == AUTO and stream.codec is not None:
+        settings = settings.model_copy(update={"codec": stream.codec})
+    return missed_warning(settings, rate) if _known(settings) else None
+
+
+def _known(settings: StreamSettings | None) -> TypeGuard[StreamSettings]:
+    """Whether settings that a vehicle told are such as can be followed here: it may be newer, or lie."""
+    try:
+        return settings is not None and check(settings) is settings
+    except LidarCodecError:
+        return False
 
 
 class SettingsAnswer(BaseModel):
@@ -54,14 +100,6 @@ class SettingsAnswer(BaseModel):
         return cls(applied=state.applied, desired=desired, operator=state.operator, refused=state.refused)
 
 
-class WarningAnswer(BaseModel):
-    """Something that an operator should know of a change that was made."""
-
-    code: str = Field(description="For programs: `target_out_of_reach`.")
-    message: str
-    remedy: str
-
-
 class ChangeAnswer(BaseModel):
     """What became of a change."""
 
@@ -79,8 +117,7 @@ class ChangeAnswer(BaseModel):
         """From where a stream's settings stand after a change."""
         desired = None if state.desired is None else StreamSettings.model_validate(state.desired)
         in_force = state.applied or desired
-        warning = None if in_force is None else reach_warning(in_force)
-        warnings = [] if warning is None else [WarningAnswer(**warning._asdict())]
+        warnings = WarningAnswer.several(reach_warning(in_force) if _known(in_force) else None)
         return cls(applied=state.applied, desired=desired, first_frame=state.first_frame, warnings=warnings)
 
 
@@ -142,3 +179,19 @@ class CodecAnswer(BaseModel):
     target: bool = Field(description="Whether it can be steered to `target_kbps`.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
     reach: Reach | None = Field(description="Null where no target is offered.")
+
+
+class LinkSettings(BaseModel):
+    """The settings that a preset stands for: the body of a PATCH of a stream's settings."""
+
+    purpose: Purpose
+    codec: str
+    target_kbps: float | None
+
+
+class LinkAnswer(BaseModel):
+    """A preset for streams over such a link."""
+
+    name: str = Field(description="As `publish --link` has it.")
+    label: str = Field(description="For people.")
+    settings: LinkSettings

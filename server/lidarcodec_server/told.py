@@ -172,6 +172,8 @@ _FIELDS: Final[dict[str, Check]] = {
     "stamp_ns": number,
     "frame_index": _any_count,
     "settings": _settings,
+    "codec": _name,
+    "codec_choice": or_null(record(codec=_name, because=text(TEXT), encode_ms=named(number), budget_ms=_any_number)),
     "sensor_model": record(name=_name, calibration=text(TEXT), hash=_name, note=_long),
     "matching": flag,
     "ended": flag,

@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.errors import TransportError
+from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.bridges.standing import POSE, Standing, turn
@@ -136,6 +137,37 @@ def test_cloud_pose_and_statistics_get_to_a_viewer_point_for_point(network):
     assert latest["codec"] == "pcodec"
     assert latest["frames"] > 0
     assert latest["replaced"] is not None
+
+
+@pytest.mark.parametrize("fill", [None, False])
+def test_gaps_of_thinned_frames_are_filled_and_marked_or_not_filled(network, fill):
+    """A wall of which every eighth column is sent is a wall for a person, and its columns for a program."""
+    settings = StreamSettings(reduction="lattice:8")
+    with (
+        FoxgloveBridge(["car-7/roof"], port=0, transport=network(), fill=fill) as bridge,
+        Publisher(Loop(), settings, vehicle="car-7", sensor="roof", rate=5.0, transport=network()),
+    ):
+        viewer = Viewer(bridge.url)
+        topics = ("/car-7/roof/points", "/car-7/roof/statistics")
+        viewer.subscribe(*topics)
+        found = viewer.messages(2)
+        latest: dict = {}
+        while not latest.get("points"):
+            ((_, data), *_) = viewer.messages(1)[topics[1]]
+            latest = json.loads(data)
+        viewer.close()
+    jsonschema.validate(latest, STATISTICS_SCHEMA)
+    for _, data in found[topics[0]]:
+        points = points_in(PointCloud.FromString(data))
+        if fill is None:
+            measured = int((points["filled"] == 0).sum())
+            assert points["filled"].sum() > 2 * measured
+        else:
+            assert "filled" not in points.dtype.names
+            measured = len(points)
+        assert 5_000 < measured < 20_000
+        assert 5_000 < latest["points"] < 20_000
+        assert (latest["made_up"] or 0) > 10_000 if fill is None else latest["made_up"] == 0
 
 
 def test_nothing_is_made_of_a_stream_that_nobody_looks_at(network):

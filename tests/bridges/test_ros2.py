@@ -151,6 +151,25 @@ def test_a_cloud_gets_to_a_node_of_ros_point_for_point(graph, local):
     assert eventually(lambda: not graph.published(), LIMIT_S), "ROS sees the publishers go"
 
 
+@pytest.mark.parametrize("fill", [False, True])
+def test_gaps_are_filled_for_ros_only_when_asked_and_then_marked(graph, local, fill):
+    """A localiser takes every point for a measured one."""
+    graph.subscribe("/car_7/roof/points", ros.POINT_CLOUD2)
+    settings = StreamSettings(reduction="lattice:8")
+    ends = {"endpoints": local, "ros": Endpoints.of(connect=graph.endpoint)}
+    with (
+        RosBridge(["car-7/roof"], fill=fill, **ends) as bridge,
+        Publisher(Loop(), settings, vehicle="car-7", sensor="roof", rate=5.0, endpoints=local),
+    ):
+        assert eventually(lambda: len(graph.of(ros.POINT_CLOUD2)) >= 2 and bridge.counts["clouds"] >= 2, LIMIT_S)
+    summary = bridge.summary()
+    assert (summary["made_up"] > 2 * summary["points"]) is fill
+    for data, _ in graph.of(ros.POINT_CLOUD2):
+        points = points_in(STORE.deserialize_cdr(data, ros.POINT_CLOUD2.name))
+        assert ("filled" in points.dtype.names) is fill
+        assert len(points) < 20_000 or (points["filled"] == 0).sum() < 20_000
+
+
 def test_nothing_is_made_while_nobody_looks(graph, local):
     names = RosNames(topic="/points", transforms=False)
     with (

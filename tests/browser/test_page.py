@@ -90,6 +90,31 @@ def test_the_page_decodes_what_it_can_and_says_so_where_the_server_must(fleet, p
     expect(page).to_have_title(POINTS)
 
 
+def test_a_target_that_pinned_settings_keep_out_of_reach_is_said_in_red_over_the_picture(fleet, page):
+    """A viewer who did not set anything has to see it, too: two frames a second look like a bad line."""
+    banner = page.get_by_role("region", name="Target bitrate")
+    expect(banner).not_to_be_attached()
+    pinned = {"max_error_m": 0, "intensity": "lossless", "reduction": "all"}
+    fleet.change(SETTINGS, codec="pcodec", target_kbps=300, **pinned)
+    alarm = banner.get_by_role("alert")
+    expect(alarm).to_contain_text("Max error (m), Intensity and Reduction are in the way")
+    expect(banner).to_contain_text(
+        re.compile(r"300 kbit/s .* are needed with max_error_m, intensity and reduction as set")
+    )
+    expect(alarm).to_have_text(re.compile("Target missed|Frames are left out"))  # now it was measured
+    expect(banner).to_contain_text(re.compile(r"Set max_error_m, intensity and reduction back, .* or set a target of"))
+    stage, red = page.locator(".stage").bounding_box(), banner.bounding_box()
+    assert red["y"] < stage["y"] + stage["height"] / 4
+    assert red["width"] == stage["width"]
+    assert banner.evaluate("one => getComputedStyle(one).backgroundColor") == "rgb(179, 38, 30)"
+    page.get_by_role("button", name="Set back").click()
+    expect(banner).not_to_be_attached()
+    applied = fleet.get(SETTINGS)["applied"]
+    free = {"max_error_m": None, "intensity": "auto", "reduction": "auto", "target_kbps": 300.0}
+    assert {name: applied[name] for name in free} == free
+    fleet.change(SETTINGS, target_kbps=None)
+
+
 def test_what_the_server_refuses_is_said_where_it_was_written(fleet, page):
     before = fleet.get(SETTINGS)["applied"]
     page.get_by_label("Target (kbit/s)").fill("0.5")

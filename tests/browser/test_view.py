@@ -77,6 +77,33 @@ def test_original_against_decoded_shows_no_error_without_loss_and_one_within_the
     change(fleet, reduction="all", max_error_m=0)
 
 
+def test_gaps_are_filled_fainter_counted_apart_and_only_where_that_is_wanted(fleet, page):
+    """Whether the server decodes or the page: a wall is a wall, and nobody takes for measured what was not."""
+    change(fleet, codec="predictive", reduction="lattice:16")
+    legend = page.locator(".lidar-made")
+    expect(legend).to_have_text(re.compile(r"^[\d,]+ measured · [\d,]+ filled in, fainter$"))
+    shown: dict[str, tuple[int, ...]] = {}
+    for where in ("server", "page"):
+        page.get_by_label("Decode here").set_checked(where == "page")
+        page.wait_for_timeout(1000)
+        measured, made_up = shown[where] = tuple(map(int, re.findall(r"[\d,]+", legend.inner_text().replace(",", ""))))
+        assert 4 * measured < made_up < 15 * measured
+        assert int(re.search(r"\d+", page.title())[0]) < 2 * measured, "the title counts what was measured"
+        expect(page.locator("footer")).to_contain_text("filled in")
+        page.get_by_label("Fill gaps").uncheck()
+        expect(legend).to_be_hidden()
+        expect(page.locator("footer")).not_to_contain_text("filled in")
+        page.get_by_label("Fill gaps").check()
+        expect(legend).to_be_visible()
+    assert abs(np.log(shown["server"][1] / shown["page"][1])) < 0.1
+    page.get_by_label("Decode here").uncheck()
+    page.get_by_label("Compare").check()
+    expect(page.locator(".lidar-figures")).to_contain_text("not sent")
+    expect(legend).to_be_visible()
+    assert figures(page)["largest"] == "0 mm", "only what was measured is compared"
+    change(fleet, reduction="auto")
+
+
 def test_the_camera_follows_the_keys_and_the_picture_stays_live(page):
     before = page.title()
     canvas = page.locator("canvas.lidar-canvas")

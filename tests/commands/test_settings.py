@@ -100,3 +100,14 @@ def test_an_error_of_intensities_is_kept_and_told_as_levels_too():
 def test_a_missing_name_in_a_list_of_codecs_is_not_taken_for_the_default(names):
     with pytest.raises(SettingsError, match="comma"):
         sweep(names, [])
+
+
+def test_a_link_gives_what_is_not_given_otherwise():
+    assert one_setting(None, [], "2mbit").model_dump(include={"codec", "purpose", "target_kbps"}) == {
+        "codec": "auto", "purpose": "look", "target_kbps": 1600.0,
+    }  # fmt: skip
+    other = one_setting("zstd", ["target_kbps=500", "level=9", "intensity=off"], "2mbit")
+    assert (other.codec, other.target_kbps, other.intensity, other.codec_settings) == ("zstd", 500, "off", {"level": 9})
+    assert one_setting(None, [], "lan").target_kbps is None
+    with pytest.raises(SettingsError, match="--link is 1mbit"):
+        one_setting(None, [], "fast")

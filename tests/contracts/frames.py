@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.sensor_model import Calibration, SensorModel
+from lidarcodec.settings import StreamSettings
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import FIRINGS_PER_PACKET, LASERS
 from tests import positions
@@ -127,6 +129,13 @@ def pose(seed: int = 5) -> np.ndarray:
     whole = np.eye(4)
     whole[:3, :3], whole[:3, 3] = turn, [10.0, -3.0, 1.5]
     return whole
+
+
+def received(frame: Frame, reduction: str) -> Frame:
+    """The frame as a receiver has it, without loss but for the returns that a reduction leaves out."""
+    (message,) = StreamEncoder(StreamSettings(reduction=reduction), 1).encode(frame)
+    (back,) = StreamDecoder().decode(message)
+    return back
 
 
 def ordinary() -> dict[str, Frame]:

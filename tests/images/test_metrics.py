@@ -16,6 +16,7 @@ import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.settings import StreamSettings
 from tests.images.dockerfile import ROOT
 from tests.server.live import frame, running
 
@@ -26,7 +27,14 @@ SUFFIXES = {"counter": ("_total",), "gauge": ("",), "histogram": ("_bucket", "_s
 OF_PROMETHEUS = {"up": {"job", "instance"}, "ALERTS": {"alertname", "alertstate"}}
 LAST = tuple(
     f"lidarcodec_{one}"
-    for one in ("stream_fps", "frames_total", "latency_seconds_bucket", "decode_seconds_bucket", "viewers")
+    for one in (
+        "stream_fps",
+        "stream_target_missed",
+        "frames_total",
+        "latency_seconds_bucket",
+        "decode_seconds_bucket",
+        "viewers",
+    )
 )
 """What is told with the first reports and requests."""
 OF_THE_TARGET = {"job", "instance", "le"}
@@ -86,7 +94,8 @@ def scraped(server):
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """Name of every series of a server with a vehicle, a receiver and viewers, with its labels."""
-    with running(tmp_path_factory.mktemp("server")) as server, server.publisher():
+    settings = StreamSettings(target_kbps=4000.0)
+    with running(tmp_path_factory.mktemp("server")) as server, server.publisher(settings=settings):
         assert server.seen()
         with LiveStream("vehicle/lidar", transport=server.network.transport()):
             return asyncio.run(look(server))
@@ -156,7 +165,7 @@ def test_panels_lie_beside_each_other_and_ask_the_source_that_is_there():
 def test_every_alert_says_how_bad_it_is_and_about_whom():
     names = [rule["alert"] for rule in rules()]
     assert len(set(names)) == len(names)
-    assert {"StreamGone", "LatencyHigh", "FramesReplaced", "DecodeErrors", "DatabaseAway"} <= set(names)
+    assert {"StreamGone", "TargetMissed", "LatencyHigh", "FramesReplaced", "DecodeErrors", "DatabaseAway"} <= set(names)
     for rule in rules():
         assert rule["labels"]["severity"] in ("critical", "warning")
         assert rule["annotations"]["summary"]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lidarcodec.filling import filled
 from lidarcodec.interop import foxglove
 from lidarcodec.interop.poses import quaternion_of
 from lidarcodec.interop.protobuf import varint
 from lidarcodec.side import SideInfo
-from tests.contracts.frames import scene
+from tests.contracts.frames import received, scene
 
 pytest.importorskip("foxglove_schemas_protobuf", reason="read back by foxglove-schemas-protobuf")
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -66,6 +67,17 @@ def test_the_schema_is_foxgloves_own(schema: foxglove.Schema) -> None:
                 ]
 
     compare(pool.FindMessageTypeByName(schema.name), public)
+
+
+@pytest.mark.parametrize("step", [1, 4])
+def test_what_a_receiver_made_up_is_marked(step: int) -> None:
+    wide = filled(received(scene(5, holes=0.0), f"lattice:{step}"))
+    points = points_in(PointCloud.FromString(foxglove.point_cloud(wide, "car/roof", marks=True)))
+    assert points.dtype.names == ("x", "y", "z", "intensity", "ring", "t_ns", "filled")
+    expected = np.zeros(wide.range.shape, bool) if wide.filled is None else wide.filled
+    assert np.array_equal(points["filled"], expected.T[wide.valid.T])
+    assert np.array_equal(points["x"], wide.cloud()["x"])
+    assert points["filled"].any() == (step > 1)
 
 
 def test_a_cloud_comes_back_point_for_point() -> None:

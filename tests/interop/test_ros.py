@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from lidarcodec.errors import DecodeError, PacketError, SectionError
+from lidarcodec.filling import filled
 from lidarcodec.interop import ros
 from lidarcodec.interop.cdr import CdrReader
 from lidarcodec.interop.point_cloud2 import point_cloud2, tf_message
 from lidarcodec.interop.velodyne_scan import packets_of_scan, scan_of
 from lidarcodec.packet import Packet
-from tests.contracts.frames import scene
+from tests.contracts.frames import received, scene
 from tests.packets import turning
 
 typesys = pytest.importorskip("rosbags.typesys", reason="read back by rosbags (extra `bridges`)")
@@ -58,6 +59,16 @@ def test_hashes_and_definitions_are_those_of_ros(known: ros.RosType) -> None:
         return {" ".join(part.split()) for part in text.split("=" * 80)}
 
     assert parts(theirs) == parts(known.definition)
+
+
+def test_what_a_receiver_made_up_is_marked() -> None:
+    wide = filled(received(scene(5, holes=0.0), "lattice:4"))
+    message = STORE.deserialize_cdr(point_cloud2(wide, "car/roof", marks=True), ros.POINT_CLOUD2.name)
+    points = points_in(message)
+    assert (message.point_step, points.dtype.names[-1]) == (23, "filled")
+    assert np.array_equal(points["filled"], wide.filled.T[wide.valid.T])
+    assert points["filled"].any()
+    assert np.array_equal(points["x"], wide.cloud()["x"])
 
 
 def test_a_cloud_comes_back_point_for_point_as_velodynes_driver_lays_it_out() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcodec import read_frames
+from lidarcodec import filled, read_frames
 from lidarcodec.sensors import generic_sensor
 from lidarcodec_server.live.cloud_format import STEP_M, Facts, packed, sensor_facts
 from lidarcodec_server.live.options import CloudOptions, Encoding
+from tests.contracts.frames import received
 from tests.server.live import client_module
 
 CLIENT = client_module()
@@ -101,7 +102,7 @@ def test_an_empty_frame_and_the_longest_ranges_are_sent_whole(frame):
 def test_options_are_read_as_a_whole_or_refused_by_name():
     options = CloudOptions.of({"attributes": "ring,intensity", "max_points": "10", "rate": "5", "window": "2"})
     assert (options.encoding, options.rate, options.window) == (Encoding("points", ("intensity", "ring"), 10), 5.0, 2)
-    assert CloudOptions.of({"form": "range"}).encoding == Encoding("range", ("intensity",), None)
+    assert CloudOptions.of({"form": "range"}).encoding == Encoding("range", ("intensity", "filled"), None, fill=True)
     assert CloudOptions.of({"attributes": ""}).encoding.attributes == ()
 
 
@@ -117,6 +118,31 @@ def test_the_pose_of_a_frame_comes_with_it_and_readers_that_know_none_are_not_co
         assert np.array_equal(np.frombuffer(data, "<f8", 12, 96).reshape(3, 4), pose[:3])
         plain = CLIENT.read_message(packed(frame, FACTS, wanted))[1]
         assert all(np.array_equal(arrays[name], plain[name]) for name in plain)
+
+
+@pytest.fixture(scope="module")
+def thinned(frame):
+    """Every eighth column of it, as a receiver has it."""
+    return received(frame, "lattice:8")
+
+
+@pytest.mark.parametrize("form", ["points", "range"])
+def test_what_is_made_up_is_marked_and_not_counted_as_measured(thinned, form):
+    whole = filled(thinned)
+    head, arrays = CLIENT.read_message(packed(thinned, FACTS, CloudOptions.of({"form": form}).encoding))
+    assert head["flags"] & (64 | 128) == 64 | 128
+    assert head["returns"] == np.count_nonzero(thinned.range)
+    assert head["count"] == np.count_nonzero(whole.range) > 4 * head["returns"]
+    made_up = whole.filled.ravel() if form == "range" else whole.filled.T[whole.valid.T]
+    assert np.array_equal(arrays["filled"], made_up)
+    head, arrays = CLIENT.read_message(packed(thinned, FACTS, CloudOptions.of({"form": form, "fill": "0"}).encoding))
+    assert (head["flags"] & (64 | 128), head["count"]) == (0, head["returns"])
+    assert "filled" not in arrays
+
+
+def test_a_frame_that_was_not_thinned_costs_no_byte_more_for_the_marks(frame):
+    marked, plain = (Encoding("range", names, None) for names in (("intensity", "filled"), ("intensity",)))
+    assert packed(frame, FACTS, marked) == packed(frame, FACTS, plain)
 
 
 def test_an_original_is_sent_beside_its_frame_or_not_at_all(frame):

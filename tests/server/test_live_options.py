@@ -22,6 +22,7 @@ from lidarcodec_server.live.part import beside
         ({"rate": "-1"}, "rate"),
         ({"rate": "inf"}, "rate"),
         ({"window": "100"}, "window"),
+        ({"fill": "2"}, "fill"),
         ({"colour": "red"}, "colour"),
     ],
 )
@@ -29,6 +30,16 @@ def test_what_cannot_be_is_refused_by_name(query, field):
     with pytest.raises(SettingsError) as caught:
         CloudOptions.of(query)
     assert caught.value.field == field
+
+
+def test_nothing_is_made_up_for_a_viewer_that_could_not_tell_it_from_what_was_measured():
+    assert CloudOptions.of({}).encoding.fill
+    assert CloudOptions.of({"form": "range"}).encoding.fill
+    assert not CloudOptions.of({"attributes": "ring"}).encoding.fill
+    assert not CloudOptions.of({"form": "range", "attributes": "intensity,original"}).encoding.fill
+    assert CloudOptions.of({"attributes": "ring", "fill": "1"}).encoding.fill
+    assert not CloudOptions.of({}, fill=False).encoding.fill
+    assert CloudOptions.of({"fill": "1"}, fill=False).encoding.fill
 
 
 def test_the_frames_socket_has_a_window_and_nothing_else():

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.apps.timings import Timings
+from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.fleet import Fleet
 from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.spending import gauges_of
 from lidarcodec_server.totals import MAX_SENDERS, Totals
 from tests.server.conftest import until
 
@@ -130,3 +133,56 @@ def test_memory_is_bounded_whoever_reports():
         fleet.changed(keys, alive=False)
     assert len(metrics._totals) <= 5
     assert metrics.text().count(b"lidarcodec_frames_total{") == 4
+
+
+RATE = {
+    "target_kbps": 800.0,
+    "reached": True,
+    "limited_by": "target",
+    "max_error_m": 0.04,
+    "intensity": "levels=8",
+    "step": 4,
+}
+
+
+@pytest.mark.parametrize(
+    ("status", "settings", "codec", "told"),
+    [
+        ({"rate": RATE}, StreamSettings(), "riddle",
+         {"target_kbps": 800, "target_missed": 0, "bound_meters": 0.04, "kept_ratio": 0.25, "intensity_levels": 8}),
+        ({"rate": RATE | {"reached": False, "limited_by": "floor"}}, None, "riddle", {"target_missed": 1}),
+        ({"rate": RATE | {"reached": False, "limited_by": "codec"}}, None, "riddle", {"target_missed": 0}),
+        ({"rate": RATE | {"intensity": "off"}}, None, "riddle", {"intensity_levels": 0}),
+        ({"rate": {"target_kbps": 800.0, "quality": 40, "intensity": "lossless", "step": 1}}, StreamSettings(), "jpeg",
+         {"target_kbps": 800, "kept_ratio": 1, "intensity_levels": 256}),
+        ({"rate": None, "reduction": None}, StreamSettings(max_error_m=0.02, intensity="levels=16"), "pcodec",
+         {"bound_meters": 0.02, "kept_ratio": 1, "intensity_levels": 16}),
+        ({}, StreamSettings(), "pcodec", {"bound_meters": 0, "kept_ratio": 1, "intensity_levels": 256}),
+        ({}, StreamSettings(codec="jpeg"), "jpeg", {"kept_ratio": 1, "intensity_levels": 256}),
+        ({"reduction": {"name": "voxel", "returns": 100_000, "kept": 9000}}, StreamSettings(), "zstd",
+         {"kept_ratio": 0.09}),
+        ({"rate": RATE | {"intensity": "many", "step": 0, "max_error_m": "x"}, "reduction": 5}, None, "of tomorrow",
+         {"target_kbps": 800}),
+    ],
+)  # fmt: skip
+def test_what_bits_are_spent_on_is_told_as_far_as_it_is_known(status, settings, codec, told):
+    found = gauges_of(status, settings, codec)
+    assert told.items() <= found.items()
+    if settings is not None or codec == "of tomorrow":
+        assert set(found) - set(told) <= {"target_missed"} or "reduction" in status
+
+
+async def test_a_target_that_cannot_be_kept_is_told_to_prometheus(serving, vehicle, network):
+    vehicle(StreamSettings(codec="pcodec", target_kbps=300.0, intensity="lossless", reduction="all"))
+    async with serving() as client:
+
+        async def missed():
+            text = (await client.get("/metrics")).text
+            return value(text, "lidarcodec_stream_target_missed", **CAR) == 1 and text
+
+        with LiveStream("car-7/roof", transport=network.transport()):
+            text = await until(missed)
+        assert value(text, "lidarcodec_stream_target_kbps", **CAR) == 300
+        assert value(text, "lidarcodec_stream_kept_ratio", **CAR) == 1
+        assert value(text, "lidarcodec_stream_intensity_levels", **CAR) == 256
+        assert value(text, "lidarcodec_stream_bound_meters", **CAR) > 0

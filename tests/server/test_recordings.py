@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+from websockets.sync.client import connect
 
 import lidarcodec
 from lidarcodec.apps.subscribe import subscribe
@@ -156,6 +157,9 @@ def test_a_recording_is_played_as_a_stream_of_its_own(server, client):
     assert payload[:1200] in {packet.payload[:1200] for packet in Loop(1).packets()}
     assert client.get(f"{ALL}/{made['id']}").json()["playing"]["vehicle"] == "again"
     assert client.get("/api/v1/streams/again/lidar/snapshot.png").status_code == 200
+    address = f"ws://127.0.0.1:{server.port}/api/v1/streams/again/lidar/cloud"
+    with connect(address, compression=None, max_size=None) as socket:
+        assert json.loads(socket.recv(30))["options"]["fill"] is False, "a recording shows what was measured"
     assert client.delete(f"{ALL}/{made['id']}/play").status_code == 204
     assert client.delete(f"{ALL}/{made['id']}/play").status_code == 404
     assert client.get(f"{ALL}/{made['id']}").json()["playing"] is None

@@ -36,7 +36,7 @@ async def test_the_schema_of_settings_offers_what_is_allowed(serving):
         fields = (await client.get("/api/v1/settings")).json()["properties"]
     assert set(fields) == set(StreamSettings.model_fields)
     assert all(about["description"] for about in fields.values())
-    assert fields["codec"]["enum"] == list(codecs.names())
+    assert fields["codec"]["enum"] == ["auto", *codecs.names()]
     for name in ("intensity", "framing"):
         for example in fields[name]["examples"]:
             StreamSettings(**{name: example})
@@ -110,3 +110,30 @@ async def test_what_a_vehicle_tells_wrongly_is_left_out_of_its_line(serving, veh
     assert row["kbps"] is None
     assert row["reached"] is None
     assert row["latency_ms"] in (None, 12.5)
+
+
+async def test_a_preset_of_a_link_is_set_with_one_patch_and_the_list_says_which_codec_it_became(serving, vehicle):
+    vehicle()
+    async with serving() as client:
+        links = (await client.get("/api/v1/links")).json()
+        assert [one["name"] for one in links] == ["1mbit", "2mbit", "5mbit", "lan"]
+        (chosen,) = [one for one in links if one["label"] == "Mobile 2 Mbit/s"]
+
+        async def there():
+            rows = (await client.get("/api/v1/fleet")).json()
+            return bool(rows and rows[0]["alive"])
+
+        await until(there)
+        body = (await client.patch(f"{STREAM}/settings", json=chosen["settings"])).json()
+        assert chosen["settings"].items() <= body["applied"].items()
+
+        async def measured():
+            status = (await client.get(STREAM)).json()["status"] or {}
+            return (status.get("codec_choice") or {}).get("budget_ms") and status
+
+        status = await until(measured)
+        assert status["settings"]["codec"] == "auto"
+        row = (await client.get("/api/v1/fleet")).json()[0]
+        assert row["codec"] == status["codec"] == status["codec_choice"]["codec"] != "auto"
+        assert f'codec="{row["codec"]}"' in (await client.get("/metrics")).text
+        assert (await client.get(f"{STREAM}/settings")).json()["refused"] is None

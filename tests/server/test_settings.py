@@ -74,7 +74,7 @@ async def test_a_target_that_what_is_set_keeps_out_of_reach_is_said_so_or_refuse
         body = (await client.patch(f"{STREAM}/settings", json=pinned)).json()
         (warning,) = body["warnings"]
         assert warning["code"] == "target_out_of_reach"
-        assert "with intensity, reduction as set" in warning["message"]
+        assert "with intensity and reduction as set" in warning["message"]
         assert warning["remedy"].startswith("set intensity and reduction back")
         assert body["applied"]["intensity"] == "lossless", "what an operator sets is kept all the same"
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.fleet import Stream
+from lidarcodec_server.schemas import StreamAnswer
 from tests.server.conftest import STREAM, until
 
 
@@ -78,3 +82,34 @@ async def test_more_streams_than_allowed_are_left_out_and_those_gone_make_room(s
             return await names() == ["b", "c"]
 
         assert await until(replaced)
+
+
+def told(settings: StreamSettings, rate: dict, *, of: StreamSettings | None = None) -> list[str]:
+    """Codes of the warnings of a stream that tells this."""
+    status = {"settings": (of or settings).model_dump(), "rate": rate}
+    answer = StreamAnswer.of(Stream(StreamKeys("car-7", "roof"), alive=True, settings=settings, status=status))
+    return [warning.code for warning in answer.warnings]
+
+
+def test_everybody_who_looks_is_told_of_a_target_that_is_missed():
+    settings = StreamSettings(codec="riddle", target_kbps=1000, max_error_m=0, intensity="lossless", reduction="all")
+    ends = [4500.0, 4600.0]
+    missed = {"target_kbps": 1000.0, "kbps_5s": 4575.0, "limited_by": "floor", "reachable_kbps": ends}
+    assert told(settings, missed) == ["target_missed"]
+    assert told(settings, missed | {"kbps_5s": 900.0}) == ["frames_left_out"]
+    kept = {"target_kbps": 1000.0, "kbps_5s": 900.0, "limited_by": "target", "reachable_kbps": [300.0, 9000.0]}
+    assert told(settings, kept) == []
+    before = settings.changed(target_kbps=None)
+    assert told(settings, kept, of=before) == ["target_out_of_reach"], "that status is older than these settings"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        StreamSettings(codec="of a newer version", target_kbps=10),
+        StreamSettings(codec="jpeg", codec_settings={"quality": "best"}, target_kbps=10),
+        StreamSettings(codec="riddle", reduction="lattice:all", target_kbps=10),
+    ],
+)
+def test_settings_that_cannot_be_followed_here_are_shown_without_a_word(settings):
+    assert told(settings, {"target_kbps": 10.0, "reachable_kbps": [500.0, 600.0], "limited_by": "floor"}) == []

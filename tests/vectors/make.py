@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from lidarcodec import StreamDecoder, wire
+from lidarcodec import StreamDecoder, StreamEncoder, wire
 from lidarcodec.codecs import table
 from lidarcodec.codecs.zstd import ZstdEncoder
+from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.settings import StreamSettings
@@ -56,9 +57,40 @@ def varied() -> list[Frame]:
     return [frame.with_(index=index) for index, frame in enumerate(sent)]
 
 
+def thinned_frames() -> list[Frame]:
+    """Frames with walls that go on between columns, with edges, halves that fire in turns, and next to nothing."""
+    rng = np.random.default_rng(22)
+    sent = []
+    for index in range(6):
+        frame = frames.scene(4 + index, seed=index, holes=0.02)
+        angle = np.radians(np.arange(frame.width) * 0.17)
+        walls = np.rint(4000 / np.cos(angle - 0.1 * index)) * (1 + 0.1 * np.arange(64)[:, None])
+        walls[:, 20:22] = 1500
+        ranges = np.where(frame.range > 0, walls + rng.integers(-3, 4, frame.range.shape), 0)
+        sent.append(frame.with_(range=ranges.astype(np.uint16)))
+    sent[1] = sent[1].with_(side=None, pose=frames.pose())
+    sent[2] = sent[2].with_(azimuth=(sent[2].azimuth + np.uint16(35_500)) % np.uint16(36_000))
+    sent += [frames.three_to_one(8), frames.irregular_side(4), frames.one_return(), frames.ordinary()["empty"]]
+    return [frame.with_(index=index) for index, frame in enumerate(sent)]
+
+
+def thinned_streams() -> dict[str, list[Message]]:
+    """Messages of frames that are thinned to some of their columns, each to others."""
+    made: dict[str, list[Message]] = {}
+    for codec, effort in {"zstd": {}, "predictive": {}, "riddle": {"effort": 1}}.items():
+        settings = StreamSettings(codec=codec, codec_settings=effort, key_interval=4, reduction="lattice:2")
+        encoder = StreamEncoder(settings, STREAM)
+        messages: list[Message] = []
+        for frame, step in zip(thinned_frames(), (2, 3, 5, 8, 16, 64, 4, 2, 3, 2), strict=True):
+            encoder.apply(settings.changed(reduction=f"lattice:{step}"))
+            messages += encoder.encode(frame)
+        made[f"{codec}_thinned"] = messages
+    return made
+
+
 def streams() -> dict[str, list[Message]]:
     """Messages by name of the vector."""
-    made: dict[str, list[Message]] = {}
+    made = thinned_streams()
     for name, settings in {
         "raw": StreamSettings(codec="raw", key_interval=4),
         "zstd": StreamSettings(codec="zstd", max_error_m=0, key_interval=4),
@@ -90,6 +122,7 @@ def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
     """What a decoder must find in a message; numbers of 64 bits as text. Points: the first, middle and last, metres."""
     cloud = frame.cloud()
     shown = [cloud[at] for at in (0, len(cloud) // 2, len(cloud) - 1)] if len(cloud) else []
+    fired = frame.fired if frame.lattice is None else frame.fired & np.isin(np.arange(frame.width), frame.lattice)
     return {
         "stream": str(message.stream_id),
         "index": str(frame.index),
@@ -100,9 +133,21 @@ def expected_of(frame: Frame, message: Message) -> dict[str, Any]:
         "range": _digest(np.where(frame.valid, frame.range, np.uint16(0))),
         "intensity": _digest(frame.intensity),
         "azimuth": _digest(frame.azimuth),
-        "fired": _digest(frame.fired.astype(np.uint8)),
+        "fired": _digest(fired.astype(np.uint8)),
         "pose": None if frame.pose is None else frame.pose[:3].ravel().tolist(),
+        **({} if frame.lattice is None else _thinned(frame)),
         "points": [[round(float(p[axis]), 4) for axis in "xyz"] + [int(p["intensity"]), int(p["ring"])] for p in shown],
+    }
+
+
+def _thinned(frame: Frame) -> dict[str, Any]:
+    """What a decoder must find in a thinned frame, and make up in it. `fired` is that of the columns that were sent."""
+    wide = filled(frame)
+    made_up = np.zeros(frame.range.shape, np.bool_) if wide.filled is None else wide.filled
+    return {
+        "lattice": _digest(frame.lattice),
+        "made_up": int(np.count_nonzero(made_up)),
+        "filled": [_digest(image) for image in (made_up.astype(np.uint8), wide.range, wide.intensity)],
     }
 
 

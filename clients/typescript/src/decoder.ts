@@ -2,11 +2,12 @@
 
 import { DecodeError, damaged } from "./errors.js";
 import { MaskHistory } from "./history.js";
+import { latticeOf, widened, widenedAzimuth } from "./lattice.js";
 import { Codec, type Message, Section, needed, readMessage } from "./message.js";
 import { type Planes, count, readPlanes } from "./planes.js";
 import { readZstdRanges } from "./ranges.js";
 import { readRaw } from "./raw.js";
-import { type Sensor, SensorBook } from "./sensor.js";
+import { ROWS, type Sensor, SensorBook } from "./sensor.js";
 import { zstdReady } from "./zstd.js";
 
 /** A frame as the sensor saw it: images of 64 rows, the highest beam first, and W columns, row after row. */
@@ -19,8 +20,15 @@ export interface Frame extends Planes {
   readonly sensor: Sensor;
   /** 64 x W, in range steps, 0 = no return. */
   readonly range: Uint16Array;
-  /** Cells with a range. */
+  /** Cells with a range that was measured. */
   readonly returns: number;
+  /** The columns that were sent where the frame was thinned to some, ascending; else null. Of the others nothing is
+   * said in `fired`. */
+  readonly lattice: Uint16Array | null;
+  /** 64 x W, 1 for a return that `filled` made up; null before that. `mask` has measured ones only. */
+  readonly filled: Uint8Array | null;
+  /** How many were made up. */
+  readonly madeUp: number;
   /** T_world_sensor at the stamp, the first three rows; null where the vehicle does not know it. */
   readonly pose: Float64Array | null;
 }
@@ -59,6 +67,7 @@ export class Decoder {
     const planes = codec === Codec.raw ? readRaw(message, sensor) : this.#planes(message, sensor);
     const range = "range" in planes ? (planes.range as Uint16Array) : readZstdRanges(needed(message, Section.RANGE, "ranges"), planes.mask);
     const pose = readPose(message);
+    const lattice = latticeOf(message);
     if (message.packets > 0 && message.section(Section.SIDE) === null) throw damaged("packets without side information");
     if (message.needs === null) {
       this.#history.forget();
@@ -66,7 +75,19 @@ export class Decoder {
     }
     this.#unseen.push({ planes, sensor });
     this.#last = index;
-    return { ...planes, streamId, index, stampNs: message.stampNs, codec, sensor, range, returns: count(planes.mask), pose };
+    const returns = count(planes.mask);
+    const frame = { streamId, index, stampNs: message.stampNs, codec, sensor, returns, pose, filled: null, madeUp: 0 };
+    if (lattice === null) return { ...planes, ...frame, range, lattice };
+    return {
+      ...frame,
+      width: lattice.width,
+      azimuth: widenedAzimuth(planes.azimuth, lattice),
+      fired: widened(planes.fired, 2, lattice),
+      mask: widened(planes.mask, ROWS, lattice),
+      intensity: widened(planes.intensity, ROWS, lattice),
+      range: widened(range, ROWS, lattice),
+      lattice: lattice.columns,
+    };
   }
 
   #planes(message: Message, sensor: Sensor): Planes {

@@ -2,6 +2,7 @@
 
 export { Decoder, type Frame } from "./decoder.js";
 export { DecodeError, type ErrorCode } from "./errors.js";
+export { filled } from "./filling.js";
 export { Codec, Section, readMessage, type Message } from "./message.js";
 export { pointsOf, type Points } from "./points.js";
 export type { Sensor } from "./sensor.js";

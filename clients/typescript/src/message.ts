@@ -20,6 +20,7 @@ export const Section = {
   MOTION: 8,
   WEIGHTS: 9,
   POSE: 10,
+  LATTICE: 12,
 } as const;
 const KNOWN_SECTIONS: ReadonlySet<number> = new Set(Object.values(Section));
 

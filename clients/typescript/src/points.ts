@@ -14,13 +14,15 @@ export interface Points {
   readonly intensity: Uint8Array;
   /** Row of each point, 0 the highest beam. */
   readonly ring: Uint8Array;
+  /** 1 for a point that was made up between columns that were sent. */
+  readonly filled: Uint8Array;
 }
 
 function scaled(sensor: Sensor, field: number, unit: number): Float64Array {
   return Float64Array.from(rowValues(sensor, field), (steps) => steps * unit);
 }
 
-/** Points of the returns, column by column, in a column from the top ring down. */
+/** Points of the returns, those that `filled` made up among them, column by column, in a column from the top ring down. */
 export function pointsOf(frame: Frame): Points {
   const { width, sensor, range, mask } = frame;
   const rot = scaled(sensor, Field.rotation, 1e-8);
@@ -33,14 +35,17 @@ export function pointsOf(frame: Frame): Points {
     Field.horizontalOffset,
   ].map((field) => scaled(sensor, field, 1e-7));
   const ros = sensor.convention === "ros";
-  const xyz = new Float32Array(3 * frame.returns);
-  const intensity = new Uint8Array(frame.returns);
-  const ring = new Uint8Array(frame.returns);
+  const all = frame.returns + frame.madeUp;
+  const xyz = new Float32Array(3 * all);
+  const intensity = new Uint8Array(all);
+  const ring = new Uint8Array(all);
+  const made = new Uint8Array(all);
   let count = 0;
   for (let column = 0; column < width; column++)
     for (let row = 0; row < ROWS; row++) {
       const cell = row * width + column;
-      if (!mask[cell]) continue;
+      const madeUp = frame.filled?.[cell] ?? 0;
+      if (!mask[cell] && !madeUp) continue;
       const beta = (frame.azimuth[sensor.half[row] * width + column] * Math.PI) / 18000 - rot[row];
       const [cosB, sinB, cosV, sinV] = [Math.cos(beta), Math.sin(beta), Math.cos(vert[row]), Math.sin(vert[row])];
       const distance = range[cell] * sensor.rangeStep + dist[row];
@@ -58,7 +63,8 @@ export function pointsOf(frame: Frame): Points {
       xyz.set([x, y, z], 3 * count);
       intensity[count] = frame.intensity[cell];
       ring[count] = row;
+      made[count] = madeUp;
       count++;
     }
-  return { count, xyz, intensity, ring };
+  return { count, xyz, intensity, ring, filled: made };
 }

@@ -2,12 +2,12 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Decoder, DecodeError, type Frame, pointsOf } from "../src/index.js";
+import { Decoder, DecodeError, type Frame, filled, pointsOf } from "../src/index.js";
 import { type Expected, digest, vectors } from "./vectors.js";
 
 function check(frame: Frame, expected: Expected): void {
   const { sensor } = frame;
-  const { points: corners, ...arrays } = expected;
+  const { points: corners, lattice, made_up: madeUp, filled: images, ...arrays } = expected;
   assert.deepEqual(
     {
       stream: `${frame.streamId}`,
@@ -24,6 +24,17 @@ function check(frame: Frame, expected: Expected): void {
     },
     arrays,
   );
+  assert.equal(frame.lattice ? digest(frame.lattice) : undefined, lattice);
+  assert.deepEqual([frame.filled, frame.madeUp], [null, 0], "nothing is made up unasked");
+  if (images) {
+    const wide = filled(frame);
+    assert.deepEqual([wide.returns, wide.madeUp], [expected.returns, madeUp]);
+    assert.deepEqual([wide.filled ?? new Uint8Array(), wide.range, wide.intensity].map(digest), images);
+    const all = pointsOf(wide);
+    assert.equal(all.count, expected.returns + wide.madeUp);
+    assert.equal(all.filled.reduce((sum, one) => sum + one, 0), wide.madeUp);
+    assert.deepEqual(digest(frame.range), expected.range, "the frame itself stays as it was measured");
+  } else assert.equal(filled(frame), frame);
   const points = pointsOf(frame);
   assert.equal(points.count, expected.returns);
   const shown = points.count ? [0, points.count >> 1, points.count - 1] : [];

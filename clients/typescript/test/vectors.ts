@@ -24,6 +24,10 @@ export interface Expected {
   fired: string;
   pose: number[] | null;
   points: number[][];
+  /** Of a thinned frame: its columns, and the images with what is made up between them: which, ranges, intensities. */
+  lattice?: string;
+  made_up?: number;
+  filled?: [string, string, string];
 }
 
 export interface Vector {

@@ -1,15 +1,18 @@
 /** What the page knows: who looks, which streams there are, which one is chosen. Components read signals from here. */
 import { computed, signal } from "@preact/signals";
 import { Problem, request } from "./model/api";
+import { fillsFor } from "./model/filling";
 import { added, keyOf, lacks, type Minutes } from "./model/minute";
+import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
-import type { Codec, FleetRow, Schema, Session } from "./model/wire";
+import type { Codec, FleetRow, Schema, Session, Stream, TargetWarning } from "./model/wire";
 import type { StreamName, ViewStats } from "./view";
 import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
 
 const TOKEN = "lidarcodec.token";
 const OPTIONS = "lidarcodec.view";
 const FLEET_MS = 1000;
+const STREAM_MS = 1000;
 /** While no stream is there: a vehicle that has just been started is to be seen at once. */
 const EMPTY_MS = 300;
 
@@ -29,8 +32,18 @@ export const schema = signal<Schema | null>(null);
 
 export const chosen = signal<string | null>(fromHash());
 export const chosenRow = computed(() => rows.value?.find((row) => keyOf(row) === chosen.value) ?? null);
+/** The chosen stream as its vehicle told it last; null before that. */
+export const stream = signal<Stream | null>(null);
+/** Why its target bitrate is not kept; null while it is. */
+export const missed = signal<TargetWarning | null>(null);
 export const stats = signal<ViewStats | null>(null);
 export const options = signal<ViewOptions>(kept());
+/** Streams of recordings and for programs whose gaps are filled all the same, because somebody wanted it. */
+const filledAnyway = signal<ReadonlySet<string>>(new Set());
+/** Whether gaps of the chosen stream are filled. */
+export const fillGaps = computed(() =>
+  fillsFor(chosenRow.value, stream.value) ? options.value.fillGaps : filledAnyway.value.has(chosen.value ?? ""),
+);
 export const mayChange = computed(() => session.value?.role === "operator");
 
 /** Whether a token is needed, and there is none. */
@@ -76,6 +89,16 @@ export function choose(key: string | null): void {
 export function setOptions(changed: Partial<ViewOptions>): void {
   options.value = { ...options.value, ...changed };
   localStorage.setItem(OPTIONS, JSON.stringify(options.value));
+}
+
+/** Have the gaps of the chosen stream filled, or not. */
+export function setFillGaps(on: boolean): void {
+  if (fillsFor(chosenRow.value, stream.value)) {
+    setOptions({ fillGaps: on });
+    return;
+  }
+  const others = [...filledAnyway.value].filter((key) => key !== chosen.value);
+  filledAnyway.value = new Set(on && chosen.value !== null ? [...others, chosen.value] : others);
 }
 
 let fleet: Poller | null = null;
@@ -148,6 +171,30 @@ async function askTables(): Promise<void> {
   ]);
   codecs.value = table.body;
   schema.value = common.body;
+}
+
+let watching: Poller | null = null;
+
+/** Ask for a stream again and again, until the function that it returns is called. */
+export function watchStream(key: string): () => void {
+  const steady = new Steady();
+  const asking = poll(STREAM_MS, async () => {
+    const { body } = await call<Stream>("GET", pathOf(nameOf(key)));
+    if (watching !== asking) return;
+    stream.value = body;
+    missed.value = steady.take(body.warnings[0] ?? null, performance.now());
+  });
+  watching = asking;
+  return () => {
+    asking.stop();
+    if (watching === asking) watching = null;
+    stream.value = missed.value = null;
+  };
+}
+
+/** Have the chosen stream asked for at once. */
+export function refreshStream(): void {
+  watching?.now();
 }
 
 /** Have the list of streams asked for at once. */

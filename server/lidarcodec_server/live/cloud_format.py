@@ -52,8 +52,10 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
 
     original: the ranges before coding, for an encoding that asks for them; without them it goes without
     """
-    if encoding.fill and "original" not in encoding.attributes:  # what is compared was measured
+    if encoding.fill:
         frame = filled(frame)
+    if frame.filled is None:
+        encoding = _without(encoding, "filled")
     if encoding.form == "range":
         return _range_image(frame, facts, encoding, original)
     chosen = np.flatnonzero(frame.valid.T)
@@ -72,6 +74,10 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
     for name in encoding.attributes:
         arrays.append((chosen % LASERS).astype(np.uint8) if name == "ring" else images[name].T.ravel()[chosen])
     return _message(frame, facts, encoding, len(chosen), len(chosen) < there, step_m, arrays)
+
+
+def _without(encoding: Encoding, attribute: str) -> Encoding:
+    return encoding._replace(attributes=tuple(name for name in encoding.attributes if name != attribute))
 
 
 def _made_up(frame: Frame) -> npt.NDArray[np.uint8]:
@@ -94,7 +100,7 @@ def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Range
         arrays.append(frame.intensity)
     if "original" in encoding.attributes:
         if original is None or original.shape != frame.range.shape:
-            encoding = encoding._replace(attributes=tuple(name for name in encoding.attributes if name != "original"))
+            encoding = _without(encoding, "original")
         else:
             arrays.append(original)
     if "filled" in encoding.attributes:

@@ -15,11 +15,11 @@ from lidarcodec.apps.picture import perspective_of, png_of, range_strip_of
 from lidarcodec.apps.timings import Timings
 from lidarcodec.errors import TransportError
 from lidarcodec.filling import filled
+from lidarcodec.frame import Frame
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.live.options import View
 from lidarcodec_server.live.seats import Seat, Seats, TooManyViewersError
-from lidarcodec_server.live.view import FrameView
 from lidarcodec_server.live.viewer import Viewer
 from lidarcodec_server.live.watch import TICK_S, Watch
 
@@ -142,8 +142,10 @@ class LiveHub:
 
         return self._loop.run_in_executor(self._workers, timed)
 
-    async def snapshot(self, keys: StreamKeys, view: View) -> bytes | None:
+    async def snapshot(self, keys: StreamKeys, view: View, *, fill: bool = True) -> bytes | None:
         """The newest frame as PNG; None when no frame comes in time. Made once for each frame.
+
+        fill: whether returns are made up between columns that were sent
 
         Raises TransportError.
         """
@@ -151,7 +153,7 @@ class LiveHub:
             found = await watch.newest(PICTURE_AGE_S, PICTURE_WAIT_S)
         if found is None:
             return None
-        return await found.made(view, lambda: _picture(found, view), self._paint)
+        return await found.made((view, fill), lambda: _picture(found.frame, view, fill), self._paint)
 
     def watch_of(self, keys: StreamKeys) -> Watch | None:
         """The watch of a stream, if there is one."""
@@ -233,6 +235,6 @@ class LiveHub:
         return self._loop.run_in_executor(self._painter, make)
 
 
-def _picture(view: FrameView, what: View) -> bytes:
-    draw = perspective_of if what == "cloud" else range_strip_of
-    return png_of(draw(filled(view.frame)))
+def _picture(frame: Frame, view: View, fill: bool) -> bytes:
+    draw = perspective_of if view == "cloud" else range_strip_of
+    return png_of(draw(filled(frame) if fill else frame))

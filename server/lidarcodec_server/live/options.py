@@ -1,7 +1,7 @@
 """What a viewer asks for in the query of its socket.
 
 >>> CloudOptions.of({"attributes": "ring", "max_points": "50000"}).encoding
-Encoding(form='points', attributes=('ring',), max_points=50000, fill=True)
+Encoding(form='points', attributes=('ring',), max_points=50000, fill=False)
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ ATTRIBUTES: Final[dict[Form, tuple[str, ...]]] = {
     "points": ("intensity", "ring", "range", "filled"),
     "range": ("intensity", "original", "filled"),
 }
-"""Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent."""
-DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring", "range": "intensity"}
+"""Arrays that can be asked for beside the coordinates, or the range image, in the order in which they are sent.
+`filled` goes with frames in which something is made up, `original` with those that have one."""
+DEFAULT_ATTRIBUTES: Final[dict[Form, str]] = {"points": "intensity,ring,filled", "range": "intensity,filled"}
 MAX_POINTS: Final = 2**22
 MAX_RATE: Final = 1000.0
 MAX_WINDOW: Final = 8
@@ -35,7 +36,7 @@ class Encoding(NamedTuple):
     form: Form
     attributes: tuple[str, ...]
     max_points: int | None
-    fill: bool = True
+    fill: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,11 @@ class CloudOptions:
     window: int = 1
 
     @classmethod
-    def of(cls, query: Mapping[str, str]) -> CloudOptions:
-        """From a query. Raises SettingsError with the field."""
+    def of(cls, query: Mapping[str, str], fill: bool = True) -> CloudOptions:
+        """From a query; fill: whether returns are made up for a viewer that asked to have them marked, and did not say.
+
+        Raises SettingsError with the field.
+        """
         _only(query, "form", "attributes", "max_points", "fill", "rate", "window")
         form = next((known for known in get_args(Form) if known == query.get("form", "points")), None)
         if form is None:
@@ -78,10 +82,11 @@ class CloudOptions:
         max_points = _whole(query, "max_points", MAX_POINTS)
         if max_points is not None and form == "range":
             raise SettingsError("a range image is sent whole: max_points needs form points", "max_points")
-        if query.get("fill", "1") not in ("0", "1"):
-            raise SettingsError("fill is 0 or 1", "fill")
         attributes = tuple(name for name in ATTRIBUTES[form] if name in wanted)
-        encoding = Encoding(form, attributes, max_points, query.get("fill", "1") == "1")
+        given = query.get("fill", "1" if fill and "filled" in attributes else "0")
+        if given not in ("0", "1"):
+            raise SettingsError("fill is 0 or 1", "fill")
+        encoding = Encoding(form, attributes, max_points, given == "1")
         return cls(encoding, _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
 
     def shown(self) -> dict[str, Any]:

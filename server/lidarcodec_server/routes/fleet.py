@@ -87,7 +87,7 @@ def _row(stream: Stream, now_s: float, minute: bool) -> FleetRow:
         alive=stream.alive,
         ended=status.get("ended") is True,
         silent_s=None if stream.status is None else round(max(0.0, now_s - stream.status_s), 1),
-        codec=None if stream.settings is None else stream.settings.codec,
+        codec=stream.codec,
         reduction=None if stream.settings is None else stream.settings.reduction,
         kbps=number_in(status, "kbps") if stream.alive else None,
         fps=number_in(status, "fps") if stream.alive else None,

@@ -7,6 +7,7 @@ from typing import Annotated, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from lidarcodec.filling import fills_for
 from lidarcodec_server.fleet import Stream
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.recordings import Recordings
@@ -31,6 +32,14 @@ def known(service: TheService, keys: TheStream) -> Stream:
     return known_stream(service, keys)
 
 
+def fills(known: Annotated[Stream, Depends(known)], recordings: Annotated[Recordings, Depends(recordings_of)]) -> bool:
+    """Whether returns of a stream are made up between the columns that were sent, unless a viewer says otherwise: not
+    of a recording that is played, and not for programs."""
+    _, played = recordings.names()
+    return known.keys not in played and (known.settings is None or fills_for(known.settings.purpose))
+
+
 Hub = Annotated[LiveHub, Depends(hub_of)]
 TheRecordings = Annotated[Recordings, Depends(recordings_of)]
 Known = Annotated[Stream, Depends(known)]
+Fills = Annotated[bool, Depends(fills)]

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 import lidarcodec
 from lidarcodec.codecs import table as codecs
 from lidarcodec.reduction import table as reductions
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec_server.auth import Viewer, offers_token, require_viewer
 from lidarcodec_server.config import Role
 from lidarcodec_server.routes.common import TheService
@@ -53,7 +53,7 @@ def settings_schema(client: Viewer) -> dict[str, Any]:
 def _schema() -> dict[str, Any]:
     schema = StreamSettings.model_json_schema()
     fields = schema["properties"]
-    fields["codec"]["enum"] = list(codecs.names())
+    fields["codec"]["enum"] = [AUTO, *codecs.names()]
     fields["intensity"]["examples"] = ["auto", "lossless", "error=4", "levels=32", "levels=16", "levels=6", "off"]
     fields["framing"]["examples"] = ["packets", "packets:29", "revolution"]
     # Without its number a reduction that takes one is refused: `columns:4`.

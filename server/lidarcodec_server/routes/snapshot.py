@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Response
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.live.options import View
 from lidarcodec_server.problems import ProblemError
-from lidarcodec_server.routes.live import Hub, Known
+from lidarcodec_server.routes.live import Fills, Hub, Known
 
 router = APIRouter(prefix="/api/v1/streams", tags=["live"])
 
@@ -28,13 +28,14 @@ async def snapshot(
     client: Viewer,
     known: Known,
     hub: Hub,
+    fills: Fills,
     view: Annotated[View, Query(description="`cloud`: points in perspective; `range`: the range image.")] = "cloud",
 ) -> Response:
     """The newest frame as PNG, at most a second old when nobody else looks."""
     keys = known.keys
     if not known.alive:
         raise ProblemError(503, f"{keys.vehicle}/{keys.sensor} is away", "vehicle-away", {"Retry-After": "5"})
-    picture = await hub.snapshot(keys, view)
+    picture = await hub.snapshot(keys, view, fill=fills)
     if picture is None:
         raise ProblemError(504, f"no frame of {keys.vehicle}/{keys.sensor} came in time", "no-frame")
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-store"})

@@ -12,16 +12,16 @@ from lidarcodec_server.live.options import CloudOptions, FramesOptions
 from lidarcodec_server.live.seats import Seat, TooManyViewersError
 from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
 from lidarcodec_server.problems import ProblemError
-from lidarcodec_server.routes.live import Hub, Known
+from lidarcodec_server.routes.live import Fills, Hub, Known
 from lidarcodec_server.tokens import Client
 
 router = APIRouter(prefix="/api/v1/streams", tags=["live"])
 
 
 @router.websocket("/{vehicle}/{sensor}/cloud")
-async def cloud(websocket: WebSocket, client: Viewer, known: Known, hub: Hub) -> None:
+async def cloud(websocket: WebSocket, client: Viewer, known: Known, hub: Hub, fills: Fills) -> None:
     """Decoded frames, the newest only."""
-    await _serve(websocket, client, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params)))
+    await _serve(websocket, client, hub, known.keys, CloudViewer(CloudOptions.of(websocket.query_params, fills)))
 
 
 @router.websocket("/{vehicle}/{sensor}/frames")

@@ -36,7 +36,7 @@ async def test_a_viewer_sees_the_points_of_the_vehicle(server, vehicle):
     async with server.socket(f"{STREAM}/cloud") as socket:
         hello = json.loads(await socket.recv())
         assert (hello["event"], hello["format"], hello["vehicle"]) == ("hello", 1, "vehicle")
-        assert hello["options"]["attributes"] == ["intensity", "ring"]
+        assert (hello["options"]["attributes"], hello["options"]["fill"]) == (["intensity", "ring", "filled"], True)
         sensor = await event(socket, "sensor")
         head, arrays = CLIENT.read_message(await frame(socket))
         assert head["count"] > 100_000

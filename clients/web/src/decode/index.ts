@@ -34,6 +34,8 @@ export interface DecoderOptions {
   /** Where the server has weights of codec riddle, by name; by default the page's own server. */
   readonly weights?: string;
   readonly token?: string | undefined;
+  /** Whether returns are made up between the columns that were sent, where the surface goes on. */
+  readonly fill?: boolean;
 }
 
 /** Codecs that are decoded here, by number (docs/wire-format.md): raw, zstd, png, riddle, predictive. */
@@ -82,7 +84,7 @@ class Thread implements Decoder {
     const worker = new Worker(new URL("./worker/worker.ts", import.meta.url), { type: "module", name: "decoder" });
     const { weights = new URL("api/v1/codecs/riddle/weights/", document.baseURI).href, token } = this.#options;
     const headers: Record<string, string> = token ? { Authorization: `Bearer ${token}` } : {};
-    worker.postMessage({ weights, headers } satisfies Asked);
+    worker.postMessage({ weights, headers, fill: this.#options.fill ?? false } satisfies Asked);
     worker.onmessage = ({ data }: MessageEvent<Answer>) => this.#answered(data);
     worker.onerror = ({ message }) => this.#end(message || "the decoder could not be loaded");
     this.#worker = worker;

@@ -41,7 +41,8 @@ export class DecodingSource implements FrameSource {
   }
 
   #here(): CloudSocket {
-    const decoder = createDecoder({ token: this.options.token });
+    const { token, fill } = this.options;
+    const decoder = createDecoder({ token, fill });
     let told = "";
     let table: SensorTable | null = null;
     const reception: Reception = {

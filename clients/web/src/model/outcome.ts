@@ -1,17 +1,25 @@
 /** What became of a change, in words. */
 import { plain } from "./format";
+import { sentence } from "./missed";
 import type { Change, Settings } from "./wire";
 
 export type Outcome =
   | { kind: "none" }
   | { kind: "sending" }
   | { kind: "applied"; first: number | null; change: Settings }
-  | { kind: "kept"; change: Settings }
+  | { kind: "kept"; change: Settings; warning: string | null }
   | { kind: "refused"; text: string; field: string | null; status: number }
   | { kind: "note"; text: string };
 
 export function outcomeOf(status: number, answer: Change, change: Settings): Outcome {
-  if (status === 202 || answer.applied === null) return { kind: "kept", change };
+  if (status === 202 || answer.applied === null) {
+    const warning = answer.warnings?.[0];
+    return {
+      kind: "kept",
+      change,
+      warning: warning ? `${sentence(warning.message)} ${sentence(warning.remedy)}` : null,
+    };
+  }
   return { kind: "applied", first: answer.first_frame, change };
 }
 
@@ -21,7 +29,7 @@ export function sentenceOf(outcome: Outcome, frame: number | null): string {
   if (outcome.kind === "note") return outcome.text;
   if (outcome.kind === "refused") return `Refused: ${outcome.text}`;
   if (outcome.kind === "kept")
-    return `Kept: ${listOf(outcome.change)}. The vehicle is away and gets it when it comes back.`;
+    return `Kept: ${listOf(outcome.change)}. The vehicle is away and gets it when it comes back.${outcome.warning ? ` ${outcome.warning}` : ""}`;
   if (outcome.kind === "none") return "";
   if (outcome.first === null) return `Applied: ${listOf(outcome.change)}.`;
   const shown = frame !== null && frame >= outcome.first ? ", which is shown" : "";

@@ -45,11 +45,21 @@ export interface RateStatus {
   step?: number;
 }
 
+/** Why a target bitrate is not kept, and what to do: in sentences, and for programs. */
+export interface TargetWarning {
+  code: string;
+  message: string;
+  remedy: string;
+  /** Settings that are in the way; a codec's own as `codec_settings.NAME`. */
+  settings: string[];
+}
+
 export interface Stream {
   vehicle: string;
   sensor: string;
   alive: boolean;
   settings: Settings | null;
+  warnings: TargetWarning[];
   status: {
     rate?: RateStatus | null;
     left_out?: number;
@@ -71,6 +81,7 @@ export interface Change {
   applied: Settings | null;
   desired: Settings | null;
   first_frame: number | null;
+  warnings?: TargetWarning[];
 }
 
 export interface Schema {

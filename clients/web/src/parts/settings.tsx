@@ -5,14 +5,25 @@ import { baseOf, budgeted, changeOf, edited, editedOwn, ownSettings, settled, sh
 import { type Outcome, outcomeOf, sentenceOf } from "../model/outcome";
 import { type Poller, poll } from "../model/poll";
 import { same } from "../model/schema";
-import type { Change, Codec, Settings, SettingsState, Stream, Value } from "../model/wire";
-import { call, codecs, mayChange, nameOf, pathOf, refreshFleet, schema, session, stats } from "../state";
+import type { Change, Codec, Settings, SettingsState, Value } from "../model/wire";
+import {
+  call,
+  codecs,
+  mayChange,
+  nameOf,
+  pathOf,
+  refreshFleet,
+  refreshStream,
+  schema,
+  session,
+  stats,
+  stream,
+} from "../state";
 import { Button } from "./button";
 import { SettingField } from "./fields";
 import { InForce } from "./inforce";
 
 const STATE_MS = 5000;
-const STREAM_MS = 1000;
 const FIRST = ["target_kbps", "max_error_m", "intensity", "reduction", "keep_points", "keep_fraction"];
 const REST = ["framing", "key_interval", "follow"];
 
@@ -20,7 +31,6 @@ const REST = ["framing", "key_interval", "follow"];
 export function SettingsForm({ name }: { name: string }) {
   const path = pathOf(nameOf(name));
   const state = useSignal<SettingsState | null>(null);
-  const stream = useSignal<Stream | null>(null);
   const edits = useSignal<Settings>({});
   const outcome = useSignal<Outcome>({ kind: "none" });
   const asking = useRef<Poller | null>(null);
@@ -30,17 +40,14 @@ export function SettingsForm({ name }: { name: string }) {
       state.value = (await call<SettingsState>("GET", `${path}/settings`)).body;
       edits.value = settled(baseOf(state.value, null), edits.value);
     });
-    const told = poll(STREAM_MS, async () => {
-      const { body } = await call<Stream>("GET", path);
-      if (body.alive !== stream.value?.alive && stream.value !== null) settings.now();
-      stream.value = body;
-    });
     asking.current = settings;
-    return () => {
-      settings.stop();
-      told.stop();
-    };
+    return () => settings.stop();
   }, [path]);
+
+  const alive = stream.value?.alive;
+  useEffect(() => {
+    if (alive !== undefined) asking.current?.now();
+  }, [alive]);
 
   const base = baseOf(state.value, stream.value?.settings ?? null);
   const common = schema.value?.properties;
@@ -88,6 +95,7 @@ export function SettingsForm({ name }: { name: string }) {
         refused: null,
       };
       refreshFleet();
+      refreshStream();
     } catch (error) {
       outcome.value = refusal(error);
       if (outcome.value.kind === "refused" && outcome.value.field) {

@@ -6,7 +6,14 @@ const HEIGHT = 18;
 /** The last minute of a bitrate; a dashed line where its target is. */
 export function Spark({ values, target }: { values: readonly (number | null)[]; target: number | null }) {
   return (
-    <svg class="spark" width={WIDTH} height={HEIGHT} viewBox={`0 0 ${WIDTH} ${HEIGHT}`} aria-hidden="true">
+    <svg
+      class="spark"
+      width={WIDTH}
+      height={HEIGHT}
+      viewBox={`0 0 ${WIDTH} ${HEIGHT}`}
+      preserveAspectRatio="none"
+      aria-hidden="true"
+    >
       {target !== null && (
         <line
           class="target"

@@ -4,7 +4,17 @@ const COLOURS: Colour[] = ["height", "intensity", "distance", "ring"];
 const CAMERAS: Camera[] = ["orbit", "follow"];
 
 /** The options of the view. */
-export function ViewTools({ options, set }: { options: ViewOptions; set: (changed: Partial<ViewOptions>) => void }) {
+export function ViewTools({
+  options,
+  set,
+  fillGaps,
+  setFillGaps,
+}: {
+  options: ViewOptions;
+  set: (changed: Partial<ViewOptions>) => void;
+  fillGaps: boolean;
+  setFillGaps: (on: boolean) => void;
+}) {
   return (
     <fieldset class="tools" aria-label="View options">
       <label>
@@ -46,6 +56,7 @@ export function ViewTools({ options, set }: { options: ViewOptions; set: (change
         />
       </label>
       <Check text="Range image" on={options.rangeImage} set={(on) => set({ rangeImage: on })} />
+      <Check text="Fill gaps" on={fillGaps} set={setFillGaps} />
       <Check text="Compare" on={options.compare} set={(on) => set({ compare: on })} />
       <Check text="Decode here" on={options.decodeInBrowser} set={(on) => set({ decodeInBrowser: on })} />
     </fieldset>

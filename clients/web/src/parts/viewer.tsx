@@ -2,8 +2,21 @@ import { useEffect, useRef } from "preact/hooks";
 import { count, ms } from "../model/format";
 import { noticeOf } from "../model/notice";
 import { titleOf } from "../model/title";
-import { chosen, chosenRow, nameOf, options, rows, setOptions, stats, token } from "../state";
+import {
+  chosen,
+  chosenRow,
+  fillGaps,
+  nameOf,
+  options,
+  rows,
+  setFillGaps,
+  setOptions,
+  stats,
+  token,
+  watchStream,
+} from "../state";
 import { createView, type View, type ViewStats } from "../view";
+import { Missed } from "./missed";
 import { Playback } from "./playback";
 import { ViewTools } from "./tools";
 
@@ -12,10 +25,11 @@ export function Viewer() {
   const host = useRef<HTMLDivElement>(null);
   const view = useRef<View | null>(null);
   const key = chosen.value;
+  const known = chosenRow.value !== null;
 
   useEffect(() => {
     if (!host.current) return;
-    const made = createView(host.current, options.value);
+    const made = createView(host.current, { ...options.value, fillGaps: fillGaps.value });
     made.onstats((told) => {
       stats.value = told;
       document.title = titleOf(told.points);
@@ -33,13 +47,16 @@ export function Viewer() {
     else view.current?.open(nameOf(key), token.value ?? undefined);
   }, [key, token.value]);
 
+  useEffect(() => (key !== null && known ? watchStream(key) : undefined), [key, known]);
+
   useEffect(() => {
-    view.current?.set(options.value);
-  }, [options.value]);
+    view.current?.set({ ...options.value, fillGaps: fillGaps.value });
+  }, [options.value, fillGaps.value]);
 
   return (
     <main class="viewer" aria-label="Live view">
-      <ViewTools options={options.value} set={setOptions} />
+      <ViewTools options={options.value} set={setOptions} fillGaps={fillGaps.value} setFillGaps={setFillGaps} />
+      <Missed />
       <div class="stage">
         <div class="host" ref={host} />
         <Notice told={stats.value} />
@@ -71,6 +88,11 @@ function Footer({ told }: { told: ViewStats | null }) {
       <span>
         {told?.points ? count(told.points) : "–"} <i>points</i>
       </span>
+      {told && told.madeUp > 0 && (
+        <span>
+          {count(told.madeUp)} <i>filled in</i>
+        </span>
+      )}
       <span>
         {told ? told.fps.toFixed(0) : "–"} <i>frames/s</i>
       </span>

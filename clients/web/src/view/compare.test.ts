@@ -27,6 +27,11 @@ describe("original against decoded", () => {
     expect(found?.rmse_mm).toBeCloseTo(2 * Math.sqrt(25 / 3));
   });
 
+  test("what was made up is not compared: it was never sent", () => {
+    const frame = { ...pair([100, 140, 100, 0], [100, 100, 0, 0]), filled: Uint8Array.from([0, 1, 1, 0]) };
+    expect(compared(frame)).toMatchObject({ returns: 1, max_mm: 0, dropped: 1, invented: 0 });
+  });
+
   test("without an original there is nothing to say", () => {
     expect(compared({ ...pair([1], [1]), original: null })).toBeNull();
   });

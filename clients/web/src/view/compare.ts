@@ -8,15 +8,18 @@ export interface Comparison {
   max_mm: number;
   /** Part of `returns` that is not as it was, 0..1. */
   changed: number;
-  /** Returns of the original that were not sent, or lost. */
+  /** Returns of the original that were not sent, or lost; some of them may be filled in. */
   dropped: number;
   /** Returns that the original does not have. */
   invented: number;
 }
 
-/** Along the ray, over returns that are in both; null where there is no original. 0.2 ms for a turn. */
-export function compared(frame: Pick<RangeFrame, "range" | "original" | "rangeStepM">): Comparison | null {
-  const { range, original } = frame;
+/** Along the ray, over returns that are in both, without those that were made up; null where there is no original.
+ * 0.2 ms for a turn. */
+export function compared(
+  frame: Pick<RangeFrame, "range" | "original" | "rangeStepM"> & Partial<Pick<RangeFrame, "filled">>,
+): Comparison | null {
+  const { range, original, filled } = frame;
   if (!original) return null;
   let returns = 0;
   let changed = 0;
@@ -25,7 +28,7 @@ export function compared(frame: Pick<RangeFrame, "range" | "original" | "rangeSt
   let squares = 0;
   let most = 0;
   for (let cell = 0; cell < range.length; cell++) {
-    const decoded = range[cell] as number;
+    const decoded = filled?.[cell] ? 0 : (range[cell] as number);
     const before = original[cell] as number;
     if (decoded !== 0 && before !== 0) {
       returns++;

@@ -32,6 +32,14 @@ describe("a message of the cloud socket", () => {
     expect([...(frame.original ?? [])].slice(0, 3)).toEqual([2, 3, 4]);
   });
 
+  test("says which returns were made up, and counts them apart", () => {
+    const frame = parseFrame(message({ columns: 2, intensity: true, original: true, filled: true }));
+    expect([...(frame.filled ?? [])].slice(0, 6)).toEqual([1, 0, 0, 0, 1, 0]);
+    expect(frame.original?.[0]).toBe(2);
+    expect([frame.returns, frame.madeUp]).toEqual([96, 32]);
+    expect(parseFrame(message({ columns: 2 }))).toMatchObject({ filled: null, madeUp: 0 });
+  });
+
   test.each<[string, (data: ArrayBuffer) => ArrayBuffer]>([
     ["cut off", (data) => data.slice(0, data.byteLength - 1)],
     ["nothing", () => new ArrayBuffer(0)],

@@ -19,7 +19,10 @@ export interface RangeFrame {
   latencyMs: number;
   codec: number;
   columns: number;
+  /** Returns that were measured. */
   returns: number;
+  /** Returns between them that a receiver made up. */
+  madeUp: number;
   /** Metres of a step of `range`. */
   rangeStepM: number;
   /** (64, columns), row by row; 0 = no return. */
@@ -30,6 +33,8 @@ export interface RangeFrame {
   intensity: Uint8Array | null;
   /** (64, columns): the range image before it was coded, in the same steps. */
   original: Uint16Array | null;
+  /** (64, columns): 1 for a return that was made up; null where none was. */
+  filled: Uint8Array | null;
   /** T_world_sensor at the stamp. */
   pose: Pose | null;
 }
@@ -39,6 +44,7 @@ const HEADER_BYTES = 96;
 const INTENSITY = 1;
 const ORIGINAL = 16;
 const POSE = 32;
+const FILLED = 64;
 const POSE_BYTES = 96;
 
 export class FrameError extends Error {}
@@ -78,7 +84,8 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     2 * cells +
     padded(4 * columns) +
     (flags & INTENSITY ? padded(cells) : 0) +
-    (flags & ORIGINAL ? 2 * cells : 0);
+    (flags & ORIGINAL ? 2 * cells : 0) +
+    (flags & FILLED ? cells : 0);
   if (header < HEADER_BYTES + (hasPose ? POSE_BYTES : 0) || header % 4 !== 0 || wanted > data.byteLength) {
     throw new FrameError("the message is shorter than its arrays");
   }
@@ -92,6 +99,12 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     intensity = new Uint8Array(data, at, cells);
     at += padded(cells);
   }
+  let original: Uint16Array | null = null;
+  if (flags & ORIGINAL) {
+    original = new Uint16Array(data, at, cells);
+    at += 2 * cells;
+  }
+  const returns = view.getUint32(48, true);
   return {
     streamId: hex(view.getUint32(12, true)) + hex(view.getUint32(8, true)),
     index: u64(view, 16),
@@ -100,12 +113,14 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     latencyMs: view.getFloat32(56, true),
     codec: view.getUint16(40, true),
     columns,
-    returns: view.getUint32(48, true),
+    returns,
+    madeUp: Math.max(view.getUint32(44, true) - returns, 0),
     rangeStepM: view.getFloat32(60, true),
     range,
     azimuth,
     intensity,
-    original: flags & ORIGINAL ? new Uint16Array(data, at, cells) : null,
+    original,
+    filled: flags & FILLED ? new Uint8Array(data, at, cells) : null,
     pose: hasPose ? new Float64Array(data, HEADER_BYTES, 12) : null,
   };
 }

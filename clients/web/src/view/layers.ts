@@ -15,6 +15,7 @@ export class Layer {
   azimuth: Texture;
   intensity: Texture;
   original: Texture | null = null;
+  filled: Texture | null = null;
 
   constructor(
     private readonly gl: WebGL2RenderingContext,
@@ -45,14 +46,19 @@ export class Layer {
       this.original ??= new Texture(this.gl, formats(this.gl).u16, this.range.width, RINGS);
       this.original.write(frame.original, columns, RINGS);
     }
+    if (frame.filled) {
+      this.filled ??= new Texture(this.gl, formats(this.gl).u8, this.range.width, RINGS);
+      this.filled.write(frame.filled, columns, RINGS);
+    }
   }
 
   get bytes(): number {
-    return this.range.bytes + this.azimuth.bytes + this.intensity.bytes + (this.original?.bytes ?? 0);
+    const some = (this.original?.bytes ?? 0) + (this.filled?.bytes ?? 0);
+    return this.range.bytes + this.azimuth.bytes + this.intensity.bytes + some;
   }
 
   delete(): void {
-    for (const one of [this.range, this.azimuth, this.intensity, this.original]) one?.delete();
+    for (const one of [this.range, this.azimuth, this.intensity, this.original, this.filled]) one?.delete();
   }
 }
 
@@ -100,9 +106,14 @@ export class Layers {
     while (this.shown.length > Math.max(this.now, 1) * (1 + trail)) this.shown.pop()?.delete();
   }
 
-  /** Returns of the newest turn. */
+  /** Returns of the newest turn that were measured. */
   get points(): number {
     return this.shown.slice(0, this.now).reduce((sum, { frame }) => sum + frame.returns, 0);
+  }
+
+  /** Returns of the newest turn that were made up. */
+  get madeUp(): number {
+    return this.shown.slice(0, this.now).reduce((sum, { frame }) => sum + frame.madeUp, 0);
   }
 
   get bytes(): number {

@@ -102,8 +102,8 @@ test("a stream that brings nothing for two seconds is stale, and its age is that
   const tally = new Tally();
   expect(tally.stats(0)).toMatchObject({ points: 0, frameIndex: null, stale: false, silent_s: null, age_ms: null });
   const frame = { ...parseFrame(message()), latencyMs: 20, decodedMs: 5000 };
-  tally.shown(frame, 120_000, 100, 5030);
-  expect(tally.stats(1000)).toMatchObject({ points: 120_000, frameIndex: 7, stale: false, fps: 1 });
+  tally.shown(frame, { points: 120_000, madeUp: 7 }, 100, 5030);
+  expect(tally.stats(1000)).toMatchObject({ points: 120_000, madeUp: 7, frameIndex: 7, stale: false, fps: 1 });
   expect(tally.stats(1000).age_ms).toBeCloseTo(50);
   expect(tally.stats(2200)).toMatchObject({ stale: true, fps: 0, silent_s: 2.1 });
 });

@@ -137,10 +137,12 @@ export class LiveView implements View, Sink {
   set(changed: Partial<ViewOptions>): void {
     const before = this.#options;
     this.#options = { ...before, ...changed };
-    const { camera, compare, decodeInBrowser, trail } = this.#options;
+    const { camera, compare, decodeInBrowser, fillGaps, trail } = this.#options;
     if (camera !== before.camera) this.#camera.reset(camera);
     if (trail < before.trail) this.#renderer?.layers.shorten(trail);
-    if ((compare !== before.compare || decodeInBrowser !== before.decodeInBrowser) && this.#stream) {
+    const other =
+      compare !== before.compare || decodeInBrowser !== before.decodeInBrowser || fillGaps !== before.fillGaps;
+    if (other && this.#stream) {
       this.#disconnect();
       this.#connect();
     }
@@ -187,9 +189,9 @@ export class LiveView implements View, Sink {
   #connect(): void {
     if (!this.#stream || !this.#gl) return;
     this.#opened = performance.now();
-    const { compare, decodeInBrowser } = this.#options;
+    const { compare, decodeInBrowser, fillGaps } = this.#options;
     const Source = decodeInBrowser && !compare ? DecodingSource : CloudSocket; // the originals come decoded only
-    this.#source = new Source({ ...this.#stream, original: compare }, this);
+    this.#source = new Source({ ...this.#stream, original: compare, fill: fillGaps }, this);
   }
 
   #disconnect(): void {
@@ -282,7 +284,12 @@ export class LiveView implements View, Sink {
       taken = true;
       if (this.#tally.frames === 0) window.setTimeout(() => this.#report());
       const aheadMs = this.#source?.clockAheadMs ?? 0;
-      this.#tally.shown(frame, this.#renderer?.layers.points ?? frame.returns, now, Date.now() + aheadMs);
+      this.#tally.shown(
+        frame,
+        this.#renderer?.layers ?? { points: frame.returns, madeUp: frame.madeUp },
+        now,
+        Date.now() + aheadMs,
+      );
     }
     if (!taken || !this.#last) return false;
     if (this.#motion.known) {
@@ -328,6 +335,7 @@ export class LiveView implements View, Sink {
     this.#overlay.empty(this.#last === null);
     this.#overlay.strip(strip);
     this.#overlay.scale(colour, scene.theme);
+    this.#overlay.made(renderer.layers.points, renderer.layers.madeUp);
     this.#overlay.compare(this.#comparison, this.#scale.mm, scene.theme, upright);
   }
 

@@ -64,6 +64,7 @@ export class Overlay {
   readonly #right: HTMLElement;
   readonly #figures: HTMLElement;
   readonly #message: HTMLElement;
+  readonly #made: HTMLElement;
   #strip = 0;
 
   constructor(host: HTMLElement) {
@@ -74,6 +75,8 @@ export class Overlay {
     this.#error = new Scale(this.root);
     this.#error.root.classList.add("lidar-error");
     this.#figures = element("dl", "lidar-figures", this.root);
+    this.#made = element("p", "lidar-made", this.root);
+    this.#made.hidden = true;
     this.#message = element("p", "lidar-message", this.root);
     this.#message.setAttribute("role", "status");
     this.message("");
@@ -82,6 +85,16 @@ export class Overlay {
   message(text: string): void {
     write(this.#message, text);
     this.#message.hidden = text === "";
+  }
+
+  /** How many points were measured, and how many made up between them, which are drawn fainter. */
+  made(measured: number, madeUp: number): void {
+    this.#made.hidden = madeUp === 0;
+    if (madeUp > 0)
+      write(
+        this.#made,
+        `${measured.toLocaleString("en")} measured · ${madeUp.toLocaleString("en")} filled in, fainter`,
+      );
   }
 
   scale(colour: Colour, { dark }: Theme): void {

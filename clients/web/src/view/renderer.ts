@@ -22,7 +22,7 @@ import type { Colour3, Theme } from "./theme";
 const TURN_STEPS = 36000;
 const TURN_WIDTH = 256;
 const GROUND_REACH_M = 150;
-const UNITS = { range: 0, azimuth: 1, intensity: 2, original: 3, sensor: 4, turn: 5, maps: 6 } as const;
+const UNITS = { range: 0, azimuth: 1, intensity: 2, original: 3, sensor: 4, turn: 5, maps: 6, filled: 7 } as const;
 
 export interface Scene {
   colour: MapName;
@@ -268,6 +268,9 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, layer.intensity.handle);
     gl.activeTexture(gl.TEXTURE0 + UNITS.original);
     gl.bindTexture(gl.TEXTURE_2D, (before ?? layer.range).handle);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.filled);
+    gl.bindTexture(gl.TEXTURE_2D, (layer.frame.filled ? layer.filled : null)?.handle ?? layer.intensity.handle);
+    gl.uniform1i(program.at("u_hasFilled"), layer.frame.filled && !(original && before) ? 1 : 0);
     gl.uniform1f(program.at("u_step"), layer.frame.rangeStepM);
     gl.uniform1i(program.at("u_compare"), error && before ? 1 : 0);
     gl.uniform1i(program.at("u_hasIntensity"), layer.frame.intensity ? 1 : 0);

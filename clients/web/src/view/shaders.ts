@@ -51,6 +51,17 @@ uniform vec2 u_height;
 uniform float u_far;
 uniform float u_errorScale;
 uniform bool u_hasIntensity;
+uniform usampler2D u_filled;
+uniform bool u_hasFilled;
+/* How far the colour of a made-up return goes towards the ground on which it is drawn: less in the range image, where
+   those that were sent would stand as stripes. */
+const float FAINT = 0.45;
+const float FAINT_IN_IMAGE = 0.25;
+
+/** Whether a return was made up between columns that were sent: it is drawn fainter. */
+bool madeUp(int ring, int column) {
+  return u_hasFilled && texelFetch(u_filled, ivec2(column, ring), 0).r != 0u;
+}
 
 vec3 mapped(float t, int row) {
   return texture(u_maps, vec2((clamp(t, 0.0, 1.0) * 255.0 + 0.5) / 256.0, (float(row) + 0.5) / 5.0)).rgb;
@@ -111,9 +122,10 @@ void main() {
   v_point = pointOf(shown, ring, column);
   gl_Position = u_view * (u_place * vec4(v_point, 1.0));
   float near = clamp(24.0 / max(gl_Position.w, 0.1), 0.8, 3.0);
-  gl_PointSize = max(1.0, u_size * near * (dropped ? 0.75 : 1.0));
+  bool faint = madeUp(ring, column);
+  gl_PointSize = max(1.0, u_size * near * (dropped || faint ? 0.75 : 1.0));
   vec3 colour = dropped ? u_dropped : invented ? u_invented : colourOf(v_point, shown, ring, column, error);
-  v_colour = mix(colour, u_paper, u_fade);
+  v_colour = mix(mix(colour, u_paper, faint ? FAINT : 0.0), u_paper, u_fade);
 }
 `;
 
@@ -294,9 +306,13 @@ void main() {
     if (range != 0u && original != 0u) {
       float error = abs(float(range) - float(original)) * u_step;
       colour = colourOf(pointOf(range, ring, at), range, ring, at, error);
+      if (madeUp(ring, at)) {  // a measured one beside it comes first
+        colour = mix(colour, u_none, FAINT_IN_IMAGE);
+        continue;
+      }
       break;
     }
-    if (range != 0u) { colour = u_invented; break; }
+    if (range != 0u) { colour = mix(u_invented, u_none, madeUp(ring, at) ? FAINT_IN_IMAGE : 0.0); break; }
     if (original != 0u) { colour = u_dropped; break; }
   }
   o_colour = vec4(colour, 1.0);

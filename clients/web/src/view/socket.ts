@@ -91,7 +91,11 @@ export class CloudSocket implements FrameSource {
     const url = this.#path(`/${this.reception.name}`);
     url.protocol = url.protocol.replace("http", "ws");
     for (const [option, value] of Object.entries(this.reception.query)) url.searchParams.set(option, value);
-    if (this.options.original) url.searchParams.set("attributes", "intensity,original");
+    if (this.reception.name === "cloud") {
+      const { original, fill } = this.options;
+      url.searchParams.set("attributes", original ? "intensity,original,filled" : "intensity,filled");
+      url.searchParams.set("fill", fill ? "1" : "0");
+    }
     const { token } = this.options;
     const socket = new WebSocket(url, token ? ["lidarcodec", `lidarcodec.token.${token}`] : ["lidarcodec"]);
     socket.binaryType = "arraybuffer";

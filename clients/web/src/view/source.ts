@@ -30,4 +30,6 @@ export interface SourceOptions {
   token: string | undefined;
   /** Ask for the range image before coding, too. */
   original: boolean;
+  /** Have points made up between the columns that were sent. */
+  fill: boolean;
 }

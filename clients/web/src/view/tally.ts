@@ -28,6 +28,7 @@ export class Tally {
   frames = 0;
   pictures = 0;
   #points = 0;
+  #madeUp = 0;
   #index: number | null = null;
   #ageMs: number | null = null;
   #at = 0;
@@ -35,8 +36,9 @@ export class Tally {
   readonly #pictures = new Rate();
 
   /** A frame is shown; hostNow: milliseconds since 1970 by the clock of whoever decoded it. */
-  shown(frame: RangeFrame, points: number, now: number, hostNow: number): void {
+  shown(frame: RangeFrame, { points, madeUp }: { points: number; madeUp: number }, now: number, hostNow: number): void {
     this.#points = points;
+    this.#madeUp = madeUp;
     this.#index = frame.index;
     this.#at = now;
     this.#ageMs = Number.isFinite(frame.latencyMs) ? frame.latencyMs + Math.max(hostNow - frame.decodedMs, 0) : null;
@@ -50,14 +52,17 @@ export class Tally {
   }
 
   reset(): void {
-    this.#points = 0;
+    this.#points = this.#madeUp = 0;
     this.#index = this.#ageMs = null;
   }
 
-  stats(now: number): Pick<ViewStats, "points" | "fps" | "drawn" | "age_ms" | "frameIndex" | "stale" | "silent_s"> {
+  stats(
+    now: number,
+  ): Pick<ViewStats, "points" | "madeUp" | "fps" | "drawn" | "age_ms" | "frameIndex" | "stale" | "silent_s"> {
     const silentMs = this.#index === null ? null : Math.max(now - this.#at, 0);
     return {
       points: this.#points,
+      madeUp: this.#madeUp,
       fps: this.#frames.count(now),
       drawn: this.#pictures.count(now),
       age_ms: this.#ageMs,

@@ -17,6 +17,8 @@ export interface ViewOptions {
   compare: boolean;
   /** Decode messages in the page instead of on the server. */
   decodeInBrowser: boolean;
+  /** Make up points between the columns that were sent, where the surface goes on. */
+  fillGaps: boolean;
 }
 
 export const DEFAULT_OPTIONS: ViewOptions = {
@@ -27,6 +29,7 @@ export const DEFAULT_OPTIONS: ViewOptions = {
   rangeImage: true,
   compare: false,
   decodeInBrowser: false,
+  fillGaps: true,
 };
 
 export interface StreamName {
@@ -35,8 +38,10 @@ export interface StreamName {
 }
 
 export interface ViewStats {
-  /** Points of the newest cloud shown; 0 before the first. */
+  /** Points of the newest cloud shown that were measured; 0 before the first. */
   points: number;
+  /** Points between them that were made up. */
+  madeUp: number;
   /** Frames that came in the last second or so. */
   fps: number;
   /** From a frame's last packet to its picture; null where the clocks do not agree, or before the first frame. */

@@ -6,6 +6,8 @@ const HEADER_BYTES = 96;
 const POSE_BYTES = 96;
 const INTENSITY = 1;
 const POSE = 32;
+const FILLED = 64;
+const MADE_UP = 128;
 
 export interface Image {
   readonly streamId: bigint;
@@ -16,6 +18,8 @@ export interface Image {
   readonly range: Uint16Array;
   readonly azimuth: Uint16Array;
   readonly intensity: Uint8Array | null;
+  /** 64 x W, 1 for a return that was made up; null where nothing was to be. */
+  readonly filled: Uint8Array | null;
   readonly rangeStep: number;
   /** 96 bytes, f64, as in the message. */
   readonly pose: Uint8Array | null;
@@ -23,10 +27,10 @@ export interface Image {
 
 /** nowMs: when it was decoded, ms since 1970 */
 export function packImage(image: Image, nowMs: number): ArrayBuffer {
-  const { width, range, azimuth, intensity, pose } = image;
+  const { width, range, azimuth, intensity, filled, pose } = image;
   const header = HEADER_BYTES + (pose ? POSE_BYTES : 0);
   const cells = ROWS * width;
-  const size = header + 2 * cells + 4 * width + (intensity ? cells : 0);
+  const size = header + 2 * cells + 4 * width + (intensity ? cells : 0) + (filled ? cells : 0);
   const data = new ArrayBuffer(size);
   const view = new DataView(data);
   new Uint8Array(data).set([0x4c, 0x44, 0x43, 0x52]); // LDCR
@@ -37,7 +41,7 @@ export function packImage(image: Image, nowMs: number): ArrayBuffer {
   view.setBigInt64(24, image.stampNs, true);
   view.setBigInt64(32, BigInt(Math.round(nowMs * 1000)) * 1000n, true);
   view.setUint16(40, image.codec, true);
-  view.setUint16(42, (intensity ? INTENSITY : 0) | (pose ? POSE : 0), true);
+  view.setUint16(42, (intensity ? INTENSITY : 0) | (pose ? POSE : 0) | (filled ? FILLED | MADE_UP : 0), true);
   view.setFloat32(56, Number.NaN, true); // two clocks: whoever shows it knows how far they are apart
   view.setFloat32(60, image.rangeStep, true);
   view.setUint16(76, width, true);
@@ -47,10 +51,15 @@ export function packImage(image: Image, nowMs: number): ArrayBuffer {
   new Uint16Array(data, header, cells).set(range);
   new Uint16Array(data, header + 2 * cells, 2 * width).set(azimuth);
   if (intensity) new Uint8Array(data, header + 2 * cells + 4 * width, cells).set(intensity);
-  let returns = 0;
-  for (let i = 0; i < cells; i++) if (range[i] !== 0) returns++;
+  if (filled) new Uint8Array(data, size - cells, cells).set(filled);
+  let [returns, measured] = [0, 0];
+  for (let i = 0; i < cells; i++) {
+    if (range[i] === 0) continue;
+    returns++;
+    if (!filled?.[i]) measured++;
+  }
   view.setUint32(44, returns, true);
-  view.setUint32(48, returns, true);
+  view.setUint32(48, measured, true);
   return data;
 }
 

@@ -1,13 +1,15 @@
 /** Messages of a stream to range images: what takes time by the module, the rest here. */
 
 import { DecodeError, damaged } from "../../../../typescript/src/errors.js";
+import { fill as filled } from "../../../../typescript/src/filling.js";
 import { readIntensity } from "../../../../typescript/src/intensity.js";
+import { type Lattice, latticeOf, widened, widenedAzimuth } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
 import { rangeOf, readZstdRanges } from "../../../../typescript/src/ranges.js";
 import { readRaw } from "../../../../typescript/src/raw.js";
-import { Field, rowValues, type Sensor, SensorBook } from "../../../../typescript/src/sensor.js";
-import { factsOf, packImage, type SensorFacts } from "./image.js";
+import { Field, ROWS, rowValues, type Sensor, SensorBook } from "../../../../typescript/src/sensor.js";
+import { factsOf, type Image, packImage, type SensorFacts } from "./image.js";
 import { NativeStream, type Part } from "./native.js";
 import { readPng } from "./png.js";
 import { hex, networksOf, readWeights, Shelf } from "./weights.js";
@@ -41,11 +43,14 @@ export class StreamDecoder {
     this.#now = now;
   }
 
-  /** The frame of a message. Throws DecodeError, whatever the bytes, and goes on with the next message. */
-  async decode(data: Uint8Array): Promise<Decoded> {
+  /** The frame of a message. Throws DecodeError, whatever the bytes, and goes on with the next message.
+   *
+   * fill: make up returns between the columns of a thinned frame */
+  async decode(data: Uint8Array, fill = false): Promise<Decoded> {
     const message = readMessage(data);
     try {
-      return await this.#decode(message, data);
+      const { sensor, ...image } = await this.#decode(message, data);
+      return { data: packImage(whole(image, latticeOf(message), fill), this.#now()), sensor };
     } catch (error) {
       // An error that left the module has left it in the middle of something; a reference that is missing has not.
       if (!(error instanceof DecodeError && error.code === "reference")) this.#forget();
@@ -61,7 +66,8 @@ export class StreamDecoder {
     this.#learned = "";
   }
 
-  async #decode(message: Message, data: Uint8Array): Promise<Decoded> {
+  /** As it was sent: of a thinned frame the columns that were. */
+  async #decode(message: Message, data: Uint8Array): Promise<Image & { sensor: SensorFacts }> {
     const { codec, streamId, index, width } = message;
     if (!(codec in DECODES)) throw new DecodeError("version", `codec ${codec} is not decoded here`);
     if (message.frames !== 1) throw damaged("a group of frames of a codec that sends one each");
@@ -82,7 +88,7 @@ export class StreamDecoder {
     if (codec === Codec.raw) {
       const { range, azimuth, intensity } = readRaw(message, sensor);
       this.#last = index;
-      return { data: packImage({ ...common, range, azimuth, intensity }, this.#now()), sensor: facts };
+      return { ...common, range, azimuth, intensity, filled: null, sensor: facts };
     }
     const native = this.#native as NativeStream;
     if (codec === Codec.riddle) await this.#learn(message, native, follows);
@@ -98,11 +104,8 @@ export class StreamDecoder {
     const range = await this.#range(message, data, native, follows);
     native.done(follows);
     this.#last = index;
-    const image = packImage(
-      { ...common, range: range ?? native.range, azimuth: native.azimuth, intensity },
-      this.#now(),
-    );
-    return { data: image, sensor: facts };
+    const { azimuth } = native;
+    return { ...common, range: range ?? native.range, azimuth, intensity, filled: null, sensor: facts };
   }
 
   #factsOf(sensor: Sensor): SensorFacts {
@@ -173,6 +176,16 @@ export const DECODES: Readonly<Record<number, true>> = {
   [Codec.riddle]: true,
   [Codec.predictive]: true,
 };
+
+/** A frame in its own columns, with returns made up between those that were sent, if that is wanted. */
+function whole(image: Image, lattice: Lattice | null, fill: boolean): Image {
+  if (lattice === null) return image;
+  const range = widened(image.range, ROWS, lattice);
+  const intensity = image.intensity && widened(image.intensity, ROWS, lattice);
+  const azimuth = widenedAzimuth(image.azimuth, lattice);
+  const made = fill ? filled(range, intensity, lattice)[0] : null;
+  return { ...image, width: lattice.width, range, intensity, azimuth, filled: made };
+}
 
 function partOf(data: Uint8Array, section: Uint8Array): Part {
   return { at: section.byteOffset - data.byteOffset, size: section.length };

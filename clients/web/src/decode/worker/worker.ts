@@ -6,7 +6,7 @@ import type { Asked } from "../protocol";
 import wasm from "./decoder.wasm?url";
 import { StreamDecoder } from "./stream.js";
 
-let asked: { weights: string; headers: Record<string, string> } = { weights: "", headers: {} };
+let asked = { weights: "", headers: {} as Record<string, string>, fill: false };
 
 async function weightsOf(name: string): Promise<Uint8Array | null> {
   const answer = await fetch(`${asked.weights}${name}`, { headers: asked.headers });
@@ -23,7 +23,7 @@ let before: Promise<void> = Promise.resolve();
 
 async function decode(id: number, message: ArrayBuffer): Promise<void> {
   try {
-    const { data, sensor } = await (await decoder).decode(new Uint8Array(message));
+    const { data, sensor } = await (await decoder).decode(new Uint8Array(message), asked.fill);
     postMessage({ id, data, sensor }, { transfer: [data] });
   } catch (error) {
     const code = error instanceof DecodeError ? error.code : "failed";

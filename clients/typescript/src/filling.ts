@@ -1,0 +1,47 @@
+/** Returns made up between columns that were sent, where the surface goes on: the rule of lidarcodec/filling.py.
+ *
+ * Between two returns of a row on one surface the inverse of the range is interpolated, in whole numbers, so that every
+ * decoder makes up the same. They are marked, and never counted as measured. */
+
+import type { Frame } from "./decoder.js";
+import type { Lattice } from "./lattice.js";
+import { ROWS } from "./sensor.js";
+
+/** Ranges a and b lie on one surface if they differ by at most JUMP + min(a, b) / SHARE steps; 0.25 m. */
+const JUMP = 125;
+const SHARE = 20;
+/** Columns between which something is made up. */
+const WIDEST = 64;
+
+/** Fills images in place. Returns 64 x W, 1 where a return was made up, and how many there are.
+ *
+ * range, intensity: 64 x W, 0 between the columns that were sent */
+export function fill(range: Uint16Array, intensity: Uint8Array | null, { width, columns }: Lattice): [Uint8Array, number] {
+  const made = new Uint8Array(ROWS * width);
+  let count = 0;
+  for (let row = 0; row < ROWS; row++)
+    for (let i = 0; i + 1 < columns.length; i++) {
+      const [left, right] = [row * width + columns[i], row * width + columns[i + 1]];
+      const gap = right - left;
+      const [a, b] = [range[left], range[right]];
+      const near = Math.min(a, b);
+      if (gap < 2 || gap > WIDEST || near === 0 || Math.abs(a - b) > JUMP + Math.floor(near / SHARE)) continue;
+      for (let place = 1; place < gap; place++) {
+        const weighted = b * (gap - place) + a * place;
+        range[left + place] = Math.floor((2 * a * b * gap + weighted) / (2 * weighted));
+        if (intensity)
+          intensity[left + place] = Math.floor((intensity[left] * (gap - place) + intensity[right] * place) / gap);
+        made[left + place] = 1;
+      }
+      count += gap - 1;
+    }
+  return [made, count];
+}
+
+/** The frame with returns made up between the columns of its lattice, marked in `filled`; others as they are. */
+export function filled(frame: Frame): Frame {
+  if (frame.lattice === null || frame.filled !== null) return frame;
+  const [range, intensity] = [frame.range.slice(), frame.intensity.slice()];
+  const [made, madeUp] = fill(range, intensity, { width: frame.width, columns: frame.lattice });
+  return { ...frame, range, intensity, filled: made, madeUp };
+}

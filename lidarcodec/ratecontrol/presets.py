@@ -1,0 +1,62 @@
+"""Presets for links: nothing but a purpose, a codec and a target bitrate, by the name of what carries the stream.
+
+>>> PRESETS["1mbit"].settings
+{'purpose': 'look', 'codec': 'auto', 'target_kbps': 800.0}
+>>> preset("2mbit").target_kbps, preset("lan").target_kbps
+(1600.0, None)
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import AUTO, Purpose
+
+ROOM: Final = 0.8
+"""Part of a link's bitrate that a preset takes as its target. At 80 % a link has no queue; at 91 % it has one."""
+
+
+class Preset(NamedTuple):
+    """name: as on the command line;  label: for people;  the others: settings of a stream"""
+
+    name: str
+    label: str
+    purpose: Purpose
+    codec: str
+    target_kbps: float | None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings that it stands for."""
+        return {"purpose": self.purpose, "codec": self.codec, "target_kbps": self.target_kbps}
+
+    @property
+    def text(self) -> str:
+        """The same as they would be written on the command line."""
+        return ", ".join(f"{key}={'null' if value is None else _plain(value)}" for key, value in self.settings.items())
+
+
+PRESETS: Final = {
+    one.name: one
+    for one in (
+        Preset("1mbit", "Mobile 1 Mbit/s", "look", AUTO, 1000 * ROOM),
+        Preset("2mbit", "Mobile 2 Mbit/s", "look", AUTO, 2000 * ROOM),
+        Preset("5mbit", "Mobile 5 Mbit/s", "look", AUTO, 5000 * ROOM),
+        Preset("lan", "Local network: everything, exact", "look", AUTO, None),
+    )
+}
+
+
+def preset(name: str) -> Preset:
+    """The preset of that name.
+
+    Raises SettingsError.
+    """
+    if name not in PRESETS:
+        raise SettingsError(f"--link is {', '.join(PRESETS)}, not '{name}'", "link")
+    return PRESETS[name]
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,106 @@
+"""A stream with `codec=auto`: it begins at once, then changes to the codec that shows most and keeps up here."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from lidarcodec.apps.choosing import LONGEST_S, CodecChooser, encode_ms
+from lidarcodec.codecs import table
+from lidarcodec.errors import SettingsError
+from lidarcodec.ratecontrol.choosing import ranked
+from lidarcodec.settings import StreamSettings
+from tests.apps.in_memory import live, publisher
+from tests.transport.test_contract import eventually
+
+AUTO = StreamSettings(codec="auto", target_kbps=4000)
+PLENTY_S, NONE_S = 10.0, 1e-9
+"""Of a packet: time enough for any codec, and for none."""
+
+
+def frame_of_a_drive():
+    from lidarcodec import api
+
+    return next(iter(api.read_frames("sim:road?seed=2&frames=1")))
+
+
+def chosen_with(interval_s, frame):
+    told = []
+    chooser = CodecChooser(interval_s)
+    chooser.when_chosen(lambda settings, codec: told.append((settings, codec)))
+    now = chooser.codec_for(AUTO)
+    assert now.codec == "pcodec", "nobody waits"
+    assert chooser.state(now.codec)["because"].startswith("for now")
+    began = time.monotonic()
+    chooser.offer(frame)
+    assert time.monotonic() - began < 0.1, "the encoder goes on meanwhile"
+    assert eventually(lambda: bool(told), 60)
+    chooser.close()
+    return chooser, told[0][1]
+
+
+def test_the_best_codec_is_taken_where_there_is_time_and_the_quickest_where_there_is_none():
+    frame = frame_of_a_drive()
+    chooser, codec = chosen_with(PLENTY_S, frame)
+    assert codec == ranked(AUTO)[0]
+    state = chooser.state(codec)
+    assert state["codec"] == codec
+    assert list(state["encode_ms"]) == [codec], "no other one had to be tried"
+    chooser, codec = chosen_with(NONE_S, frame)
+    state = chooser.state(codec)
+    assert codec == min(state["encode_ms"], key=state["encode_ms"].get)
+    assert len(state["encode_ms"]) > 1
+    assert "none" in state["because"]
+
+
+def test_what_was_decided_holds_until_other_settings_ask_anew():
+    frame = frame_of_a_drive()
+    chooser, codec = chosen_with(PLENTY_S, frame)
+    assert chooser.codec_for(AUTO.changed(follow="somebody"), "pcodec").codec == codec
+    again = chooser.codec_for(AUTO.changed(target_kbps=500), "predictive")
+    assert again.codec == "predictive", "what is in force stays until it is decided"
+    assert chooser.codec_for(StreamSettings(codec="zstd")).codec == "zstd"
+    assert chooser.state("zstd") is None, "nothing was chosen: it was named"
+
+
+def test_trying_out_takes_no_longer_than_it_may():
+    frame = frame_of_a_drive()
+    settings = StreamSettings(codec="riddle", target_kbps=4000)
+    encode_ms(settings, frame, 1.0)  # weights are loaded
+    began = time.monotonic()
+    took = encode_ms(settings, frame, 1e-3)
+    assert 0 < took < 1e3 * (time.monotonic() - began)
+    chooser = CodecChooser(NONE_S)
+    chooser.codec_for(AUTO)
+    began = time.monotonic()
+    chooser._run(AUTO, frame)
+    assert time.monotonic() - began < 3 * LONGEST_S
+
+
+def test_a_stream_says_which_codec_it_chose_and_is_decoded_all_the_way(network):
+    with publisher(network, None, AUTO, rate=10.0) as car, live(network) as stream:
+        assert stream.next(30)
+        assert eventually(lambda: car.status()["codec_choice"]["budget_ms"] is not None)
+        status = car.status()
+        assert status["settings"]["codec"] == car.settings.codec == "auto"
+        assert status["codec_choice"]["codec"] == status["codec"]
+        assert set(status["codec_choice"]["encode_ms"]) <= set(table.names())
+        for change in ({"codec": "zstd"}, {"codec": "auto", "max_error_m": 0.02}, {"target_kbps": 900}):
+            applied = car.change(**change)
+            assert applied.settings.codec == change.get("codec", "auto")
+            assert (car.status()["codec_choice"] is None) == (applied.settings.codec != "auto")
+            for _ in range(5):
+                assert stream.next(30)
+        assert eventually(lambda: car.status()["codec_choice"]["budget_ms"] is not None)
+        assert car.status()["codec"] in ranked(car.settings)
+        assert stream.next(30)
+        assert stream.summary()["errors"] == {}
+
+
+def test_settings_that_are_refused_leave_the_choice_as_it_was(network):
+    with publisher(network, None, AUTO) as car:
+        with pytest.raises(SettingsError, match="codec auto has no settings"):
+            car.change(codec_settings={"effort": 2})
+        assert car.settings.codec == "auto"
+        assert car.status()["codec_choice"] is not None

@@ -1,0 +1,80 @@
+"""`codec=auto` is the codec that shows most of those that keep up; presets are nothing but settings."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidarcodec.codecs import table
+from lidarcodec.errors import SettingsError
+from lidarcodec.pipeline import StreamEncoder, check, check_offline
+from lidarcodec.ratecontrol.choosing import choice, ranked, with_codec, without_auto
+from lidarcodec.ratecontrol.presets import PRESETS, preset
+from lidarcodec.ratecontrol.reach import reach_warning
+from lidarcodec.settings import StreamSettings
+
+AUTO = StreamSettings(codec="auto")
+
+
+@pytest.mark.parametrize("target", [None, "auto", 250, 1000, 4000, 30_000])
+@pytest.mark.parametrize("more", [{}, {"max_error_m": 0.05}, {"purpose": "archive"}, {"intensity": "off"}])
+def test_the_best_codec_comes_first_and_all_keep_a_bound(target, more):
+    found = ranked(AUTO.changed(target_kbps=target, **more))
+    assert set(found[:2]) == {"riddle", "predictive"}
+    assert found[2] == "pcodec"
+    assert all(table.codec(name).bounded for name in found)
+    assert "zstd" in found, "something is left for the slowest processor"
+
+
+def test_the_best_one_that_is_quick_enough_is_taken_and_it_is_said_why():
+    wanted = AUTO.changed(target_kbps=1000)
+    best = choice(wanted, {"riddle": 30.0}, budget_ms=50.0)
+    assert best.codec == "riddle"
+    assert "shows most" in best.because
+    second = choice(wanted, {"riddle": 70.0, "predictive": 20.0}, budget_ms=50.0)
+    assert second.codec == "predictive"
+    assert "riddle (70 ms)" in second.because
+    slow = choice(wanted, {"riddle": 700.0, "pcodec": 200.0, "predictive": 300.0}, budget_ms=50.0)
+    assert slow.codec == "pcodec"
+    assert "none" in slow.because
+
+
+def test_where_no_time_passes_it_is_the_best_one_and_says_so():
+    assert check(AUTO).codec == "auto", "what is asked for stays as it is"
+    assert check_offline(AUTO).codec == "riddle"
+    encoder = StreamEncoder(AUTO.changed(target_kbps=1000))
+    assert encoder.settings.codec == "riddle"
+    encoder.apply(StreamSettings(codec="zstd"))
+    encoder.apply(AUTO)
+    assert encoder.settings.codec == "riddle"
+    assert without_auto(StreamSettings(codec="zstd")).codec == "zstd"
+
+
+def test_auto_has_no_settings_of_a_codec():
+    with pytest.raises(SettingsError, match="codec auto has no settings of its own"):
+        check(AUTO.changed(codec_settings={"effort": 2}))
+    with pytest.raises(SettingsError, match="leave out effort"):
+        with_codec(AUTO.changed(codec_settings={"effort": 2}), "riddle")
+
+
+def test_a_target_that_no_codec_reaches_is_told_for_auto_as_well():
+    assert reach_warning(AUTO.changed(target_kbps=1000)) is None
+    assert (
+        reach_warning(AUTO.changed(target_kbps=1000, intensity="lossless", reduction="all")).code
+        == "target_out_of_reach"
+    )
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_settings_that_a_stream_can_follow(name):
+    found = preset(name)
+    settings = check(StreamSettings().changed(**found.settings))
+    assert set(found.settings) == {"purpose", "codec", "target_kbps"}
+    assert all(f"{key}=" in found.text for key in found.settings)
+    assert reach_warning(settings) is None
+    if name.endswith("mbit"):
+        assert settings.target_kbps < 1000 * int(name.removesuffix("mbit")), "a link needs room"
+
+
+def test_an_unknown_link_is_refused_with_those_that_there_are():
+    with pytest.raises(SettingsError, match=r"--link is 1mbit, 2mbit, 5mbit, lan, not '3mbit'"):
+        preset("3mbit")
