@@ -115,6 +115,28 @@ def test_a_target_that_pinned_settings_keep_out_of_reach_is_said_in_red_over_the
     fleet.change(SETTINGS, target_kbps=None)
 
 
+def test_a_link_is_chosen_by_name_and_says_that_it_is_nothing_but_three_settings(fleet, page):
+    fleet.change(SETTINGS, codec="pcodec", intensity="lossless")
+    form = page.get_by_role("form", name=re.compile("^Settings of"))
+    field = form.locator(".field").filter(has=page.locator("#setting-intensity"))
+    expect(field.locator(".chip")).to_have_text("pinned")
+    before = fleet.get(SETTINGS)["applied"]
+    preset = next(one for one in fleet.get("links") if one["name"] == "2mbit")
+    page.get_by_role("button", name=preset["label"]).click()
+    expect(page.get_by_role("button", name=preset["label"])).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("group", name="Link")).to_contain_text(
+        f"Nothing but purpose = look, codec = auto, target_kbps = {preset['settings']['target_kbps']:.0f}. "
+        "Kept as set: Intensity."
+    )
+    page.get_by_role("button", name="Do not set Intensity").click()
+    expect(field.locator(".chip")).to_have_text("not set")
+    page.get_by_role("button", name="Apply").click()
+    expect(outcome(page)).to_contain_text("Applied from frame")
+    assert fleet.get(SETTINGS)["applied"] == before | preset["settings"] | {"intensity": "auto"}
+    expect(page.get_by_role("region", name="In force")).to_contain_text(re.compile(r"In force \w+ \(auto\)"))
+    fleet.change(SETTINGS, codec="pcodec", target_kbps=None)
+
+
 def test_what_the_server_refuses_is_said_where_it_was_written(fleet, page):
     before = fleet.get(SETTINGS)["applied"]
     page.get_by_label("Target (kbit/s)").fill("0.5")

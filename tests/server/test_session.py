@@ -42,6 +42,8 @@ async def test_the_schema_of_settings_offers_what_is_allowed(serving):
             StreamSettings(**{name: example})
     for example in fields["reduction"]["examples"]:
         reductions.check(StreamSettings(reduction=example))
+    free = {name: about["free"] for name, about in fields.items() if "free" in about}
+    assert free == {"max_error_m": None, "intensity": "auto", "reduction": "auto"}, "left to a target where not set"
     for name in fields["reduction"]["budgeted"]:
         reductions.check(StreamSettings(reduction=name, keep_points=1000))
 

@@ -5,7 +5,7 @@ import { fillsFor } from "./model/filling";
 import { added, keyOf, lacks, type Minutes } from "./model/minute";
 import { Steady } from "./model/missed";
 import { type Poller, poll } from "./model/poll";
-import type { Codec, FleetRow, Schema, Session, Stream, TargetWarning } from "./model/wire";
+import type { Codec, FleetRow, Link, Schema, Session, Stream, TargetWarning } from "./model/wire";
 import type { StreamName, ViewStats } from "./view";
 import { DEFAULT_OPTIONS, type ViewOptions } from "./view";
 
@@ -29,6 +29,7 @@ export const rows = signal<FleetRow[] | null>(null);
 export const minutes = signal<Minutes>(new Map());
 export const codecs = signal<Codec[]>([]);
 export const schema = signal<Schema | null>(null);
+export const links = signal<Link[]>([]);
 
 export const chosen = signal<string | null>(fromHash());
 export const chosenRow = computed(() => rows.value?.find((row) => keyOf(row) === chosen.value) ?? null);
@@ -165,12 +166,14 @@ async function askFleet(): Promise<void> {
 }
 
 async function askTables(): Promise<void> {
-  const [table, common] = await Promise.all([
+  const [table, common, presets] = await Promise.all([
     call<Codec[]>("GET", "api/v1/codecs"),
     call<Schema>("GET", "api/v1/settings"),
+    call<Link[]>("GET", "api/v1/links"),
   ]);
   codecs.value = table.body;
   schema.value = common.body;
+  links.value = presets.body;
 }
 
 let watching: Poller | null = null;

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 
 import lidarcodec
 from lidarcodec.codecs import table as codecs
+from lidarcodec.ratecontrol.reach import FREE
 from lidarcodec.reduction import table as reductions
 from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec_server.auth import Viewer, offers_token, require_viewer
@@ -45,7 +46,8 @@ def session(service: TheService, connection: HTTPConnection) -> SessionAnswer:
 @router.get("/settings")
 def settings_schema(client: Viewer) -> dict[str, Any]:
     """JSON schema of the settings that all codecs have in common; `GET /api/v1/codecs` has each codec's own. Where a
-    setting takes one of a few names they are its `enum`, and where it takes other texts, too, its `examples`."""
+    setting takes one of a few names they are its `enum`, and where it takes other texts, too, its `examples`. `free` is
+    the value with which a setting is not set, and left to a target bitrate."""
     return _schema()
 
 
@@ -59,5 +61,8 @@ def _schema() -> dict[str, Any]:
     # Without its number a reduction that takes one is refused: `columns:4`.
     takes_number = [name for name in reductions.names() if reductions.reduction(name).argument is not None]
     fields["reduction"]["examples"] = [f"{name}:4" if name in takes_number else name for name in reductions.names()]
+    for name, value in FREE.items():
+        if value in (None, AUTO):
+            fields[name]["free"] = value
     fields["reduction"]["budgeted"] = [name for name in reductions.names() if reductions.reduction(name).budgeted]
     return schema

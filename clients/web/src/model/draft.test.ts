@@ -1,5 +1,17 @@
-import { expect, test } from "vitest";
-import { baseOf, changeOf, differences, edited, editedOwn, ownSettings, settled, shown } from "./draft";
+import { describe, expect, test } from "vitest";
+import {
+  baseOf,
+  changeOf,
+  differences,
+  edited,
+  editedOwn,
+  ownSet,
+  ownSettings,
+  pinnedIn,
+  preset,
+  settled,
+  shown,
+} from "./draft";
 import type { Codec, Schema, Settings } from "./wire";
 
 const codec = (name: string, bound: boolean, target: boolean): Codec => ({
@@ -73,4 +85,37 @@ test("edits that came true by somebody else vanish, others stay", () => {
 
 test("an audit entry shows what changed, not all that is", () => {
   expect(differences(base, { ...base, codec: "jpeg" })).toEqual([["codec", "pcodec", "jpeg"]]);
+});
+
+describe("what a target moves, and what is pinned beside it", () => {
+  const schema = { properties: { intensity: { free: "auto" }, max_error_m: { free: null }, framing: {} } };
+
+  test("tells lossless from not set", () => {
+    expect(pinnedIn(schema, "intensity", "auto")).toBe(false);
+    expect(pinnedIn(schema, "intensity", "lossless")).toBe(true);
+    expect(pinnedIn(schema, "max_error_m", null)).toBe(false);
+    expect(pinnedIn(schema, "max_error_m", 0)).toBe(true);
+    expect(pinnedIn(schema, "framing", "packets")).toBeNull();
+  });
+
+  test("a codec's own setting is set once it was, until it is taken out again", () => {
+    const base = { codec: "jpeg", codec_settings: { quality: 90, effort: 1 } };
+    const unset = editedOwn(base, {}, "quality", undefined);
+    expect([ownSet(base, {}, "quality"), ownSet(base, unset, "quality")]).toEqual([true, false]);
+    expect(changeOf(base, unset)).toEqual({ codec_settings: { effort: 1 } });
+    expect(ownSettings(base, unset, { properties: { quality: { default: 75 } } })).toEqual({ quality: 75, effort: 1 });
+    expect(editedOwn({ codec: "jpeg" }, {}, "quality", undefined)).toEqual({});
+    expect(ownSet(base, { codec: "h264" }, "quality")).toBe(false);
+  });
+
+  test("a preset edits its own settings and leaves all others as they are", () => {
+    const base = { codec: "riddle", purpose: "look", target_kbps: null, intensity: "lossless", max_error_m: 0.02 };
+    const wanted = { purpose: "look", codec: "auto", target_kbps: 800 };
+    expect(preset(base, {}, wanted, [])).toEqual({ codec: "auto", target_kbps: 800 });
+    expect(preset(base, { intensity: "off" }, wanted, [])).toEqual({
+      intensity: "off",
+      codec: "auto",
+      target_kbps: 800,
+    });
+  });
 });

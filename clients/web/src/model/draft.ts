@@ -15,6 +15,23 @@ export function shown(base: Settings, edits: Settings, name: string): Value {
   return name in edits ? (edits[name] as Value) : (base[name] ?? null);
 }
 
+/** What was not set any more is left out. */
+function present(settings: Settings): Settings {
+  return Object.fromEntries(Object.entries(settings).filter(([, value]) => value !== undefined));
+}
+
+/** Whether a setting is kept beside a target bitrate, or left to it; null for one that a target never moves. */
+export function pinnedIn(schema: Schema | null, name: string, value: Value): boolean | null {
+  const about = schema?.properties?.[name];
+  return about === undefined || about.free === undefined ? null : !same(value, about.free);
+}
+
+/** Whether the draft has the codec's own setting set. */
+export function ownSet(base: Settings, edits: Settings, name: string): boolean {
+  const kept = "codec" in edits && edits.codec !== base.codec ? {} : ((base.codec_settings ?? {}) as Settings);
+  return name in present({ ...kept, ...((edits.codec_settings ?? {}) as Settings) });
+}
+
 /** The codec's own settings as they would be: a new codec starts with its own defaults. */
 export function ownSettings(base: Settings, edits: Settings, schema: Schema | undefined): Settings {
   const defaults = Object.fromEntries(
@@ -22,7 +39,7 @@ export function ownSettings(base: Settings, edits: Settings, schema: Schema | un
   );
   const changedCodec = "codec" in edits && edits.codec !== base.codec;
   const kept = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
-  return { ...defaults, ...kept, ...((edits.codec_settings ?? {}) as Settings) };
+  return { ...defaults, ...present({ ...kept, ...((edits.codec_settings ?? {}) as Settings) }) };
 }
 
 /** Edits with one more; an edit back to the base is none. A codec that is left takes its own settings with it. */
@@ -53,9 +70,23 @@ export function edited(
   return settled(base, next);
 }
 
-/** Edits of one of the codec's own settings. */
-export function editedOwn(base: Settings, edits: Settings, name: string, value: Value): Settings {
-  return settled(base, { ...edits, codec_settings: { ...((edits.codec_settings ?? {}) as Settings), [name]: value } });
+/** Edits of one of the codec's own settings. undefined: it is not set any more. */
+export function editedOwn(base: Settings, edits: Settings, name: string, value: Value | undefined): Settings {
+  const own = { ...((edits.codec_settings ?? {}) as Settings), [name]: value } as Settings;
+  return settled(base, { ...edits, codec_settings: own });
+}
+
+/** Edits with all settings of a preset. */
+export function preset(
+  base: Settings,
+  edits: Settings,
+  wanted: Settings,
+  codecs: Codec[],
+  schema: Schema | null = null,
+): Settings {
+  let next = edits;
+  for (const [name, value] of Object.entries(wanted)) next = edited(base, next, name, value, codecs, schema);
+  return next;
 }
 
 /** Edits without those that say what the base says. */
@@ -80,7 +111,7 @@ export function changeOf(base: Settings, edits: Settings): Settings {
   if (change.codec_settings) {
     const changedCodec = "codec" in edits && edits.codec !== base.codec;
     const before = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
-    change.codec_settings = { ...before, ...(change.codec_settings as Settings) };
+    change.codec_settings = present({ ...before, ...(change.codec_settings as Settings) });
   }
   return change;
 }

@@ -69,6 +69,13 @@ export function label(name: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1) + (unit === undefined ? "" : ` (${unit})`);
 }
 
+/** Settings as they would be written: `purpose = look, target_kbps = 800`. */
+export function listOf(settings: Record<string, unknown>): string {
+  return Object.entries(settings)
+    .map(([name, value]) => `${name} = ${value === null ? "not set" : plain(value)}`)
+    .join(", ");
+}
+
 /** `2nd`, `3rd`, `4th`, as in "every 4th column". */
 export function ordinal(value: number): string {
   const last = value % 100 > 10 && value % 100 < 14 ? 0 : value % 10;

@@ -1,5 +1,5 @@
 /** What became of a change, in words. */
-import { plain } from "./format";
+import { listOf } from "./format";
 import { sentence } from "./missed";
 import type { Change, Settings } from "./wire";
 
@@ -34,10 +34,4 @@ export function sentenceOf(outcome: Outcome, frame: number | null): string {
   if (outcome.first === null) return `Applied: ${listOf(outcome.change)}.`;
   const shown = frame !== null && frame >= outcome.first ? ", which is shown" : "";
   return `Applied from frame ${outcome.first} on${shown}: ${listOf(outcome.change)}.`;
-}
-
-function listOf(change: Settings): string {
-  return Object.entries(change)
-    .map(([name, value]) => `${name} = ${plain(value)}`)
-    .join(", ");
 }

@@ -61,6 +61,9 @@ export interface Stream {
   settings: Settings | null;
   warnings: TargetWarning[];
   status: {
+    /** In force; another one than in the settings where those say `auto`, and why it is that one. */
+    codec?: string;
+    codec_choice?: { because?: string } | null;
     rate?: RateStatus | null;
     left_out?: number;
     reduction?: { returns?: number | null; kept?: number | null; note?: string | null } | null;
@@ -99,6 +102,15 @@ export interface Schema {
   properties?: Record<string, Schema>;
   /** Names of reductions that take a budget; stands beside `examples`. */
   budgeted?: string[];
+  /** The value with which a setting is not set, and left to the target bitrate; only where it can be. */
+  free?: Value;
+}
+
+/** A preset for streams over such a link: nothing but these settings. */
+export interface Link {
+  name: string;
+  label: string;
+  settings: Settings;
 }
 
 export interface Codec {

@@ -3,6 +3,7 @@ import type { ComponentChildren } from "preact";
 import { label, plain } from "../model/format";
 import { type Field, fieldOf, limitsOf, numberIn } from "../model/schema";
 import type { Schema, Value } from "../model/wire";
+import { Button } from "./button";
 
 interface Props {
   id: string;
@@ -15,11 +16,15 @@ interface Props {
   hindered?: string | undefined;
   problem: string | null;
   set: (value: Value) => void;
+  /** Whether it is kept beside a target bitrate, or left to it; null for one that a target never moves. */
+  pinned?: boolean | null;
+  /** Leaves it to the target. */
+  unset?: (() => void) | undefined;
 }
 
 /** A setting with its label, its control, what it does, and what is wrong with it. */
 export function SettingField(props: Props) {
-  const { id, name, schema, edited, problem, hindered } = props;
+  const { id, name, schema, edited, problem, hindered, pinned = null, unset } = props;
   const field = fieldOf(schema);
   const limits = limitsOf(field);
   return (
@@ -29,6 +34,16 @@ export function SettingField(props: Props) {
         {edited && <span class="hidden"> (not sent yet)</span>}
       </label>
       <Control {...props} field={field} disabled={props.disabled || hindered !== undefined} />
+      {pinned !== null && hindered === undefined && (
+        <p class="pin">
+          <span class={`chip ${pinned ? "pinned" : ""}`}>{pinned ? "pinned" : "not set"}</span>
+          {pinned && unset && (
+            <Button look="link" off={props.disabled} press={unset} label={`Do not set ${label(name)}`}>
+              do not set
+            </Button>
+          )}
+        </p>
+      )}
       <p id={`${id}-help`} class="help">
         {hindered ?? <Words text={schema.description ?? ""} />}
         {hindered === undefined && limits && <span class="limits"> {limits}</span>}
@@ -99,7 +114,7 @@ function Choice(props: ControlProps & { field: Field & { kind: "choice" } }) {
       >
         {field.values.map((one) => (
           <option key={String(one)} value={String(one)}>
-            {plain(one)}
+            {props.schema.free !== undefined && one === props.schema.free ? `not set (${plain(one)})` : plain(one)}
           </option>
         ))}
         {!known && !field.open && <option value={String(value)}>{plain(value)}</option>}
@@ -134,7 +149,7 @@ function NumberInput(props: ControlProps & { field: Field & { kind: "number" } }
         {...marks(props)}
         aria-invalid={props.problem !== null || wrong}
         disabled={props.disabled || word}
-        placeholder={field.nullable ? "default" : ""}
+        placeholder={field.nullable ? "not set" : ""}
         value={word ? "" : shown}
         onInput={(event) => {
           text.value = event.currentTarget.value;

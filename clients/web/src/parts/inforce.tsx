@@ -1,6 +1,6 @@
 import { differences } from "../model/draft";
 import { count, kbps, ordinal, plain } from "../model/format";
-import type { SettingsState, Stream } from "../model/wire";
+import type { Settings, SettingsState, Stream } from "../model/wire";
 
 /** What the vehicle does now, how it stands with the target, and where that differs from what is wanted. */
 export function InForce({ state, stream }: { state: SettingsState | null; stream: Stream | null }) {
@@ -12,13 +12,17 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
   return (
     <section class="inforce" aria-label="In force">
       <p>
-        <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? plain(applied.codec) : "–"}
+        <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? codecOf(applied, stream) : "–"}
+        {applied?.purpose !== undefined && applied.purpose !== "look" && `, to ${plain(applied.purpose)}`}
         {applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
         {applied?.reduction !== undefined &&
           applied.reduction !== "all" &&
           applied.reduction !== "auto" &&
           `, ${plain(applied.reduction)}`}
       </p>
+      {stream?.status?.codec_choice?.because && applied?.codec === "auto" && (
+        <p>Chosen: {stream.status.codec_choice.because}</p>
+      )}
       {rate && (
         <p>
           {rate.auto ? "Automatic" : "Target"} {kbps(rate.target_kbps)} kbit/s
@@ -63,4 +67,11 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       )}
     </section>
   );
+}
+
+/** The codec in force, and that it was chosen where it was. */
+function codecOf(applied: Settings, stream: Stream | null): string {
+  const asked = plain(applied.codec);
+  const found = stream?.status?.codec;
+  return asked === "auto" && found ? `${found} (auto)` : asked;
 }

@@ -1,10 +1,21 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Problem } from "../model/api";
-import { baseOf, budgeted, changeOf, edited, editedOwn, ownSettings, settled, shown } from "../model/draft";
+import {
+  baseOf,
+  budgeted,
+  changeOf,
+  edited,
+  editedOwn,
+  ownSet,
+  ownSettings,
+  pinnedIn,
+  preset,
+  settled,
+  shown,
+} from "../model/draft";
 import { type Outcome, outcomeOf, sentenceOf } from "../model/outcome";
 import { type Poller, poll } from "../model/poll";
-import { same } from "../model/schema";
 import type { Change, Codec, Settings, SettingsState, Value } from "../model/wire";
 import {
   call,
@@ -22,9 +33,10 @@ import {
 import { Button } from "./button";
 import { SettingField } from "./fields";
 import { InForce } from "./inforce";
+import { Links } from "./links";
 
 const STATE_MS = 5000;
-const FIRST = ["target_kbps", "max_error_m", "intensity", "reduction", "keep_points", "keep_fraction"];
+const FIRST = ["purpose", "target_kbps", "max_error_m", "intensity", "reduction", "keep_points", "keep_fraction"];
 const REST = ["framing", "key_interval", "follow"];
 
 /** The settings of a stream: what is in force, and a form, made from the schemas, that changes it. */
@@ -69,7 +81,12 @@ export function SettingsForm({ name }: { name: string }) {
     if (outcome.value.kind !== "sending") outcome.value = { kind: "none" };
   }
 
-  function setOwn(field: string, value: Value) {
+  function take(wanted: Settings) {
+    edits.value = preset(base, edits.value, wanted, codecs.value, schema.value);
+    if (outcome.value.kind !== "sending") outcome.value = { kind: "none" };
+  }
+
+  function setOwn(field: string, value: Value | undefined) {
     edits.value = editedOwn(base, edits.value, field, value);
     if (outcome.value.kind !== "sending") outcome.value = { kind: "none" };
   }
@@ -125,6 +142,8 @@ export function SettingsForm({ name }: { name: string }) {
   const fieldFor = (field: string) => {
     const about = common[field];
     const budget = field === "keep_points" || field === "keep_fraction";
+    const value = shown(base, edits.value, field);
+    const free = about?.free;
     if (!about || (budget && !budgeted(schema.value, shown(base, edits.value, "reduction")))) return null;
     return (
       <SettingField
@@ -132,7 +151,9 @@ export function SettingsForm({ name }: { name: string }) {
         id={idOf(field)}
         name={field}
         schema={about}
-        value={shown(base, edits.value, field)}
+        value={value}
+        pinned={pinnedIn(schema.value, field, value)}
+        unset={free === undefined ? undefined : () => set(field, free)}
         edited={field in edits.value}
         disabled={!mayChange.value}
         hindered={hindranceOf(field, codec)}
@@ -149,6 +170,7 @@ export function SettingsForm({ name }: { name: string }) {
       {!mayChange.value && (
         <p class="quiet pad">{session.value?.name} is a viewer: changing needs an operator's token.</p>
       )}
+      <Links wanted={(name) => shown(base, edits.value, name)} take={take} disabled={!mayChange.value} />
       {fieldFor("codec")}
       {codec?.reach && (
         <p class="help reach">
@@ -167,7 +189,9 @@ export function SettingsForm({ name }: { name: string }) {
               name={field}
               schema={about}
               value={own[field] ?? null}
-              edited={!same(((edits.value.codec_settings ?? {}) as Settings)[field], undefined)}
+              pinned={codec?.reach?.setting === field ? ownSet(base, edits.value, field) : null}
+              unset={() => setOwn(field, undefined)}
+              edited={field in ((edits.value.codec_settings ?? {}) as Settings)}
               disabled={!mayChange.value}
               problem={problemAt(`codec_settings.${field}`)}
               set={(value) => setOwn(field, value)}

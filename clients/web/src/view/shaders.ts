@@ -56,7 +56,7 @@ uniform bool u_hasFilled;
 /* How far the colour of a made-up return goes towards the ground on which it is drawn: less in the range image, where
    those that were sent would stand as stripes. */
 const float FAINT = 0.45;
-const float FAINT_IN_IMAGE = 0.25;
+const float FAINT_IN_IMAGE = 0.2;
 
 /** Whether a return was made up between columns that were sent: it is drawn fainter. */
 bool madeUp(int ring, int column) {
