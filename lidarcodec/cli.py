@@ -198,7 +198,8 @@ def bench(
         str, _option("--metrics", metavar="usual|all", help="`all`: also errors by range, Chamfer, D1, D2 (slower).")
     ] = "usual",
     curve: Annotated[
-        bool, _option("--curve", help="Every codec at the points of its own knob: bound, quality or crf.")
+        bool,
+        _option("--curve", help="Every codec over its own knob; with --metrics all over target bitrates."),
     ] = False,
     peers: Annotated[
         bool, _option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")

@@ -10,7 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lidarcodec.commands.curve import curve
+from lidarcodec.commands.curve import curve, operating
+from lidarcodec.commands.operating import OperatingPoints
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.settings import sweep
 from lidarcodec.commands.sources import check_finite
@@ -19,8 +20,10 @@ from lidarcodec.errors import DecodeError, MissingExtraError, SettingsError
 from lidarcodec.evaluation.bench import METRICS, bench
 from lidarcodec.evaluation.peers import table
 from lidarcodec.evaluation.peers.run import bench_peer
+from lidarcodec.evaluation.plot_operating import plot_operating
 from lidarcodec.evaluation.plots import check_plot, plot_bits, plot_curves
 from lidarcodec.evaluation.report import text_table
+from lidarcodec.settings import StreamSettings
 from lidarcodec.whole_files import check_free, whole
 
 PLOTS = (".png", ".svg", ".pdf")
@@ -60,7 +63,7 @@ def run(
     if plot is not None:
         check_plot()
         check_free(plot, force=force)
-    jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn) + _peer_jobs(codecs, peers)
+    jobs = _codec_jobs(codecs, pairs, as_curve, poses, learn, metrics) + _peer_jobs(codecs, peers)
     check_finite(source, frames)
     given = {"frames": frames, "skip": skip, "calibration": calibration, "metrics": metrics}
     results: list[dict[str, Any]] = []
@@ -83,12 +86,15 @@ def run(
         with whole(plot, force=force) as output:
             if part:
                 output.only_part()
-            (plot_curves if as_curve else plot_bits)(results, output.beside)
+            drawn = plot_bits if not as_curve else plot_curves if metrics == "usual" else plot_operating
+            drawn(results, output.beside)
     if part:
         raise StoppedError(f"stopped: {done} of {len(jobs)} settings were measured, the others are missing above")
 
 
-def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int) -> list[Job]:
+def _codec_jobs(
+    codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int, metrics: str
+) -> list[Job]:
     """What to measure of our own codecs: all that `--codec` names beside peers."""
     own = codecs
     if codecs:
@@ -97,8 +103,15 @@ def _codec_jobs(codecs: str | None, pairs: list[str], as_curve: bool, poses: Pat
             if pairs:
                 raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names nothing else")
             return []
-    settings = (curve if as_curve else sweep)(own, pairs)
-    return [Job(chosen.codec, partial(bench, settings=chosen, poses=poses, learn=learn)) for chosen in settings]
+    if not as_curve:
+        return _jobs(sweep(own, pairs), partial(bench, poses=poses, learn=learn))
+    if metrics == "usual":
+        return _jobs(curve(own, pairs), partial(bench, poses=poses, learn=learn))
+    return _jobs(operating(own, pairs), partial(OperatingPoints(poses).bench, poses=poses, learn=learn))
+
+
+def _jobs(settings: list[StreamSettings], measure: Callable[..., dict[str, Any]]) -> list[Job]:
+    return [Job(chosen.codec, partial(measure, settings=chosen)) for chosen in settings]
 
 
 def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:

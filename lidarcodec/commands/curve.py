@@ -1,4 +1,5 @@
-"""`bench --curve`: every codec at the points of its own knob, so that one command gives curves that can be compared.
+"""`bench --curve`: every codec at the points of its own knob, so that one command gives curves that can be compared;
+with `--metrics all` at the points of its operating curve, where a target bitrate turns everything.
 
 The knob is what trades bits for error: the bound where a codec keeps one, else its `quality` or `crf`. A codec without
 any (`raw`) has a single point.
@@ -17,7 +18,7 @@ from typing import Final
 from lidarcodec.codecs import table
 from lidarcodec.commands.settings import sweep
 from lidarcodec.errors import SettingsError
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings
 
 POINTS: Final[dict[str, tuple[float, ...]]] = {
     "max_error_m": (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
@@ -25,6 +26,8 @@ POINTS: Final[dict[str, tuple[float, ...]]] = {
     "crf": (0, 3, 6, 9, 12, 15, 18, 22, 26, 32),
 }
 """Values of each knob: RMSE from a few millimetres to a metre, about evenly on a logarithmic scale."""
+TARGETS_KBPS: Final = (250, 450, 700, 1000, 1500, 2500, 4000, 8000)
+"""Targets of an operating curve: from a weak mobile network to nearly all bits of a lossless stream."""
 
 
 def knob_of(codec: str) -> str | None:
@@ -42,12 +45,7 @@ def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
 
     Raises SettingsError, also for a value that would fix the knob or hand it to a target bitrate; UnknownNameError.
     """
-    names = [name.strip() for name in codecs.split(",")] if codecs else [StreamSettings().codec]
-    if "" in names:
-        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
-    given = {pair.partition("=")[0].strip() for pair in pairs}
-    if "target_kbps" in given:
-        raise SettingsError("--curve turns the knob itself: leave out --set target_kbps", "target_kbps")
+    names, given = _names(codecs), _given(pairs)
     found = []
     for name in names:
         knob = knob_of(name)
@@ -56,3 +54,33 @@ def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
         own = [] if knob is None else [f"{knob}={','.join(f'{value:g}' for value in POINTS[knob])}"]
         found += sweep(name, [*pairs, *own])
     return found
+
+
+def operating(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
+    """Settings for each codec at each target bitrate, for each combination of the other values; `raw` has one point.
+
+    Raises SettingsError, also for a target from outside; UnknownNameError.
+    """
+    names = _names(codecs)
+    _given(pairs)
+    found = []
+    for name in names:
+        steered = name == AUTO or table.codec(name).knob is not None
+        own = [f"target_kbps={','.join(map(str, TARGETS_KBPS))}"] if steered else []
+        found += sweep(name, [*pairs, *own])
+    return found
+
+
+def _names(codecs: str | None) -> list[str]:
+    names = [name.strip() for name in codecs.split(",")] if codecs else [StreamSettings().codec]
+    if "" in names:
+        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
+    return names
+
+
+def _given(pairs: Sequence[str]) -> set[str]:
+    """Names of the settings that are given."""
+    given = {pair.partition("=")[0].strip() for pair in pairs}
+    if "target_kbps" in given:
+        raise SettingsError("--curve sets the points itself: leave out --set target_kbps", "target_kbps")
+    return given

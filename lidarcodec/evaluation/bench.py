@@ -23,7 +23,7 @@ from lidarcodec.codecs import table
 from lidarcodec.codecs.base import own_settings
 from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.evaluation.geometry import CloudErrors, xyz_of
-from lidarcodec.evaluation.metrics import RangeErrors, Sizes, times_ms
+from lidarcodec.evaluation.metrics import IntensityErrors, RangeErrors, Sizes, times_ms
 from lidarcodec.evaluation.range_bands import RangeBands
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
@@ -114,10 +114,12 @@ class MoreErrors:
     bands: RangeBands = field(default_factory=RangeBands)
     clouds: CloudErrors = field(default_factory=CloudErrors)
     filled: CloudErrors = field(default_factory=CloudErrors)
+    intensity: IntensityErrors = field(default_factory=IntensityErrors)
 
     def add(self, original: Frame, decoded: Frame) -> None:
         """Compare a frame, all of its returns, with what came back."""
         self.bands.add(original.range, decoded.range)
+        self.intensity.add(original.intensity, decoded.intensity, (original.range > 0) & (decoded.range > 0))
         whole = xyz_of(original.with_(keep=None, lattice=None).cloud())
         self.clouds.add(whole, xyz_of(decoded.cloud()))
         if decoded.lattice is None:
@@ -126,8 +128,10 @@ class MoreErrors:
             self.filled.add(whole, xyz_of(filled(decoded).cloud()))
 
     def result(self) -> dict[str, Any]:
-        """`range_errors`, the fields of `CloudErrors`, and in `filled` the same with what a receiver fills in."""
-        return {"range_errors": self.bands.result(), **self.clouds.result(), "filled": self.filled.result()}
+        """`range_errors`, the fields of `IntensityErrors` and `CloudErrors`, and in `filled` the latter with what a
+        receiver fills in."""
+        clouds = {**self.clouds.result(), "filled": self.filled.result()}
+        return {"range_errors": self.bands.result(), **self.intensity.result(), **clouds}
 
 
 @dataclass

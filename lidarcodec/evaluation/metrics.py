@@ -26,6 +26,8 @@ from lidarcodec.units import RANGE_STEP_M
 PEAK_M = 130.0
 """The peak of PSNR: the reach of the sensor's 16-bit ranges, as in Tu 2016."""
 
+PEAK_INTENSITY = 255
+
 PLANE_OF_SECTION: dict[int, str] = {
     SectionType.RANGE: "range",
     SectionType.MASK: "mask",
@@ -87,6 +89,28 @@ class RangeErrors:
         """PSNR over a peak of 130 m; None when there is no error (it would be infinite)."""
         rmse_m = self.rmse_m
         return 20 * math.log10(PEAK_M / rmse_m) if rmse_m else None
+
+
+@dataclass
+class IntensityErrors:
+    """Errors of decoded intensities, over returns that are valid in both frames; what is not sent comes back as 0."""
+
+    compared: int = 0
+    squared: int = 0
+
+    def add(self, original: npt.NDArray[np.uint8], decoded: npt.NDArray[np.uint8], both: npt.NDArray[np.bool_]) -> None:
+        """Compare two intensity images of one shape where `both` is true."""
+        difference = original[both].astype(np.int64) - decoded[both].astype(np.int64)
+        self.compared += len(difference)
+        self.squared += int(np.dot(difference, difference))
+
+    def result(self) -> dict[str, float | None]:
+        """`intensity_rmse` of 255, None when nothing could be compared; `intensity_psnr_db`, None without an error."""
+        if not self.compared:
+            return {"intensity_rmse": None, "intensity_psnr_db": None}
+        rmse = math.sqrt(self.squared / self.compared)
+        psnr = round(20 * math.log10(PEAK_INTENSITY / rmse), 4) if rmse else None
+        return {"intensity_rmse": round(rmse, 4), "intensity_psnr_db": psnr}
 
 
 @dataclass

@@ -38,6 +38,9 @@ def packets_word(identical: bool | None) -> str:
 def _more_columns() -> dict[str, Callable[[Result], str]]:
     return {
         "chamfer mm": lambda r: number(None if r["chamfer_m"] is None else r["chamfer_m"] * 1e3, 2),
+        "filled mm": lambda r: number(
+            1e3 * r["filled"]["chamfer_m"] if r["filled"]["chamfer_m"] is not None else None, 2
+        ),
         "plane dB": lambda r: number(r["point_to_plane_psnr_db"], 2),
         "D1 dB": lambda r: number(r["d1_psnr_db"], 2),
         "D2 dB": lambda r: number(r["d2_psnr_db"], 2),

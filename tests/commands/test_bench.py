@@ -88,7 +88,8 @@ def test_settings_without_a_codec_to_take_them_are_refused(capsys):
 
 
 def test_all_metrics_are_there_when_asked_for_and_only_then(capsys):
-    more = {"range_errors", "chamfer_m", "point_to_plane_psnr_db", "d1_psnr_db", "d2_psnr_db", "filled"}
+    more = {"range_errors", "intensity_rmse", "intensity_psnr_db", "chamfer_m", "point_to_plane_psnr_db", "d1_psnr_db",
+            "d2_psnr_db", "filled"}  # fmt: skip
     usual, _ = bench(capsys, "pcodec", ["max_error_m=0.05"])
     found, _ = bench(capsys, "pcodec", ["max_error_m=0.05"], metrics="all")
     assert found[0].keys() - usual[0].keys() == more
@@ -103,6 +104,44 @@ def test_the_table_to_read_shows_peers_and_more_metrics(capsys):
     shown = capsys.readouterr().out
     assert "peer:lerc max_error_m=0.05" in shown
     assert "chamfer mm" in shown
+    assert "filled mm" in shown
+
+
+def test_what_a_receiver_fills_in_and_how_far_intensity_is_off_is_told(capsys):
+    pairs = ["reduction=lattice:4", "max_error_m=0.02", "intensity=lossless,levels=8,off"]
+    exact, shades, none = bench(capsys, "zstd", pairs, metrics="all")[0]
+    assert exact["filled"]["chamfer_m"] < 0.8 * exact["chamfer_m"]
+    assert (exact["intensity_rmse"], exact["intensity_psnr_db"]) == (0, None)
+    assert 0 < shades["intensity_rmse"] < none["intensity_rmse"]
+    assert shades["intensity_psnr_db"] > none["intensity_psnr_db"] > 0
+
+
+def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("lidarcodec.commands.curve.TARGETS_KBPS", (700, 4000))
+    monkeypatch.setattr(sys.modules[__name__], "SOURCE", "sim:road?seed=2&frames=14")
+    picture = tmp_path / "operating.svg"
+    found, _ = bench(capsys, "pcodec,raw", frames=14, as_curve=True, metrics="all", plot=picture)
+    assert [entry["settings"]["target_kbps"] for entry in found] == [700, 4000, None]
+    low, high, whole = found
+    assert low["kbps_at_10hz"] < high["kbps_at_10hz"] < whole["kbps_at_10hz"]
+    assert low["filled"]["chamfer_m"] > high["filled"]["chamfer_m"]
+    for entry in found:
+        told = entry["localisation"]
+        assert told["of"] >= 1
+        assert told["bad"] <= told["of"]
+        assert told["mate_m"] is None or 0 < told["mate_m"] < 0.3
+    text = picture.read_text()
+    for title in ("Chamfer", "D2", "PSNR of intensity", "share of the returns", "frames a second", "localisation"):
+        assert title in text
+    with pytest.raises(SettingsError, match="target_kbps"):
+        bench(capsys, "pcodec", ["target_kbps=300"], as_curve=True, metrics="all")
+
+
+def test_where_a_drive_says_nothing_of_its_way_the_rest_of_the_curve_is_drawn_all_the_same(capsys, monkeypatch):
+    monkeypatch.setattr("lidarcodec.commands.curve.TARGETS_KBPS", (2000,))
+    (found,), _ = bench(capsys, "zstd", as_curve=True, metrics="all")
+    assert found["localisation"] is None, "one frame is no drive"
+    assert found["chamfer_m"] > 0
 
 
 def test_a_picture_of_bits_shows_peers_in_one_piece(capsys, tmp_path):

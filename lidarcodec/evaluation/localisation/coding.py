@@ -30,8 +30,9 @@ Choose = Callable[[Frame], Frame]
 
 @dataclass
 class Received:
-    """frames: what was decoded, by number, of those asked for; sizes: bytes of each frame's message; points: returns
-    that were sent, of each frame; sent: returns there were"""
+    """frames: what was decoded, by number, of those asked for; one that was left out has no return
+    sizes: bytes of each frame's message; points: returns that were sent, of each frame; sent: returns there were
+    """
 
     frames: dict[int, Frame] = field(default_factory=dict)
     sizes: list[int] = field(default_factory=list)
@@ -98,6 +99,10 @@ def received(
         messages = encoder.encode(frame if choose is None else choose(frame))
         if encoder.left_out:
             del place[frame.index]
+            if at in wanted_frames:
+                found.frames[at] = frame.with_(
+                    range=np.zeros_like(frame.range), intensity=np.zeros_like(frame.intensity), keep=None, side=None
+                )
         decode(map(pack, messages))
         tick()
     decode(map(pack, encoder.flush()))

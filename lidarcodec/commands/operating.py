@@ -1,0 +1,54 @@
+"""`bench --curve --metrics all`: points of operating curves, with how well a car finds its place with each.
+
+The drive is read once, and its reference found once, however many points there are.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.evaluation.bench import bench
+from lidarcodec.evaluation.localisation.cache import Cache
+from lidarcodec.evaluation.localisation.evaluate import Evaluation, Options
+from lidarcodec.evaluation.localisation.methods import Method
+from lidarcodec.settings import StreamSettings
+
+FIELDS = ("mate_m", "mate_m_error", "bad", "of")
+
+
+class OperatingPoints:
+    """Measures settings on one source, one after the other. poses: where the sensor was, if a file says so"""
+
+    def __init__(self, poses: Path | None) -> None:
+        self._poses = poses
+        self._evaluation: Evaluation | None = None
+        self._failed = False
+
+    def bench(self, source: str, *, settings: StreamSettings, **given: Any) -> dict[str, Any]:
+        """As `bench`, and `localisation`: from near, the mean distance from where the car was (`mate_m`), with its
+        standard error, how many scans were looked for (`of`), and how many of them were not found (`bad`); None where
+        the drive is too short, or says nothing of where it went."""
+        result = bench(source, settings, **given)
+        tick = given.pop("tick")
+        return {**result, "localisation": self._localisation(source, settings, tick=tick, **given)}
+
+    def _localisation(self, source: str, settings: StreamSettings, **given: Any) -> dict[str, Any] | None:
+        if self._failed:
+            return None
+        named = ("frames", "skip", "calibration", "tick")
+        try:
+            if self._evaluation is None:
+                options = {name: given[name] for name in named}
+                self._evaluation = Evaluation(
+                    source, Options(protocols=("near",)), Cache(None), poses=self._poses, **options
+                )
+            (found,) = self._evaluation.method(Method(settings.reduction, settings))
+        except LidarCodecError as error:
+            print(f"localisation is not measured: {error}", file=sys.stderr)
+            self._failed = True
+            return None
+        near = found.result["near"]
+        return {name: near[name] for name in FIELDS} if near["of"] else None
