@@ -134,7 +134,10 @@ class TokenBook:
             found = self._store.tokens()
             if not self._loaded and self._opened:
                 self._open(found)
+            needed = self._needed
             self._latch(found)
+            if self._needed and not needed and not found:  # the first one may have been made in between
+                self._latch(self._store.tokens())
             self._loaded, self._failing, wait_s = True, False, REFRESH_S
         except StoreError as error:
             if not self._loaded:

@@ -28,37 +28,37 @@ def ws_frame(opcode: int, data: bytes = b"", final: bool = True) -> bytes:
     return bytes([(0x80 if final else 0) | opcode, 0x80 | len(data)]) + MASK + data
 
 
-def sending(port: int, begin: bytes, blob: bytes, end_s: float, *, wait: bool, again: bool) -> None:
-    """Send `begin`, then `blob` without end, until then. wait: for an answer first;  again: connect again afterwards"""
-    while time.monotonic() < end_s:
+def sending(over: threading.Event, port: int, begin: bytes, blob: bytes, wait: bool = False) -> None:
+    """Send `begin`, then `blob` without end, and connect again where the server ends it. wait: for an answer first"""
+    while not over.is_set():
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as one:
             one.sendall(begin)
             if wait:
                 one.recv(1024)
-            while time.monotonic() < end_s:
+            while not over.is_set():
                 one.sendall(blob)
-        if not again:
-            return
         time.sleep(0.001)
 
 
 @contextlib.contextmanager
-def flood(count: int, send: Callable[[], object]) -> Iterator[None]:
-    """So many threads that send."""
-    threads = [threading.Thread(target=send, daemon=True) for _ in range(count)]
+def flood(count: int, send: Callable[[threading.Event], object]) -> Iterator[None]:
+    """So many threads that send until it is over."""
+    over = threading.Event()
+    threads = [threading.Thread(target=send, args=(over,), daemon=True) for _ in range(count)]
     for one in threads:
         one.start()
     try:
         yield
     finally:
+        over.set()
         for one in threads:
             one.join(20)
 
 
-def longest_answer_s(port: int, until_s: float) -> float:
-    """The longest time that a health check took, until then, without how late the machine was itself."""
+def longest_answer_s(port: int, for_s: float) -> float:
+    """The longest time that a health check took, for so long, without how late the machine was itself."""
     with Calm() as calm:
-        longest = _longest_s(port, until_s)
+        longest = _longest_s(port, time.monotonic() + for_s)
     return longest - 20 * calm.late_s
 
 
