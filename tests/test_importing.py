@@ -26,3 +26,21 @@ def test_no_module_changes_signals_or_sets_an_alarm_when_it_is_imported():
         [sys.executable, "-c", SCRIPT], cwd=ROOT, check=False, capture_output=True, text=True, timeout=200
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_no_python_runs_while_the_core_is_loaded() -> None:
+    """A signal is raised as KeyboardInterrupt wherever Python runs; within the loading of the core that is an abort."""
+    from lidarcodec import _native
+
+    program = (
+        "import atexit, sys, _imp, importlib.machinery, importlib.util\n"
+        f"loader = importlib.machinery.ExtensionFileLoader('_native', {_native.__file__!r})\n"
+        "spec = importlib.util.spec_from_file_location('_native', loader=loader)\n"
+        "ran = []\n"
+        "sys.setprofile(lambda frame, event, _: ran.append(frame.f_code.co_name) if event == 'call' else None)\n"
+        "_imp.exec_dynamic(_imp.create_dynamic(spec))\n"
+        "sys.setprofile(None)\n"
+        "assert set(ran) <= {'<module>'}, ran"  # nanobind's own, which goes on without what was interrupted
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]

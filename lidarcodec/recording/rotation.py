@@ -7,6 +7,7 @@ never the stream that is recorded. Writing takes as long as the disk takes: call
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import logging
 import os
 import re
@@ -22,6 +23,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
 from lidarcodec.recording.writer import RecordingWriter
+from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings, valid_name
 
 log = logging.getLogger(__name__)
@@ -74,6 +76,7 @@ class RotatingRecorder:
         self._file: IO[bytes] | None = None
         self._writer: RecordingWriter | None = None
         self._synced = self._in_file = 0
+        self._made: list[str] = []
 
     def write(self, data: bytes) -> bool:
         """Records one message, as `wire.pack` gave it; whether it did. A file is begun, or changed, at key messages.
@@ -169,20 +172,34 @@ class RotatingRecorder:
         except BaseException:
             _thrown_away(file, path)
             raise
+        with contextlib.suppress(OSError):  # not every file system can
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._made.append(path.name)
         self._file, self._writer = file, writer
         self._synced = self._in_file = 0
         self.counts["files"] += 1
 
     def _make_room(self, needed: int) -> None:
-        """Deletes the oldest files until the current one may take `needed` bytes; ends the recording if it may not."""
-        files = [(path, path.stat().st_size) for path in self.files() if path != self.path]
+        """Deletes the oldest files until the current one may take `needed` bytes; ends the recording if it may not.
+
+        Those of earlier runs come first, whatever the clock said then, and those of this run in their order. A file
+        that another recorder is writing stays.
+        """
+        order = {name: number for number, name in enumerate(self._made)}
+        found = sorted(self.files(), key=lambda path: order.get(path.name, -1))
+        self._made = [path.name for path in found if path.name in order]
+        files = [(path, path.stat().st_size) for path in found if path != self.path]
         total = sum(size for _, size in files)
         for path, size in files:
             if total + needed <= self.max_total_bytes:
                 return
+            if _is_written(path):
+                continue
             path.unlink()
             total -= size
             self.counts["deleted files"] += 1
+        if needed + total > self.max_total_bytes and total:
+            raise OSError(f"another recorder writes files of the same name in {self.folder}: give each its own folder")
         if needed > self.max_total_bytes:
             raise OSError(
                 f"a file of {needed} bytes in a folder of {self.max_total_bytes}: no key message began another"
@@ -228,6 +245,18 @@ def _thrown_away(file: IO[bytes], path: Path) -> None:
     with contextlib.suppress(OSError):
         file.close()
     path.unlink(missing_ok=True)
+
+
+def _is_written(path: Path) -> bool:
+    """Whether another recorder holds the lock of a file that it is writing."""
+    try:
+        with open_regular(path) as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no locks there, or nothing that could be read
+        return False
+    return False
 
 
 def _sync_folder(folder: Path) -> None:

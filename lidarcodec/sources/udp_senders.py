@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from enum import IntEnum
 from ipaddress import ip_address
 from typing import Final
 
-from lidarcodec._native import SenderJudge, SenderReason
+from lidarcodec._native import SenderJudge
 from lidarcodec.sources.udp_notices import Notices
 
 logger = logging.getLogger(__name__)
@@ -17,6 +18,24 @@ RIVAL: Final = 64
 """Score (packets in 0.1 s that hang together) from which a sender looks like a sensor."""
 SHOWN: Final = 3
 """Refused senders that a warning names."""
+
+
+class SenderVerdict(IntEnum):
+    """What is done with a packet; the numbers are those of native/src/udp_senders.hpp."""
+
+    KEEP = 0
+    HOLD = 1
+    REFUSE = 2
+    OTHER_SENSOR = 3
+
+
+class SenderReason(IntEnum):
+    """Why a sender was chosen; the numbers are those of native/src/udp_senders.hpp."""
+
+    NONE = 0
+    FIRST = 1
+    SILENT = 2
+    IMPLAUSIBLE = 3
 
 
 class Senders:

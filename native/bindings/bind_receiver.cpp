@@ -21,16 +21,7 @@ std::span<const std::uint8_t> bytes_of(const nb::bytes& b) {
 }  // namespace
 
 void bind_receiver(nb::module_& m) {
-  nb::enum_<lc::SenderVerdict>(m, "SenderVerdict", "What is done with a packet.")
-      .value("KEEP", lc::SenderVerdict::Keep)
-      .value("HOLD", lc::SenderVerdict::Hold)
-      .value("REFUSE", lc::SenderVerdict::Refuse)
-      .value("OTHER_SENSOR", lc::SenderVerdict::OtherSensor);
-  nb::enum_<lc::SenderReason>(m, "SenderReason", "Why a sender was chosen.")
-      .value("NONE", lc::SenderReason::None)
-      .value("FIRST", lc::SenderReason::First)
-      .value("SILENT", lc::SenderReason::Silent)
-      .value("IMPLAUSIBLE", lc::SenderReason::Implausible);
+  // Numbers, and no nb::enum_: that runs Python code while the module is loaded, where a signal ends the process.
   nb::class_<lc::SenderJudge>(m, "SenderJudge", "Which of those that send is the sensor, by what each sent lately.")
       .def("__init__",
            [](lc::SenderJudge* self, const nb::bytes& pinned, bool all) {
@@ -49,12 +40,13 @@ void bind_receiver(nb::module_& m) {
             from.size = static_cast<std::uint8_t>(bytes.size());
             from.port = port;
             std::uint32_t id = 0;
-            return judge.judge(bytes_of(payload).data(), from, now_ns, id);
+            return static_cast<int>(judge.judge(bytes_of(payload).data(), from, now_ns, id));
           },
-          nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"), "What to do with a packet.")
+          nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"), "What to do with a packet, a SenderVerdict.")
       .def("settle", &lc::SenderJudge::settle, nb::arg("now_ns"), "Choose, if the time for it has come.")
       .def_prop_ro("chosen", &lc::SenderJudge::chosen, "Id of the sender, 0 while there is none.")
-      .def_prop_ro("reason", &lc::SenderJudge::reason, "Why it was chosen.")
+      .def_prop_ro("reason", [](const lc::SenderJudge& j) { return static_cast<int>(j.reason()); },
+                   "Why it was chosen, a SenderReason.")
       .def_prop_ro("changes", &lc::SenderJudge::changes, "How often another sender took its place.")
       .def_prop_ro("refused", &lc::SenderJudge::refused, "Packets of others.")
       .def_prop_ro("other", &lc::SenderJudge::other, "Packets of other sensors, before there was a choice.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 from pathlib import Path
 
@@ -139,3 +140,42 @@ def test_sizes_that_leave_no_room_are_refused(tmp_path: Path) -> None:
     with pytest.raises(HeaderError):
         RotatingRecorder(tmp_path, "truck", "roof").write(b"nothing")
     assert not list(tmp_path.iterdir())
+
+
+def filled(recorder: RotatingRecorder, messages: int) -> None:
+    for index in range(messages):
+        assert recorder.write(big(index, True))
+
+
+def test_a_clock_that_is_behind_does_not_make_the_newest_files_the_oldest(tmp_path: Path) -> None:
+    """A vehicle without a clock of its own begins in 1970: what it recorded a minute ago was deleted first."""
+    earlier = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
+    filled(earlier, 30)
+    earlier.close()
+    old = earlier.files()
+    for path in old:
+        os.utime(path, (2e9, 2e9))
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=4 * MIB)
+    filled(recorder, 25)
+    recorder.close()
+    assert recorder.counts["deleted files"] > 0
+    assert len(set(recorder.files()) - set(old)) == recorder.counts["files"], "all of this drive is there"
+
+
+def test_a_file_that_somebody_else_writes_is_not_deleted(tmp_path: Path) -> None:
+    """Two publishers with one name and one folder: each deleted what the other was writing, and neither said so."""
+    other = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=3 * MIB)
+    filled(other, 3)
+    assert other.path is not None
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=3 * MIB)
+    filled(recorder, 60)
+    assert other.path.exists()
+    filled(other, 3)
+    kept = other.path
+    other.close()
+    with kept.open("rb") as file:
+        assert len(list(RecordingReader(file).messages())) == 6
+    filled(recorder, 60)
+    assert not kept.exists(), "it is one of the oldest once it is closed"
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * MIB
+    recorder.close()

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from lidarcodec._native import SenderJudge, SenderReason, SenderVerdict
+from lidarcodec._native import SenderJudge
 from lidarcodec.assembly import Assembler
 from lidarcodec.errors import PacketError
 from lidarcodec.packet import FirstPacket, Packet
@@ -19,6 +19,7 @@ from lidarcodec.sensors import generic_sensor, identify
 from lidarcodec.sensors.table import MODELS
 from lidarcodec.sources import open_source
 from lidarcodec.sources.udp_notices import MAX_CAUSES, Notices
+from lidarcodec.sources.udp_senders import SenderReason, SenderVerdict
 from tests.sources import captures as c
 
 PACKET_NS = 288_000
