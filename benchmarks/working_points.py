@@ -84,8 +84,12 @@ def chamfer(original: Cloud, decoded: Frame) -> float:
 
 
 def coded(codec: str, step: int, settings: StreamSettings, frames: list[Frame]) -> tuple[dict[str, float], list[Frame]]:
+    """Bits of the frames behind the first WARM, by part, and all frames as decoded; every step-th column is sent."""
+    return sizes_of(settings.model_copy(update={"reduction": f"lattice:{step}"}), frames)
+
+
+def sizes_of(settings: StreamSettings, frames: list[Frame]) -> tuple[dict[str, float], list[Frame]]:
     """Bits of the frames behind the first WARM, by part, and all frames as decoded."""
-    settings = settings.model_copy(update={"reduction": f"lattice:{step}"})
     encoder, decoder = StreamEncoder(settings, stream_id=1), StreamDecoder()
     bits, out = {"range": 0.0, "intensity": 0.0, "rest": 0.0}, []
     messages = [message for frame in frames for message in encoder.encode(frame)] + encoder.flush()

@@ -18,13 +18,14 @@ from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
-from lidarcodec.lattice import on_lattice, thinned
+from lidarcodec.lattice import thinned
 from lidarcodec.message import Message
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
 from lidarcodec.ratecontrol import RateControl
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.reduction.reducing import Reducing
 from lidarcodec.reduction.table import check as check_reduction
+from lidarcodec.reduction.thinning import Thinning
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.thinned_stream import LatticeNotes, in_own_columns
@@ -94,7 +95,7 @@ class StreamEncoder:
         self._make_encoder = make_encoder
         self.settings = without_auto(check(settings or StreamSettings()))
         self.stream_id = secrets.randbits(64) if stream_id is None else stream_id
-        self._reducing = Reducing(self.settings)
+        self._reducing, self._thinning = Reducing(self.settings), Thinning(self.settings)
         self._encoder = make_encoder(self.settings, self.stream_id)
         self._rate = self._rate_control(self.settings)
         self._steer()
@@ -123,17 +124,12 @@ class StreamEncoder:
     def _coded_to_rate(self, frame: Frame, rate: RateControl, *, key: bool) -> list[Message]:
         key_is_due = key or (rate.dear and self._encoder.apply(rate.settings))
         self._encoder.apply(rate.settings_for(frame, key=key_is_due))
-        thin = self._on_lattice(frame, rate)
-        messages = self._coded(thin, key=key)
-        if rate.spilled(thin, messages):
+        messages = self._coded(self._thinning.thin(frame, rate.step), key=key)
+        if rate.spilled(frame, messages):
             self._encoder.apply(rate.settings_for(frame, key=True))
-            thin = self._on_lattice(frame, rate)
-            messages = self._coded(thin, key=True)
-        rate.sent(thin, messages)
+            messages = self._coded(self._thinning.thin(frame, rate.step), key=True)
+        rate.sent(frame, messages)
         return messages
-
-    def _on_lattice(self, frame: Frame, rate: RateControl) -> Frame:
-        return on_lattice(frame, rate.step, rolling=table.codec(self.settings.codec).rolling)
 
     def _coded(self, frame: Frame, *, key: bool) -> list[Message]:
         self.reduced = frame
@@ -144,7 +140,7 @@ class StreamEncoder:
     def apply(self, settings: StreamSettings) -> bool:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
         checked = without_auto(check(settings))
-        reducing = Reducing(checked, self._reducing)
+        reducing, thinning = Reducing(checked, self._reducing), Thinning(checked, self._thinning)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)
             if self._rate is not None and checked.target_kbps is not None:
@@ -157,7 +153,7 @@ class StreamEncoder:
             self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
         self._steer()
-        self._reducing, self.settings = reducing, checked
+        self._reducing, self._thinning, self.settings = reducing, thinning, checked
         return key
 
     def aim(self, target_kbps: float) -> None:
@@ -202,7 +198,7 @@ class StreamEncoder:
     def reduction(self) -> dict[str, Any] | None:
         """How frames are reduced: `name`, `returns` of the last frame and `kept` of them, what the reducer says, and a
         `note` for who chooses it; None where all returns are sent."""
-        return self._reducing.report()
+        return self._reducing.report() if self._rate is None else self._reducing.report() or self._thinning.report()
 
     def _flushed(self) -> list[Message]:
         messages = [self._lattices.noted(message) for message in self._encoder.flush()]

@@ -26,7 +26,9 @@ AUTO: Literal["auto"] = "auto"
 """As target: the bitrate that the path carries, found while the stream runs. As intensity or reduction: what the target
 has bits for, all without a target."""
 LATTICE: Final = "lattice"
-Purpose = Literal["look", "archive"]
+Purpose = Literal["look", "localise", "detect", "archive"]
+UNFILLED: Final[tuple[Purpose, ...]] = ("localise", "detect")
+"""Purposes for which receivers make up no returns between those that were sent."""
 
 
 def step_of(max_error_m: float) -> int:
@@ -66,8 +68,9 @@ class StreamSettings(BaseModel):
     key_interval: int = Field(default=50, ge=1, le=100_000)
     """Frames from one key frame to the next."""
     purpose: Purpose = "look"
-    """What a target is spent on. `look`: the picture that a person sees; `archive`: every return of every frame kept as
-    long as it can be, and only intensity and the bound given up."""
+    """What a target is spent on. `look`: the picture that a person sees; `localise`: few returns within a sharp bound,
+    those that a localiser needs; `detect`: what stands near first; `archive`: every return of every frame kept as long
+    as it can be, and only intensity and the bound given up."""
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""
 

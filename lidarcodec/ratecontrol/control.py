@@ -113,7 +113,8 @@ class RateControl:
 
     @property
     def step(self) -> int:
-        """The step of the lattice to which the frame before is thinned; 1 where a reduction is pinned."""
+        """The step of the lattice to which the frame before is thinned, or of how many returns one is sent; 1 where a
+        reduction is pinned."""
         return self.point.step if self._settings.reduction == AUTO else 1
 
     def leaves_out(self, frame: Frame) -> bool:
@@ -201,7 +202,7 @@ class RateControl:
             "kbps_5s": None if mean is None else round(mean, 1),
             self._knob.setting: self.point.value,
             "intensity": self._intensity_at(self.point),
-            "step": self.step,
+            "step": 1 if self._settings.purpose == "localise" else self.step,
             "frames_left_out": self.left_out,
         }
 
@@ -221,6 +222,8 @@ class RateControl:
             raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
+        if settings.purpose == "localise":
+            model += f" {settings.purpose}"
         if settings.reduces:  # a return among few costs more than one among many
             model += f" {settings.reduction} {settings.keep_points} {settings.keep_fraction}"
         self._settings, self._knob = settings, knob

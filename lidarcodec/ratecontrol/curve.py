@@ -46,7 +46,8 @@ INTENSITY_BEYOND_M: Final = 4e-4
 
 
 class WorkingPoint(NamedTuple):
-    """step: every step-th column is sent; value: of the codec's knob; levels: of intensity, 256 lossless, 0 none."""
+    """step: every step-th column is sent, or one return in so many; value: of the codec's knob; levels: of intensity,
+    256 lossless, 0 none."""
 
     step: int
     value: float
@@ -86,10 +87,36 @@ class Curve:
         return self.range + self.intensity + self.rest
 
 
-@lru_cache(maxsize=1)
-def _measured() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(files("lidarcodec.ratecontrol").joinpath("working_points.json").read_text())
+@lru_cache(maxsize=8)
+def _measured(purpose: Purpose = "look") -> dict[str, Any]:
+    """What was measured for a purpose, by codec. What a point is worth stands in for the Chamfer distance where it is
+    something else: a car's distance from its place (`localise`), that of things to what is sent (`detect`)."""
+    found = _read("working_points_localise.json" if purpose == "localise" else "working_points.json")
+    if purpose == "localise":
+        for entry in found.values():
+            entry["chamfer_m"] = entry["cost_m"]
+            entry["intensity_rmse"] = np.zeros_like(entry["intensity_bits"])
+    if purpose == "detect":
+        things = _read("working_points_detect.json")
+        for entry in found.values():
+            entry["chamfer_m"] = _worth_of(things, entry)
     return found
+
+
+def _read(name: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(files("lidarcodec.ratecontrol").joinpath(name).read_text())
+    return found
+
+
+def _worth_of(things: dict[str, Any], entry: dict[str, Any]) -> list[list[float]]:
+    """What points are worth to a detector, by step and value: a codec without a bound as one with the same RMSE."""
+    bounds = np.sqrt(3.0) * np.array(entry["rmse_m"])
+    if entry["bounded"]:
+        bounds = np.broadcast_to(np.array(entry["values"]), bounds.shape)
+    rows = [things["missed_m"][things["steps"].index(step)] for step in entry["steps"]]
+    found = [np.interp(at, things["bounds_m"], row) for at, row in zip(bounds, rows, strict=True)]
+    worth: list[list[float]] = np.array(found).tolist()
+    return worth
 
 
 def has_curve(codec: str) -> bool:
@@ -103,7 +130,10 @@ def operating_curve(codec: str, pins: Pins) -> Curve:
 
     Where a pinned value was not measured, what lies nearest is where the rate control begins to learn.
     """
-    entry = _measured()[codec]
+    if pins.purpose in ("localise", "detect") and pins.levels is None:
+        pins = pins._replace(levels=0)
+    thinned = pins.purpose != "localise" or pins.step is None
+    entry = _measured(pins.purpose if thinned else "look")[codec]
     values, grids = _fine(entry, codec, pins.bound_m)
     steps = np.array(entry["steps"])
     levels = np.array(entry["levels"])

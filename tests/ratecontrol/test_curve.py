@@ -13,6 +13,7 @@ from lidarcodec.settings import StreamSettings, settings_from
 
 STEERED = [name for name in table.names() if table.codec(name).knob is not None]
 PINS = [Pins(), Pins(step=1), Pins(levels=256), Pins(levels=0), Pins(bound_m=0.01), Pins(purpose="archive"),
+        Pins(purpose="localise"), Pins(purpose="detect"), Pins(step=7, purpose="localise"),
         Pins(step=7, levels=11, bound_m=0.05)]  # fmt: skip
 
 

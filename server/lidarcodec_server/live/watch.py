@@ -16,6 +16,7 @@ from lidarcodec.apps.receiver import Receiver
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.settings import UNFILLED
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import SERVER_RECEIVER, StreamKeys
 from lidarcodec_server.live.chain import coded
@@ -183,13 +184,18 @@ class Watch:
         latency_ms = stats.decoded(frame, now_ns)
         codec = 0 if message is None else message.codec
         facts = Facts(stats.stream_id or 0, codec, stats.counts["missing"], latency_ms, now_ns)
-        view = FrameView(frame, facts, self._originals)
+        view = FrameView(frame if self._fills() else frame.with_(lattice=None), facts, self._originals)
         if message is None or message.frame_count == 1:
             self._call(self._show_now, view)
             return
         if message is not self._group:
             self._group, self._group_ns = message, frame.stamp_ns
         self._call(self._show_later, view, message, (frame.stamp_ns - self._group_ns) / 1e9)
+
+    def _fills(self) -> bool:
+        """Whether returns may be made up between those that were sent: not where a program is to look at them."""
+        settings = (self.receiver.status or {}).get("settings")
+        return not isinstance(settings, dict) or settings.get("purpose") not in UNFILLED
 
     def _came(self, data: bytes) -> None:
         for tap in self._taps:

@@ -47,6 +47,24 @@ async def test_a_viewer_sees_the_points_of_the_vehicle(server, vehicle):
         assert 0.5 < distance.min() < distance.max() < 30
 
 
+async def test_gaps_are_filled_in_for_a_person_and_not_where_a_program_is_to_look(server, vehicle):
+    made_up = 128
+    async with server.socket(f"{STREAM}/cloud?attributes=filled") as socket:
+
+        async def seen(purpose, flag):
+            vehicle.change(codec="pcodec", target_kbps=700, purpose=purpose)
+            for _ in range(200):
+                head, _ = CLIENT.read_message(await frame(socket))
+                await socket.send("ack")
+                rate = vehicle.status()["rate"]
+                if bool(head["flags"] & made_up) == flag and rate["step"] > 1:
+                    return True
+            return False
+
+        assert await seen("look", True)
+        assert await seen("detect", False)
+
+
 async def test_the_next_frame_comes_only_after_an_acknowledgement_and_is_the_newest(server, vehicle):
     async with server.socket(f"{STREAM}/cloud?form=range") as socket:
         first = index_of(await frame(socket))
