@@ -78,7 +78,9 @@ export class CloudSocket implements FrameSource {
     this.#socket = null;
     if (!socket) return;
     socket.onopen = socket.onmessage = socket.onclose = null;
-    socket.close();
+    // One that is being opened is closed when it is: browsers complain of what is closed before.
+    if (socket.readyState === WebSocket.CONNECTING) socket.onopen = () => socket.close();
+    else socket.close();
   }
 
   #path(name: string): URL {
