@@ -215,7 +215,8 @@ class _Maker:
 
     def _connecting(self, role: Role, name: str) -> str:
         identity = self._identity(role, name, (), listens=False)
-        options = connecting(identity, self._network(), routed=bool(self._deployment.routers))
+        deployment = self._deployment
+        options = connecting(identity, self._network(), deployment.people, routed=bool(deployment.routers))
         return self._put(file_of(role, name), options)
 
     def _identity(self, role: Role, name: str, hosts: tuple[str, ...], *, listens: bool) -> Identity:
