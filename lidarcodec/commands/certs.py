@@ -21,7 +21,7 @@ from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.commands.certificates import Authority, write_private
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
-from lidarcodec.transport.access import ROUTER, Auth, People
+from lidarcodec.transport.access import PLAYBACKS, ROUTER, Auth, People
 from lidarcodec.transport.secured import Identity, Network, Role, accepting, connecting, nested
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.whole_files import written_whole
@@ -127,6 +127,8 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
         for text in given:
             name, at, hosts = text.partition("@")
             valid_name(name, role)
+            if name.startswith(PLAYBACKS):
+                raise SettingsError(f"--{role} {name}: operators may speak for all vehicles named {PLAYBACKS}...", role)
             before = deployment.parties.get(name)
             if name == ROUTER or name in named or (before is not None and before.role != role):
                 raise SettingsError(f"--{role} {name}: the name is taken; each has one role and its own name", role)

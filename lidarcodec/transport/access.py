@@ -5,10 +5,10 @@ reports under its own name only. An operator is a viewer who may also change set
 named `playback-...`. What is not allowed is denied.
 
 Two things about that access control decide the form of these rules. It holds on links, so it belongs to whoever accepts
-connections: routers, and vehicles that listen themselves. Those who connect to several vehicles have rules, too
-(`vehicles_only`): nobody else stands between one vehicle and the name of another. And a rule covers what it contains: who is allowed
-`a/frame` and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the
-rules: `ingress` is what the other side sends.
+connections: routers, and vehicles that listen themselves. Those who connect to such vehicles hold rules as well
+(`vehicles_only`), or one vehicle could speak for another. And a rule covers what it contains: who is allowed `a/frame`
+and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the rules: `ingress`
+is what the other side sends.
 
 >>> people = People(vehicles=("car-7",), viewers=("anna",))
 >>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
@@ -24,8 +24,8 @@ from lidarcodec.transport.keys import PREFIX
 
 ROUTER = "router"
 """Name that all routers of a deployment share, in their certificates or as a user."""
-PLAYBACK = "playback-$*"
-"""Vehicles that a server, which is an operator, makes of recordings."""
+PLAYBACKS = "playback-"
+"""How vehicles are named that a server, which is an operator, makes of recordings; nobody else has such a name."""
 Auth = Literal["certificate", "password", "none"]
 ANY = f"{PREFIX}/*/*"
 WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
@@ -93,7 +93,7 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.subject("operators", list(people.operators))
     made.allow(["viewers", "operators"], *_looking())
     made.allow(["operators"], *_asking(["control/set"]))
-    made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACK}/*"))
+    made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
         made.allow([f"receiver {name}"], *_reporting(name))
