@@ -1,4 +1,4 @@
-"""The sensor's own numbers, each with its source.
+"""The sensor's own numbers, each with its source, and what may be a number.
 
 HDL-64E S2 and S3 user manuals (Velodyne, rev. D 2011 and rev. K 2014), section "Data packet format".
 """
@@ -43,3 +43,12 @@ MAX_POSITIONS_BYTES: Final = MAX_POSITIONS * POSITION_BYTES
 """Upper limit of all position packets of a frame."""
 MAX_COLUMNS: Final = MAX_PACKETS * BLOCKS_PER_PACKET
 """Upper limit of a frame's width: every block may open a column of its own."""
+
+
+def is_number(text: str, most: int, least: int = 0) -> bool:
+    """Whether a text is a number in the digits 0 to 9, from `least` to `most`.
+
+    >>> [is_number(text, 65535, 1) for text in ("2368", "0", "65536", "\u00b2", "9" * 5000)]
+    [True, False, False, False, False]
+    """
+    return text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= most

@@ -58,6 +58,24 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     assert json.loads(run_here("verify", recording, capture, "--json").stdout)["packets_identical"] is True
 
 
+def test_a_recording_that_stopped_is_told_by_the_exit_code_of_both_sides(capture, endpoint, subscriber, tmp_path):
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("no folder")
+    receiving = subscriber("--until-end", "--record", in_the_way)
+    published = run(*publish(capture, endpoint, "--rate", "max", "--record", in_the_way))
+    out, complaints = receiving.communicate(timeout=30)
+    assert json.loads(out)["frames"] == 12  # what was received is told all the same
+    assert published.stdout.startswith("car/roof: 12 frames")
+    for code, said in ((published.returncode, published.stderr), (receiving.returncode, complaints)):
+        assert code == 1
+        assert "the recording stopped before the stream did" in said.splitlines()[-1]
+    both = tmp_path / "publish.yaml"
+    sensor = {"name": "roof", "source": str(capture), "record": {"folder": str(in_the_way)}}
+    both.write_text(json.dumps({"vehicle": "car", "listen": [endpoint], "sensors": [sensor]}))  # JSON is YAML
+    published = run("publish", "--config", both)
+    assert (published.returncode, "car/roof: File exists" in published.stderr) == (1, True), published.stderr
+
+
 def test_a_subscriber_goes_on_after_its_publisher_was_killed_and_started_again(capture, endpoint, subscriber):
     receiving = subscriber("--frames", 8)
     for _ in range(2):

@@ -23,7 +23,7 @@ from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.side import SideInfo
-from lidarcodec.units import DATA_PORT, POSITION_PORT
+from lidarcodec.units import DATA_PORT, POSITION_PORT, is_number
 
 logger = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
     host, colon, port = text.rpartition(":") if not text.endswith("]") else (text, "", "")
     if not colon:
         host, port = text, str(DATA_PORT)
-    if not host or not port.isdigit() or not 1 <= int(port) <= 65535 or (":" in host and host[0] != "["):
+    if not host or not is_number(port, 65535, 1) or (":" in host and host[0] != "["):
         raise SettingsError(f"'{text}' is no UDP address: write HOST:PORT or [HOST]:PORT", "udp")
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
@@ -77,7 +77,7 @@ def target_of(text: str) -> Target:
     name, _, port = options.partition("=")
     if not question:
         return Target(family, data, (data[0], POSITION_PORT) if data[1] == DATA_PORT else None)
-    if name != "position" or (port != "off" and not (port.isdigit() and 1 <= int(port) <= 65535)):
+    if name != "position" or (port != "off" and not is_number(port, 65535, 1)):
         raise SettingsError(f"'{text}': write HOST:PORT?position=PORT, or position=off", "udp")
     return Target(family, data, None if port == "off" else (data[0], int(port)))
 

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from lidarcodec.apps.ending import ended
-from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.bridges.streams import Streams
+from lidarcodec.bridges.viewer_log import ViewerLog
 from lidarcodec.errors import MissingExtraError, TransportError
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
@@ -58,7 +58,7 @@ STATISTICS_SCHEMA: Final = {
         "replaced": {**_NUMBER, "description": "frames that gave way to newer ones before they were encoded"},
         "missing": {**_NUMBER, "description": "frames that did not come here, those replaced among them"},
         "skipped": {**_NUMBER, "description": "frames decoded here that gave way to newer ones"},
-        "errors": {**_NUMBER, "description": "messages that could not be decoded"},
+        "errors": {**_NUMBER, "description": "messages not decoded, and frames not handed on"},
     },
 }
 
@@ -94,7 +94,8 @@ class _Channels:
 class FoxgloveBridge:
     """Serves streams until it is closed; a context manager.
 
-    port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames
+    port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames,
+    `complaints` of the server about viewers: connections that broke, messages that were wrong
     """
 
     def __init__(
@@ -123,6 +124,7 @@ class FoxgloveBridge:
         self.host, self.port, self._fill = host, port, fill
         self.counts: Counter[str] = Counter()
         self._counting = threading.Lock()
+        self._viewer_log = ViewerLog(lambda: self._count(complaints=1))
         self._context = foxglove.Context()
         self._channels: dict[StreamKeys, _Channels] = {}
         self._server: WebSocketServer | None = None
@@ -134,6 +136,7 @@ class FoxgloveBridge:
 
         Raises TransportError if nothing can listen there.
         """
+        self._viewer_log.open()
         try:
             self._server = self._foxglove.start_server(
                 name="lidarcodec",
@@ -143,6 +146,7 @@ class FoxgloveBridge:
                 message_backlog_size=WAITING * len(self._streams.keys),
             )
         except (RuntimeError, OSError, ValueError) as error:
+            self._viewer_log.close()
             reason = re.sub(r"^.*?bind port: | \(os error \d+\)$", "", str(error))
             raise TransportError(f"cannot listen on {self.host}:{self.port}: {reason}; choose another port") from None
         self.port = self._server.port
@@ -181,6 +185,7 @@ class FoxgloveBridge:
         server, self._server = self._server, None
         if server is not None:
             server.stop()
+        self._viewer_log.close()
 
     def _take(self, key: StreamKeys, frame: Frame) -> None:
         channels = self._channels[key]
@@ -208,13 +213,14 @@ class FoxgloveBridge:
         while not self._stop.wait(EVERY_S):
             for key, channels in self._channels.items():
                 if channels.statistics.has_sinks():
-                    found = _statistics(key, self._streams.live[key], channels)
+                    found = _statistics(key, self._streams, channels)
                     channels.statistics.log(json.dumps(found).encode(), log_time=time.time_ns())
 
 
-def _statistics(key: StreamKeys, live: LiveStream, channels: _Channels) -> dict[str, Any]:
+def _statistics(key: StreamKeys, streams: Streams, channels: _Channels) -> dict[str, Any]:
     """What STATISTICS_SCHEMA describes, of this moment."""
-    here, there = live.summary(), live.status or {}
+    live = streams.live[key]
+    here, there = streams.summary_of(key), live.status or {}
     now_s, received = time.monotonic(), here.get("bytes", 0)
     kbps = (received - channels.bytes) * 8e-3 / max(now_s - channels.measured_s, 1e-3)
     channels.bytes, channels.measured_s = received, now_s

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from lidarcodec.apps.ending import ended
+from lidarcodec.apps.once import Once
 from lidarcodec.apps.subscribe import LiveStream
-from lidarcodec.errors import LidarCodecError, SettingsError
+from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.filling import fills_for
 from lidarcodec.frame import Frame
 from lidarcodec.transport import Endpoints, Transport
 from lidarcodec.transport.keys import StreamKeys
+
+logger = logging.getLogger(__name__)
 
 TICK_S = 0.2
 
@@ -22,6 +26,8 @@ Take = Callable[[StreamKeys, Frame], object]
 
 class Streams:
     """Receives streams until it is closed or, with `until_end`, all publishers have gone.
+
+    A frame that cannot be handed on is lost, counted and said once; the stream goes on with the next one.
 
     keys: of the streams;  live: what receives them, by key, while it runs
     """
@@ -44,6 +50,7 @@ class Streams:
                 raise SettingsError(f"{key.vehicle}/{key.sensor} is named twice", "stream")
         self._take = take
         self._failure: BaseException | None = None
+        self._once = {key: Once(logger) for key in self.keys}
         self.live = {
             key: LiveStream(key.prefix, endpoints=endpoints, transport=transport, until_end=until_end)
             for key in self.keys
@@ -83,7 +90,12 @@ class Streams:
 
     def summary(self) -> dict[str, dict[str, Any]]:
         """How it goes, by stream."""
-        return {f"{key.vehicle}/{key.sensor}": live.summary() for key, live in self.live.items()}
+        return {f"{key.vehicle}/{key.sensor}": self.summary_of(key) for key in self.keys}
+
+    def summary_of(self, key: StreamKeys) -> dict[str, Any]:
+        """How one stream goes; frames that could not be handed on are among its `errors`."""
+        summary = self.live[key].summary()
+        return {**summary, "errors": {**summary["errors"], **self._once[key].counts}}
 
     def close(self) -> None:
         """End all streams; harmless when called twice."""
@@ -95,7 +107,15 @@ class Streams:
         try:
             with live:
                 for frame in live:
-                    self._take(key, frame)
+                    self._hand_on(key, frame)
         except LidarCodecError as error:
             self._failure = self._failure or error
             self.interrupt()
+
+    def _hand_on(self, key: StreamKeys, frame: Frame) -> None:
+        try:
+            self._take(key, frame)
+        except TransportError:
+            raise
+        except Exception as error:  # whatever a vehicle sends, it ends no stream, neither its own nor those of others
+            self._once[key].add("frames not handed on", error)

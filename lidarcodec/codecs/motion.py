@@ -31,8 +31,9 @@ MOST_SHIFT: Final = 320_000
 """Largest part of a shift: 20 m within a turn."""
 _ROTATION_UNIT: Final = 1 << 30
 _BYTES: Final = 3
-_SAME_SIZE: Final = 0.1
-"""By how much the volume of what a pose moves may change: poses come from others, rounded as they will be."""
+_ROUNDED: Final = 0.1
+"""By how much an element of R R^T may differ from the identity: poses come from other programs, which round them."""
+_FARTHEST_M: Final = 1e9
 
 Triple = tuple[int, int, int]
 Matrix = npt.NDArray[np.float64]
@@ -107,10 +108,11 @@ def _triple(values: npt.NDArray[np.float64]) -> Triple:
 
 
 def is_rigid(pose: npt.NDArray[np.float64]) -> bool:
-    """Whether a (4, 4) matrix moves things without changing their size much or turning them inside out."""
-    if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+    """Whether a (4, 4) matrix is a rotation, as far as rounding leaves one, and a shift of less than 10^9 m."""
+    if not (np.isfinite(pose).all() and np.abs(pose).max() < _FARTHEST_M) or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         return False
-    return bool(abs(np.linalg.det(pose[:3, :3]) - 1) < _SAME_SIZE)
+    turn = pose[:3, :3]
+    return bool(np.abs(turn @ turn.T - np.eye(3)).max() < _ROUNDED and np.linalg.det(turn) > 0)
 
 
 def encode_motion(motion: Motion) -> bytes:

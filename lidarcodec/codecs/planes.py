@@ -154,8 +154,8 @@ def decode_pose(message: Message) -> npt.NDArray[np.float64] | None:
         raise SectionError(f"a pose section of {len(data)} bytes, not 96")
     pose = np.eye(4)
     pose[:3] = np.frombuffer(data, "<f8").reshape(3, 4)
-    if not np.isfinite(pose).all():
-        raise SectionError("a pose that is not finite")
+    if not is_rigid(pose):
+        raise SectionError("a pose that is no rigid transform")
     return pose
 
 

@@ -17,6 +17,7 @@ from lidarcodec.commands.options import option
 from lidarcodec.commands.running import keep_standard_output
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError
+from lidarcodec.units import is_number
 
 app = typer.Typer(help="Hand live streams on to ROS 2 or Foxglove.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -114,8 +115,8 @@ def _domain(given: int | None) -> int:
     text = os.environ.get(DOMAIN_VARIABLE, "")
     if given is not None or not text:
         return given or 0
-    if not text.isdigit():
-        raise SettingsError(f"{DOMAIN_VARIABLE} is a number, not '{text}'", "domain")
+    if not is_number(text, 232):
+        raise SettingsError(f"{DOMAIN_VARIABLE} is a number from 0 to 232, not '{text}'", "domain")
     return int(text)
 
 

@@ -1,7 +1,7 @@
 """A certificate authority of one's own, and certificates from it. Needs the package `cryptography` (extra `server`).
 
-Keys are on the curve P-256. A certificate is for both ends of a connection, because routers also connect; its common
-name is what access control knows, its alternative names are what those who connect ask for.
+Keys are on the curve P-256. A certificate of those who listen is for both ends of a connection, because routers also
+connect. Its common name is what access control knows, its alternative names are what those who connect ask for.
 """
 
 from __future__ import annotations
@@ -79,11 +79,13 @@ class Authority:
         return bytes(self._certificate.public_bytes(serialization.Encoding.PEM))
 
     def issue(self, name: str, hosts: tuple[str, ...], days: int) -> Issued:
-        """A new key and certificate; hosts: names and addresses under which it listens."""
+        """A new key and certificate; hosts: names and addresses under which it listens. Without any it is for those who
+        connect only: whatever a vehicle or viewer is called, it cannot pass for a router of that name."""
         x509, ec, _ = _cryptography()
         from cryptography.x509.oid import ExtendedKeyUsageOID
 
         key = ec.generate_private_key(ec.SECP256R1())
+        uses = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if hosts else [])]
         until = min(datetime.now(UTC) + timedelta(days=days), self._certificate.not_valid_after_utc)
         built = (
             _builder(name, key.public_key(), until)
@@ -91,9 +93,7 @@ class Authority:
             .add_extension(x509.SubjectAlternativeName([_alternative(host) for host in hosts or (name,)]), False)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
             .add_extension(_usage(signs_certificates=False), True)
-            .add_extension(
-                x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), False
-            )
+            .add_extension(x509.ExtendedKeyUsage(uses), False)
             .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key()), False)
         )
         return Issued(_signed(built, self._key), _key_pem(key), until)

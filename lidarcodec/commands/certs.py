@@ -22,7 +22,7 @@ from lidarcodec.commands.certificates import Authority, write_private
 from lidarcodec.commands.folder_lock import locked
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
-from lidarcodec.transport.access import ROUTER, Auth, People
+from lidarcodec.transport.access import PLAYBACKS, ROUTER, Auth, People
 from lidarcodec.transport.secured import Identity, Network, Role, accepting, connecting, nested
 from lidarcodec.untrusted_json import JsonRefusedError, read_object
 from lidarcodec.whole_files import written_whole
@@ -145,6 +145,8 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
         for text in given:
             name, at, hosts = text.partition("@")
             valid_name(name, role)
+            if name.startswith(PLAYBACKS):
+                raise SettingsError(f"--{role} {name}: operators may speak for all vehicles named {PLAYBACKS}...", role)
             before = deployment.parties.get(name)
             if name == ROUTER or name in named or (before is not None and before.role != role):
                 raise SettingsError(f"--{role} {name}: the name is taken; each has one role and its own name", role)
@@ -233,7 +235,8 @@ class _Maker:
 
     def _connecting(self, role: Role, name: str) -> str:
         identity = self._identity(role, name, (), listens=False)
-        options = connecting(identity, self._network(), routed=bool(self._deployment.routers))
+        deployment = self._deployment
+        options = connecting(identity, self._network(), deployment.people, routed=bool(deployment.routers))
         return self._put(file_of(role, name), options)
 
     def _identity(self, role: Role, name: str, hosts: tuple[str, ...], *, listens: bool) -> Identity:

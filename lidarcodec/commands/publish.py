@@ -14,7 +14,7 @@ from lidarcodec.codecs.riddle_shelf import look_in
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.stopping import stoppable
-from lidarcodec.commands.unkept import say_unkept
+from lidarcodec.commands.unkept import check_recorded, say_unkept
 from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.presets import preset
 from lidarcodec.sources import open_source
@@ -116,6 +116,12 @@ def run(
             publisher.run()
     say_unkept(spec, Counter(publisher.status()["source"]))
     print(summary_line(publisher.status()), file=sys.stdout)
+    check_recorded(recordings_of([publisher.status()]))
+
+
+def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:
+    """States of recordings by stream."""
+    return {f"{status['vehicle']}/{status['sensor']}": status["recording"] for status in statuses}
 
 
 def summary_line(status: dict[str, Any]) -> str:

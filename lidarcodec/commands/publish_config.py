@@ -23,9 +23,10 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs import table
 from lidarcodec.codecs.riddle_shelf import look_in
 from lidarcodec.commands.endpoints import Given, endpoints_of
-from lidarcodec.commands.publish import record_limits, summary_line, vehicle_of
+from lidarcodec.commands.publish import record_limits, recordings_of, summary_line, vehicle_of
 from lidarcodec.commands.settings import settings_of
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.sensors import read_calibration
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
@@ -205,3 +206,4 @@ def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None,
     if failures:
         told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
         raise SourceError(f"not everything was published: {told}")
+    check_recorded(recordings_of(running.statuses()))

@@ -11,6 +11,7 @@ from typing import Any
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.unkept import check_recorded
 
 EVERY_S = 1.0
 
@@ -41,9 +42,11 @@ def run(
             if count == frames:
                 break
         summary = live.summary()
+    summary["recording"] = live.summary()["recording"]  # what waited for the disk is in it, or is not
     if show:
         sys.stderr.write("\r\x1b[K")
     print(json.dumps(summary, indent=2) if as_json else line_of(summary))
+    check_recorded({key: summary["recording"]})
 
 
 def line_of(summary: dict[str, Any]) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
+from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.sources.unkept import unkept
 
@@ -19,6 +21,27 @@ def say_unkept(label: str, counts: Counter[str]) -> None:
     left = unkept(counts)
     if left is not None:
         log.warning("%s: not kept: %s", label, left)
+
+
+def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
+    """Say what live recordings left out. recordings: their last state (`BackgroundRecorder.state`) by stream, None for
+    a stream that was not recorded.
+
+    Raises SourceError, behind all warnings, where one stopped before its stream did.
+    """
+    stopped = []
+    for stream, state in recordings.items():
+        if state is None:
+            continue
+        dropped = state["counts"].get("dropped", 0)
+        if dropped:
+            log.warning(
+                "%s: %d messages or batches of packets were not recorded: the disk was too slow", stream, dropped
+            )
+        if state["stopped"]:
+            stopped.append(f"{stream}: {state['stopped']}")
+    if stopped:
+        raise SourceError(f"the recording stopped before the stream did: {'; '.join(stopped)}")
 
 
 def positions_in(frame: Frame) -> int:

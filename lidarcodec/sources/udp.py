@@ -26,7 +26,7 @@ from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp_senders import Senders
 from lidarcodec.sources.udp_socket import open_socket
 from lidarcodec.sources.unit_calibration import warn_if_generic
-from lidarcodec.units import DATA_PORT, PACKET_BYTES
+from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
 
 logger = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ class UdpSource(PacketSource):
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""
-        if port and not (port.isdigit() and 0 <= int(port) <= 65535):
+        if port and not is_number(port, 65535):
             raise SourceError(f"{spec.text}: the port is a number up to 65535")
         return cls(
             host.strip("[]"),

@@ -5,9 +5,10 @@ reports under its own name only. An operator is a viewer who may also change set
 named `playback-...`. What is not allowed is denied.
 
 Two things about that access control decide the form of these rules. It holds on links, so it belongs to whoever accepts
-connections: routers, and vehicles that listen themselves. And a rule covers what it contains: who is allowed
-`a/frame` and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the
-rules: `ingress` is what the other side sends.
+connections: routers, and vehicles that listen themselves. Those who connect to such vehicles hold rules as well
+(`vehicles_only`), or one vehicle could speak for another. And a rule covers what it contains: who is allowed `a/frame`
+and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the rules: `ingress`
+is what the other side sends.
 
 >>> people = People(vehicles=("car-7",), viewers=("anna",))
 >>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
@@ -23,8 +24,8 @@ from lidarcodec.transport.keys import PREFIX
 
 ROUTER = "router"
 """Name that all routers of a deployment share, in their certificates or as a user."""
-PLAYBACK = "playback-$*"
-"""Vehicles that a server, which is an operator, makes of recordings."""
+PLAYBACKS = "playback-"
+"""How vehicles are named that a server, which is an operator, makes of recordings; nobody else has such a name."""
 Auth = Literal["certificate", "password", "none"]
 ANY = f"{PREFIX}/*/*"
 WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
@@ -63,6 +64,16 @@ class _Rules:
             self.rules.append(rule)
         self.policies.append({"rules": names, "subjects": subjects})
 
+    def whole(self) -> dict[str, Any]:
+        """As Zenoh wants it; what is not allowed is denied."""
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": self.rules,
+            "subjects": self.subjects,
+            "policies": self.policies,
+        }
+
 
 def access_control(people: People, auth: Auth) -> dict[str, Any]:
     """Zenoh's `access_control` for the side that accepts connections from these people.
@@ -82,17 +93,28 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     made.subject("operators", list(people.operators))
     made.allow(["viewers", "operators"], *_looking())
     made.allow(["operators"], *_asking(["control/set"]))
-    made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACK}/*"))
+    made.allow(["operators"], *_vehicle(f"{PREFIX}/{PLAYBACKS}$*/*"))
     for name in people.viewers + people.operators:
         made.subject(f"receiver {name}", [name])
         made.allow([f"receiver {name}"], *_reporting(name))
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": made.rules,
-        "subjects": made.subjects,
-        "policies": made.policies,
-    }
+    return made.whole()
+
+
+def vehicles_only(vehicles: tuple[str, ...], auth: Auth) -> dict[str, Any]:
+    """Zenoh's `access_control` for the side that connects to vehicles themselves, with no router between.
+
+    Each vehicle, known by the common name of the certificate with which it listens, is heard under its own name only:
+    the rules of a vehicle hold on its own links, and say nothing of what other vehicles send on theirs.
+    """
+    if auth == "none":
+        return {"enabled": False}
+    made = _Rules("cert_common_names")
+    made.subject("all vehicles", list(vehicles))
+    made.allow(["all vehicles"], (EVERYTHING, ["egress"], [f"{PREFIX}/**"]))
+    for name in vehicles:
+        made.subject(f"vehicle {name}", [name])
+        made.allow([f"vehicle {name}"], (EVERYTHING, ["ingress"], [f"{PREFIX}/{name}/**"]))
+    return made.whole()
 
 
 def _under(prefix: str, *ends: str) -> list[str]:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 from lidarcodec.errors import TransportError
+from lidarcodec.units import is_number
+from lidarcodec.wire import MAX_MESSAGE
 
 LOOPBACK = "tcp/127.0.0.1"
 LOOPBACK_PORT = 7447
@@ -22,8 +24,11 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 OPEN_TIMEOUT_MS = 500
 LOCAL_OPEN_TIMEOUT_MS = 1000
 """How long a program at the meeting point that is no Zenoh can delay the start."""
+LARGEST = MAX_MESSAGE + (1 << 20)
+"""Bytes of the largest message that a link puts together, with what Zenoh adds. A longer one is dropped while it comes,
+and the link goes on; without this limit it is 1 GiB, in the memory of every receiver."""
 _ENDPOINT = re.compile(
-    r"(?P<kind>tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5})"
+    r"(?P<kind>tcp|udp|tls|quic|ws)/(?:\[[^\s\[\]]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})"
     r"(?:\?[^\s#]*)?(?:#(?P<options>\S*))?|unixsock-stream/\S+"
 )
 _ON_THIS_MACHINE = re.compile(r"unixsock-stream/|[a-z]+/(?:127(?:\.\d{1,3}){3}|localhost|\[::1\]):", re.IGNORECASE)
@@ -43,7 +48,7 @@ def default_loopback_port() -> int:
     text = os.environ.get(PORT_VARIABLE, "")
     if not text:
         return LOOPBACK_PORT
-    if not text.isdigit() or not 1 <= int(text) <= 65535:
+    if not is_number(text, 65535, 1):
         raise TransportError(f"{PORT_VARIABLE} is 1 to 65535, not '{text}'")
     return int(text)
 
@@ -57,7 +62,7 @@ def _check_options(endpoint: str, kind: str, options: str | None) -> None:
         name, _, value = option.partition("=")
         if name not in known:
             raise TransportError(f"'{endpoint}': {kind} has no option '{name}', but {', '.join(sorted(known))}")
-        if not value or (name in _NUMBERS and not value.isdigit()):
+        if not value or (name in _NUMBERS and not is_number(value, 2**31 - 1)):
             raise TransportError(f"'{endpoint}': {name} needs a {'number' if name in _NUMBERS else 'value'}")
 
 
@@ -171,4 +176,5 @@ def session_options(mode: Mode, listen: list[str], connect: list[str]) -> dict[s
         "connect/timeout_ms": OPEN_TIMEOUT_MS if mode == "client" else -1,
         "connect/retry": RETRY,
         "transport/shared_memory/enabled": False,
+        "transport/link/rx/max_message_size": LARGEST,
     }

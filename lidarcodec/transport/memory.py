@@ -309,7 +309,7 @@ class MemoryTransport:
 
     def deliver(self, listener: _Listener, key: str, data: bytes) -> None:
         """Have a listener called with an event."""
-        if listener.worker is not None and self._guard.fits(key, len(data)):
+        if listener.worker is not None and self._guard.fits(listener.key, len(data)):
             listener.worker.post(lambda: self._guard.call(listener.key, listener.handler, key, data))
 
     def tell(self, watcher: _Watcher, key: str, *, alive: bool) -> None:

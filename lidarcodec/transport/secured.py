@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from lidarcodec.transport.access import ROUTER, Auth, People, access_control
+from lidarcodec.transport.access import ROUTER, Auth, People, access_control, vehicles_only
 from lidarcodec.transport.endpoints import OPEN_TIMEOUT_MS, Mode, session_options
 
 Role = Literal["router", "vehicle", "viewer", "operator"]
@@ -73,13 +73,15 @@ def accepting(identity: Identity, network: Network, people: People, onward: tupl
     return _without_gossip(options)
 
 
-def connecting(identity: Identity, network: Network, *, routed: bool) -> dict[str, Any]:
+def connecting(identity: Identity, network: Network, people: People, *, routed: bool) -> dict[str, Any]:
     """Configuration by path of a party that connects: a client of the first router that answers, or, without routers,
-    to every vehicle."""
+    to every vehicle; then it holds the rules for what vehicles may say."""
     mode: Mode = "client" if routed else "peer"
     options = session_options(mode, [], list(network.reach)) | _tls(identity, network)
     if routed:
         options["connect/timeout_ms"] = OPEN_TIMEOUT_MS
+    else:
+        options["access_control"] = vehicles_only(people.vehicles, network.auth)
     if identity.role != "vehicle":
         options[f"{TLS}/so_rcvbuf"] = SMALL_BUFFER
     return _without_gossip(options)

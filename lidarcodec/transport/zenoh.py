@@ -243,7 +243,7 @@ class ZenohTransport:
 
         def came(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr)
-            if sample.kind == zenoh.SampleKind.PUT and self._guard.fits(name, len(sample.payload)):
+            if sample.kind == zenoh.SampleKind.PUT and self._guard.fits(key, len(sample.payload)):
                 self._guard.call(key, handler, name, sample.payload.to_bytes())
 
         return self._keep(

@@ -187,10 +187,18 @@ def test_closing_ends_a_frame_in_the_middle(driver):
     assert out.counts["packets"] < 348
 
 
-@pytest.mark.parametrize("text", ["", ":2368", "host:", "host:0", "host:70000", "host:x", "::1:2368"])
+@pytest.mark.parametrize(
+    "text", ["", ":2368", "host:", "host:0", "host:70000", "host:x", "::1:2368", "host:\u00b2", "host:\u0663"]
+)
 def test_an_address_that_is_none_is_refused(text):
     with pytest.raises(SettingsError):
         address_of(text)
+
+
+@pytest.mark.parametrize("port", ["", "0", "70000", "x", "\u00b2", "9" * 5000])
+def test_a_port_for_position_packets_that_is_none_is_refused(port):
+    with pytest.raises(SettingsError):
+        target_of(f"127.0.0.1:2368?position={port}")
 
 
 def test_addresses_of_both_kinds_and_the_sensor_s_port_by_default():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import signal
 import struct
 import time
@@ -197,6 +198,22 @@ def test_a_viewer_that_does_not_read_holds_nobody_up_and_sees_the_newest(network
         assert len(quick.messages(12)["/vehicle/lidar/points"]) >= 12  # what stuck does not take: 24 MB and more
         stuck.close()
         quick.close()
+
+
+def test_a_viewer_cannot_fill_the_log(network, caplog):
+    with FoxgloveBridge(["car-7/roof"], port=0, transport=network()) as bridge:
+        viewer = Viewer(bridge.url)
+        viewer.wait_for("/car-7/roof/points")
+        wrong = [{"id": number, "channelId": 10**6 + number} for number in range(3000)]
+        viewer._connection.send(json.dumps({"op": "subscribe", "subscriptions": wrong}))
+        assert eventually(lambda: bridge.counts["complaints"] >= 3000)
+        for number in range(200):  # words that a viewer chose
+            logging.getLogger("foxglove.websocket").error("Invalid message: unknown variant %s", "x" * number)
+        assert bridge.summary()["complaints"] >= 3200
+        viewer.close()
+    assert 2 <= len(caplog.records) <= 40
+    logging.getLogger("foxglove.websocket").error("the bridge is closed")
+    assert caplog.messages[-1] == "the bridge is closed"
 
 
 def test_several_streams_are_told_apart_and_leave_when_it_ends(network):

@@ -249,8 +249,9 @@ def test_what_cannot_be_is_said_at_once(words, said):
 
 
 def test_the_domain_is_that_of_ros(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    refused = run_here("bridge", "ros2", "a/b")
-    assert (refused.returncode, "ROS_DOMAIN_ID" in refused.stderr) == (2, True)
+    for wrong in ("many", "300", "\u00b2"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", wrong)
+        refused = run_here("bridge", "ros2", "a/b")
+        assert (refused.returncode, "ROS_DOMAIN_ID" in refused.stderr) == (2, True)
     with pytest.raises(SettingsError):
         RosBridge(["a/b"], RosNames(domain=300))

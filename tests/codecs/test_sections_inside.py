@@ -174,3 +174,14 @@ def test_a_pose_must_be_a_rigid_transform() -> None:
     for data in (bytes(95), bytes(97), b"\xff" * 96):
         with pytest.raises(SectionError, match="pose"):
             decode_pose(message(SectionType.POSE, data))
+
+
+def test_a_pose_that_no_encoder_writes_is_refused() -> None:
+    far, sheared = np.eye(4), np.eye(4)
+    far[0, 3], sheared[0, 1] = 1e12, 5.0
+    stretched = np.diag([1e150, 1e-150, 1.0, 1.0])  # its determinant is 1
+    for wrong in (np.full((4, 4), 1e308), np.zeros((4, 4)), np.diag([1.0, -1.0, 1.0, 1.0]), far, sheared, stretched):
+        with pytest.raises(SectionError, match="no rigid transform"):
+            decode_pose(message(SectionType.POSE, wrong[:3].astype("<f8").tobytes()))
+    rounded = np.round(frames.pose(), 3)
+    np.testing.assert_array_equal(decode_pose(message(SectionType.POSE, rounded[:3].astype("<f8").tobytes())), rounded)

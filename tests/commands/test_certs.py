@@ -72,8 +72,6 @@ def test_a_password_stays_until_its_user_is_named_again(tmp_path):
 
 
 def test_a_certificate_names_whom_and_where_and_for_how_long(tmp_path):
-    import base64
-
     make(tmp_path, ["a.example", "10.0.0.5"], ["car-7"])
     for host in ("a.example", "10.0.0.5"):
         pem = base64.b64decode(tls(tmp_path / f"router-{host}.json5")["listen_certificate_base64"])
@@ -90,6 +88,20 @@ def test_a_certificate_names_whom_and_where_and_for_how_long(tmp_path):
     ]
 
 
+def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
+    """A viewer that is called like a router could take its place: the name is in its certificate."""
+    make(tmp_path, ["a.example"], ["car-7"], ["b.example"])
+    may_listen = {}
+    for name in ("router-a.example", "vehicle-car-7", "viewer-b.example"):
+        certificate = x509.load_pem_x509_certificate(
+            base64.b64decode(tls(tmp_path / f"{name}.json5")["connect_certificate_base64"])
+        )
+        uses = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        assert x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH in uses
+        may_listen[name] = x509.oid.ExtendedKeyUsageOID.SERVER_AUTH in uses
+    assert may_listen == {"router-a.example": True, "vehicle-car-7": False, "viewer-b.example": False}
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -97,6 +109,7 @@ def test_a_certificate_names_whom_and_where_and_for_how_long(tmp_path):
         ({}, "nobody would listen"),
         ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is taken"),
         ({"routers": ["a"], "viewers": ["router"]}, "name is taken"),
+        ({"routers": ["a"], "vehicles": ["playback-1"]}, "operators may speak for all"),
         ({"routers": ["a"], "vehicles": ["car 7"]}, "is not a name"),
         ({"routers": ["a b"]}, "is not a host"),
         ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out the host"),

@@ -128,6 +128,21 @@ def test_an_event_beyond_the_limit_is_dropped_and_a_handler_that_fails_does_not_
     assert [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")] == ["WARNING", "ERROR"]
 
 
+def test_long_events_on_ever_new_keys_are_said_once(network, caplog):
+    """Who sends chooses the key: a line for each would fill the log, and a note of each the memory."""
+    car, office = network(), network()
+    heard = []
+    car.listen("s/arrived/*", lambda key, data: heard.append(data))
+    for number in range(5):
+        sender = office.sender(f"s/arrived/{number}", Priority.STATUS)
+        assert eventually(lambda sender=sender: sender.matching)
+        sender.put(bytes(MAX_EVENT_BYTES + 1))
+        time.sleep(0.05)
+    sender.put(b"good")
+    assert eventually(lambda: heard == [b"good"])
+    assert [r.levelname for r in caplog.records if r.name.startswith("lidarcodec")] == ["WARNING"]
+
+
 def test_a_query_is_answered_and_one_that_is_not_ends_without_waiting(network):
     car, office = network(), network()
     answering = car.answer("s/control/get", lambda data: b"you said " + data)

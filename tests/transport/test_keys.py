@@ -61,9 +61,10 @@ def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
     monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", "17447")
     assert Endpoints().rendezvous == Endpoints.of().rendezvous == "tcp/127.0.0.1:17447"
     assert Endpoints.of(loopback_port=5).loopback_port == 5
-    monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", "none")
-    with pytest.raises(TransportError):
-        Endpoints()
+    for wrong in ("none", "0", "65536", "\u00b2"):
+        monkeypatch.setenv("LIDARCODEC_LOOPBACK_PORT", wrong)
+        with pytest.raises(TransportError):
+            Endpoints()
 
 
 @pytest.mark.parametrize(
@@ -74,6 +75,7 @@ def test_the_meeting_point_can_be_moved_by_an_environment_variable(monkeypatch):
         {"connect": "tcp/192.168.1.5"},
         {"connect": "tcp/192.168.1.5:"},
         {"connect": "tcp/192.168.1.5:70000"},
+        {"connect": "tcp/192.168.1.5:\u0663"},
         {"connect": "tcp/:::"},
         {"connect": "tcp/fe80::1:7447"},
         {"connect": "tcp/a:1#bad=1"},

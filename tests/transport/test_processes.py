@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Endpoints, open_transport
@@ -237,3 +238,34 @@ def test_when_one_of_two_routers_is_killed_what_went_through_it_goes_through_the
             one.close()
         for router in routers:
             router.kill()
+
+
+def peak_mib(process: int) -> int:
+    """The most memory that a process had."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) // 1024
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak of a process's memory is read from /proc")
+@pytest.mark.parametrize("packaged", [False, True])
+def test_what_is_longer_than_any_message_takes_no_memory_of_a_router_and_reaches_nobody(packaged):
+    where, key = f"tcp/127.0.0.1:{free_port()}", "lidarcodec/v1/car-7/roof/frame"
+    config = str(ROOT / "packaging" / "zenoh-router.json5") if packaged else None
+    router = Router(listen=where, config=config) if packaged else Router(listen=where)
+    stranger = json.dumps(
+        {"mode": "client", "connect": {"endpoints": [where]}, "scouting": {"multicast": {"enabled": False}}}
+    )
+    session = zenoh.open(zenoh.Config.from_json5(stranger))
+    try:
+        with open_transport(Endpoints.of(connect=where)) as receiver:
+            inbox, block = receiver.inbox(key), zenoh.CongestionControl.BLOCK
+            publisher = session.declare_publisher(key, congestion_control=block)
+            assert eventually(lambda: publisher.matching_status.matching)
+            before = peak_mib(router.process.pid)
+            publisher.put(bytes(300 << 20))
+            publisher.put(b"the link goes on")
+            assert inbox.receive() == b"the link goes on"
+            assert peak_mib(router.process.pid) - before < 200
+    finally:
+        session.close()
+        router.kill()

@@ -288,6 +288,49 @@ def test_rules_hold_on_a_vehicle_that_is_connected_to_directly(tmp_path):
             one.close()
 
 
+@pytest.mark.parametrize("auth", ["certificate", "password"])
+def test_a_vehicle_that_keeps_no_rules_speaks_for_no_other_where_there_is_no_router(tmp_path, auth):
+    port, other = free_port(), free_port()
+    deployment(tmp_path, auth, routers=(), vehicles=("car-7@localhost", "car-8@127.0.0.1"), port=port)
+    evil = json.loads((tmp_path / "vehicle-car-8.json5").read_text().partition("\n")[2])
+    evil["access_control"] = {"enabled": False}
+    (tmp_path / "evil.json5").write_text(json.dumps(evil))
+    where = [f"tls/localhost:{port}", f"tls/127.0.0.1:{other}"]
+
+    def opened(name: str, **endpoints):
+        return open_transport(Endpoints.of(config=tmp_path / f"{name}.json5", **endpoints))
+
+    car, liar = opened("vehicle-car-7", listen=where[0]), opened("evil", listen=where[1])
+    anna, olga = opened("viewer-anna", connect=where), opened("operator-olga", connect=where)
+    try:
+        heard, alive, asked, lied = [], [], [], []
+        for keys in (CAR, OTHER):
+            anna.listen(keys.frame, lambda key, data: heard.append(data))
+        anna.watch("lidarcodec/v1/*/*/alive", lambda key, there: alive.append(key))
+        answering(liar, CAR, lied)
+        answering(liar, OTHER, asked)
+        liar.token(CAR.alive)
+        liar.token(OTHER.alive)
+        senders = [(end.sender(keys.frame, Priority.FRAMES), data) for end, keys, data in (
+            (car, CAR, b"true"), (liar, CAR, b"false"), (liar, OTHER, b"own"))]  # fmt: skip
+
+        def own_frames_come():
+            for sender, data in senders:
+                sender.put(data)
+            return {b"true", b"own"} <= set(heard)
+
+        assert eventually(own_frames_come)
+        assert eventually(lambda: olga.ask(OTHER.control_set, b"{}", 2.0) == b"yes")
+        assert olga.ask(CAR.control_set, b"{}", 1.0) is None
+        own_frames_come()
+        time.sleep(QUIET_S)
+        assert set(heard) == {b"true", b"own"}
+        assert (set(alive), set(asked), lied) == ({OTHER.alive}, {"set"}, [])
+    finally:
+        for one in (anna, olga, liar, car):
+            one.close()
+
+
 def test_two_routers_carry_what_one_does(tmp_path):
     """A vehicle at one router, a viewer at the other; both routers hold the rules."""
     ports = free_port(), free_port()

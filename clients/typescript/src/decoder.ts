@@ -5,6 +5,7 @@ import { MaskHistory } from "./history.js";
 import { latticeOf, widened, widenedAzimuth } from "./lattice.js";
 import { Codec, type Message, Section, needed, readMessage } from "./message.js";
 import { type Planes, count, readPlanes } from "./planes.js";
+import { readPose } from "./pose.js";
 import { readZstdRanges } from "./ranges.js";
 import { readRaw } from "./raw.js";
 import { ROWS, type Sensor, SensorBook } from "./sensor.js";
@@ -96,14 +97,4 @@ export class Decoder {
     this.#unseen = [];
     return readPlanes(message, sensor, (columns) => this.#history.before(columns, sensor));
   }
-}
-
-function readPose(message: Message): Float64Array | null {
-  const data = message.section(Section.POSE);
-  if (data === null) return null;
-  if (data.length !== 96) throw damaged(`a pose of ${data.length} bytes`);
-  const view = new DataView(data.buffer, data.byteOffset, 96);
-  const pose = Float64Array.from({ length: 12 }, (_, i) => view.getFloat64(8 * i, true));
-  if (!pose.every(Number.isFinite)) throw damaged("a pose that is not finite");
-  return pose;
 }

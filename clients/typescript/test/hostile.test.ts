@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { crc32c } from "../src/crc32c.js";
 import { Decoder, DecodeError, filled, pointsOf } from "../src/index.js";
+import { readMessage, Section } from "../src/message.js";
 import { vectors } from "./vectors.js";
 
 const OURS = vectors(/^(raw|zstd)/);
@@ -91,4 +92,22 @@ test("rubbish is an error", async () => {
   const random = numbers(5);
   for (let length = 0; length < 300; length++)
     assert.equal(decode(decoder, Uint8Array.from({ length }, () => random(256))), false);
+});
+
+test("a pose that is no rotation and shift is an error", async () => {
+  const posed = (data: Uint8Array): boolean => readMessage(data).section(Section.POSE) !== null;
+  const messages = OURS.map((one) => one.messages).find((some) => some.some(posed));
+  assert.ok(messages, "no vector has a pose");
+  const place = messages.findIndex(posed);
+  const turnedOver = [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0];
+  const sheared = [1, 5, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
+  const far = [1, 0, 0, 1e12, 0, 1, 0, 0, 0, 0, 1, 0];
+  for (const pose of [Array<number>(12).fill(1e308), Array<number>(12).fill(0), turnedOver, sheared, far]) {
+    const decoder = await Decoder.create();
+    for (const before of messages.slice(0, place)) decoder.decode(before);
+    const data = messages[place]!.slice();
+    const at = readMessage(data).section(Section.POSE)!.byteOffset;
+    pose.forEach((value, i) => new DataView(data.buffer).setFloat64(at + 8 * i, value, true));
+    assert.throws(() => decoder.decode(repaired(data)), /no rigid transform/);
+  }
 });

@@ -6,6 +6,7 @@ import { readIntensity } from "../../../../typescript/src/intensity.js";
 import { type Lattice, latticeOf, widened, widenedAzimuth } from "../../../../typescript/src/lattice.js";
 import { Codec, type Message, needed, readMessage, Section } from "../../../../typescript/src/message.js";
 import { splitStep } from "../../../../typescript/src/planes.js";
+import { readPose } from "../../../../typescript/src/pose.js";
 import { rangeOf, readZstdRanges } from "../../../../typescript/src/ranges.js";
 import { readRaw } from "../../../../typescript/src/raw.js";
 import { Field, ROWS, rowValues, type Sensor, SensorBook } from "../../../../typescript/src/sensor.js";
@@ -191,14 +192,9 @@ function partOf(data: Uint8Array, section: Uint8Array): Part {
   return { at: section.byteOffset - data.byteOffset, size: section.length };
 }
 
+/** As the message has it. */
 function poseOf(message: Message): Uint8Array | null {
-  const pose = message.section(Section.POSE);
-  if (pose === null) return null;
-  if (pose.length !== 96) throw damaged(`a pose of ${pose.length} bytes`);
-  const view = new DataView(pose.buffer, pose.byteOffset, 96);
-  for (let at = 0; at < 96; at += 8)
-    if (!Number.isFinite(view.getFloat64(at, true))) throw damaged("a pose that is not finite");
-  return pose;
+  return readPose(message) && message.section(Section.POSE);
 }
 
 async function pngRanges(data: Uint8Array, step: number, width: number, returns: Uint8Array): Promise<Uint16Array> {

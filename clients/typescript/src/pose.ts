@@ -1,0 +1,30 @@
+/** The POSE section (docs/wire-format.md): where the sensor was. */
+
+import { damaged } from "./errors.js";
+import { type Message, Section } from "./message.js";
+
+/** Rows of (R | t) in row order, 12 numbers; null where the message has none. Throws DecodeError. */
+export function readPose(message: Message): Float64Array | null {
+  const data = message.section(Section.POSE);
+  if (data === null) return null;
+  if (data.length !== 96) throw damaged(`a pose of ${data.length} bytes`);
+  const view = new DataView(data.buffer, data.byteOffset, 96);
+  const pose = Float64Array.from({ length: 12 }, (_, i) => view.getFloat64(8 * i, true));
+  if (!isRigid(pose)) throw damaged("a pose that is no rigid transform");
+  return pose;
+}
+
+/** Whether 12 numbers, rows of (R | t), are a rotation, as far as rounding leaves one, and a shift of less than 10^9 m. */
+function isRigid(p: Float64Array): boolean {
+  const row = (i: number): number[] => [p[4 * i]!, p[4 * i + 1]!, p[4 * i + 2]!];
+  const dot = (a: number[], b: number[]): number => a[0]! * b[0]! + a[1]! * b[1]! + a[2]! * b[2]!;
+  const [x, y, z] = [row(0), row(1), row(2)];
+  const across = [x[1]! * y[2]! - x[2]! * y[1]!, x[2]! * y[0]! - x[0]! * y[2]!, x[0]! * y[1]! - x[1]! * y[0]!];
+  const near = (value: number, wanted: number): boolean => Math.abs(value - wanted) < 0.1;
+  return (
+    [x, y, z].every((one) => near(dot(one, one), 1)) &&
+    near(dot(x, y), 0) && near(dot(y, z), 0) && near(dot(z, x), 0) &&
+    dot(across, z) > 0 &&
+    [3, 7, 11].every((i) => Math.abs(p[i]!) < 1e9)
+  );
+}
