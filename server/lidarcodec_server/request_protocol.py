@@ -28,7 +28,8 @@ LATE_BYTES = 1024 * 1024
 
 
 class Parser(h11.Connection):
-    """Refuses requests that are made of many small parts, which take long to parse."""
+    """Refuses requests that are made of many small parts, which take long to parse, and such of which a proxy in front
+    may read another end."""
 
     def __init__(self, most_bytes: int) -> None:
         super().__init__(h11.SERVER, most_bytes)
@@ -44,6 +45,8 @@ class Parser(h11.Connection):
             self._chunks = self._bytes = 0
             if len(event.headers) > MAX_HEADERS:
                 raise h11.RemoteProtocolError(f"more than {MAX_HEADERS} header fields", 431)
+            if {b"content-length", b"transfer-encoding"} <= {name for name, _ in event.headers}:
+                raise h11.RemoteProtocolError("a body of two lengths")
         elif isinstance(event, h11.Data):
             self._chunks += event.chunk_start
             self._bytes += len(event.data)

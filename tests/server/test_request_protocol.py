@@ -60,3 +60,13 @@ async def test_a_body_that_nobody_reads_keeps_no_connection():
         await asyncio.wait_for(reader.readuntil(b"ok"), LIMIT_S)
         writer.write(b"x")
         assert await asyncio.wait_for(reader.read(), LIMIT_S) == b""
+
+
+async def test_a_body_of_two_lengths_is_refused():
+    """A proxy that goes by the other one would take the rest for a request of somebody else."""
+    async with connected() as (reader, writer, _):
+        lengths = b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+        writer.write(GET[:-2] + lengths + b"0\r\n\r\n" + GET)
+        answer = await asyncio.wait_for(reader.read(), LIMIT_S)
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert answer.count(b"HTTP/1.1") == 1

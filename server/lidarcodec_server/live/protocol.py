@@ -32,6 +32,13 @@ DRAIN_BYTES: Final = 2**20
 """How long, and how much, is still read and thrown away of a client that is sent away. Closed at once, the connection
 would be reset, and the client would not see why."""
 POLICY: Final = 1008
+_REASON: Final = b"this request opens no WebSocket: it has a body, or a line of more than 8 KiB"
+_BODY: Final = b'{"type": "about:blank", "title": "Bad Request", "status": 400, "detail": "%s"}' % _REASON
+MALFORMED: Final = (
+    b"HTTP/1.1 400 Bad Request\r\nContent-Type: application/problem+json\r\nConnection: close\r\n"
+    b"Content-Length: %d\r\n\r\n%s" % (len(_BODY), _BODY)
+)
+"""The answer to what HTTP takes for a request and the WebSocket parser does not."""
 
 
 class ViewerProtocol(WebSocketsSansIOProtocol):
@@ -67,6 +74,8 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         """Take the request, which the HTTP protocol hands over; later what the client sends."""
         if not self.handshake_initiated:
             super().data_received(data)
+            if not self.handshake_initiated:
+                self._refuse_request()
         elif self._sent_away:
             self._thrown_away += len(data)
             if self._thrown_away > DRAIN_BYTES:
@@ -109,6 +118,13 @@ class ViewerProtocol(WebSocketsSansIOProtocol):
         self._incoming.clear()
         self.held.gone(self.transport)
         super().connection_lost(exc)
+
+    def _refuse_request(self) -> None:
+        """Answer and close. Nothing is read from such a client, so nobody would notice that it has gone."""
+        self.handshake_initiated = self._sent_away = self.close_sent = True
+        self.transport.write(MALFORMED)
+        self.transport.close()
+        self.loop.call_later(ABORT_S, self.transport.abort)
 
     # --- frames -----------------------------------------------------------------------------------------------------
 
