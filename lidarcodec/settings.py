@@ -27,6 +27,7 @@ AUTO: Literal["auto"] = "auto"
 has bits for, all without a target."""
 LATTICE: Final = "lattice"
 Purpose = Literal["look", "archive"]
+Shape = Literal["rounded", "free"]
 
 
 def step_of(max_error_m: float) -> int:
@@ -67,6 +68,9 @@ class StreamSettings(BaseModel):
     purpose: Purpose = "look"
     """What a target is spent on. `look`: the picture that a person sees; `archive`: every return of every frame kept as
     long as it can be, and only intensity and the bound given up."""
+    shape: Shape = "free"
+    """How `riddle` and `predictive` use a bound. `free`: of all values within it each return gets one that costs few bits;
+    `rounded`: the nearest of a fixed grid."""
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""
 
@@ -123,6 +127,11 @@ class StreamSettings(BaseModel):
     def step(self) -> int:
         """Quantiser width of ranges in native steps; 1 = lossless."""
         return 1 if self.max_error_m is None else step_of(self.max_error_m)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether ranges are free, where the codec can: there has to be a bound above one step."""
+        return self.shape == "free" and self.step > 1
 
     @property
     def intensity_levels(self) -> int:
