@@ -1,10 +1,10 @@
 """Free ranges against rounded ones: bits a return, errors and milliseconds, on the same frames in the same run.
 
-    python -m benchmarks.free_ranges [--drives 0005,0013] [--codecs riddle] [--bounds 0.05,0.1] [--every 8] [--write docs/evaluation.md]
+    python -m benchmarks.free_ranges [--drives 0005] [--codecs riddle] [--write docs/evaluation.md]
 
-Every eighth frame of a drive behind the frame before it. Bits are those of range, mask and motion, the mask's part beside
-them. Each frame is coded with both shapes in turns, and decoded; the bound is checked at every return. Times are of the
-process, of one core, median of the frames. Chamfer distance as `bench` has it.
+Every eighth frame of a drive behind the frame before it. Bits are those of range, mask and motion, the mask's part
+beside them. Each frame is coded with both shapes in turns, and decoded; the bound is checked at every return. Times are
+of the process, of one core, median of the frames. Chamfer distance as `bench` has it.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class StreamSettings(BaseModel):
     """What a target is spent on. `look`: the picture that a person sees; `archive`: every return of every frame kept as
     long as it can be, and only intensity and the bound given up."""
     shape: Shape = "free"
-    """How `riddle` and `predictive` use a bound. `free`: of all values within it each return gets one that costs few bits;
+    """How `riddle` and `predictive` use a bound. `free`: each return gets a value within it that costs few bits;
     `rounded`: the nearest of a fixed grid."""
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""

@@ -144,9 +144,8 @@ class ExpectingEncoder(IntraEncoder):
         if not self._slab:
             self._sent.forget_edge()
         if self._slab or self._finder is not None:
-            sent = self._free
-            if sent is None:
-                sent = as_decoded(frame.range, frame.valid, self.settings.step, frame.sensor)
+            rounded = (frame.range, frame.valid, self.settings.step, frame.sensor)
+            sent = as_decoded(*rounded) if self._free is None else self._free
         if self._slab:
             self._sent.remember_edge(sent, frame.azimuth, frame.fired, self._expected)
         if self._finder is not None:

@@ -118,8 +118,8 @@ class PredictiveCoder:
         expected: (64, W) uint16, what to expect, 0 where nothing; decoding needs it; 3 ms more
         samples: takes some of the returns to train a network on, where there is one
         quick: with fewer contexts, where there is no network: three tenths less time, up to 0.03 bits a return more
-        sent: (64, W) uint16 of zeros, takes the ranges that a decoder gets. With it ranges are free: of all within half a step
-            the encoder takes those that cost least; without it they are rounded to whole cells
+        sent: (64, W) uint16 of zeros, takes the ranges that a decoder gets. With it ranges are free: of all within half
+            a step the encoder takes those that cost least; without it they are rounded to whole cells
 
         Raises SectionError if shapes do not fit, a return has no range, or a half that did not fire has a return.
         """

@@ -53,8 +53,10 @@ class Layout:
         return (2 * apart * cells_in_turn + TURN) // (2 * TURN)
 
     def above(self, cells: list[list[int]], above: int, row: int, turn: int, none: int = 1) -> list[int]:
-        """Row `above` as seen from `row`; beyond its ends a row goes on as it ends; without cells it is all `none`. Cell k is
-        at k + 8."""
+        """Row `above` as seen from `row`; beyond its ends a row goes on as it ends. Cell k is at k + 8.
+
+        none: what a row without cells is everywhere
+        """
         count = self.cells(row)
         if above < 0 or not cells[above]:
             return [none] * (count + 16)

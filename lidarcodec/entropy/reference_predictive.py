@@ -1,7 +1,7 @@
 """The predictive coder in pure Python: same bytes as native/src/predictive_*.hpp, for reading and for tests.
 
-The turn is the encoder's choice and not part of the format: here it is given. Of free ranges each gets the nearest cell here,
-while the native encoder takes what costs less: its bytes are others, and both are decoded by either.
+The turn is the encoder's choice and not part of the format: here it is given. Of free ranges each gets the nearest cell
+here, while the native encoder takes what costs less: its bytes are others, and both are decoded by either.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Given(NamedTuple):
 
     firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
     not at first; quick: with fewer contexts and other leaves; by_leaf: how many bits of an offset learn depends on
-    the leaf, as it does where firings are counted but for frames of before; free: cells are counted from the last range.
-    `decode` does as the bytes say of all four
+    the leaf, as it does where firings are counted but for frames of before; free: cells are counted from the last
+    range. `decode` does as the bytes say of all four
     """
 
     layout: Layout
@@ -154,7 +154,9 @@ class Parts:
         def off(number: int) -> int:
             return value - (self._middle(base, number) * self._step + 8 >> 4)
 
-        return min(((value - (base * self._step >> 4)) // self._step + n for n in range(-1, 4)), key=lambda n: abs(off(n)))
+        return min(
+            ((value - (base * self._step >> 4)) // self._step + n for n in range(-1, 4)), key=lambda n: abs(off(n))
+        )
 
     def _walk(self, coder: Coder, place: Place, d: int) -> tuple[int, list[tuple[int, int, int]]]:
         away = -1 - d if d < 0 else d
@@ -227,8 +229,7 @@ class Parts:
         apart = size - part.mean
         part.mean += apart // 8 if apart >= 0 else -(-apart // 8)
         part.leaves = (leaf, part.leaves[0])
-        above = about.above[place.cell + MARGIN] if about.above else place.base
-        apart = value - above - part.level
+        apart = value - place.above - part.level
         if not part.last or abs(apart) > 4 * LIMITS[place.scale][5]:
             part.level += apart
         else:
@@ -267,7 +268,7 @@ def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
 
 def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) -> bytes:
     """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
-    layout, step = frame.layout, frame.step
+    layout = frame.layout
     mask, rows = closed_up(returns, layout), closed_up(values, layout)
     if sum(map(sum, mask)) != int(returns.sum()):
         raise SectionError("a mask is set in a block that did not fire")
@@ -278,7 +279,8 @@ def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) 
         for row in range(ROWS):
             columns = layout.columns[layout.half[row]]
             cells[row] = [
-                x + frame.levels[row] if columns[k] >= (frame.known or 0) else cells[row][k] for k, x in enumerate(rows[row])
+                x + frame.levels[row] if columns[k] >= (frame.known or 0) else cells[row][k]
+                for k, x in enumerate(rows[row])
             ]
     coders = [WideWriter() for _ in range(frame.parts)]
     _code(_rows(cells, returns, frame, turn), frame, model, list(coders))
@@ -303,7 +305,11 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         raise TruncatedError("ranges end within their header", 0)
     counted = bool(data[0] & OF_FIRINGS)
     quick, by_leaf = (counted and data[0] & OFFSETS == kind for kind in (QUICK, BY_LEAF))
-    free = data[0] % 16 - FREE in (ALONE + SLAB, EXPECTING + SLAB, ALONE + QUARTERS, EXPECTING + QUARTERS) and (quick or by_leaf) and step > 1
+    free = (
+        data[0] % 16 - FREE in (ALONE + SLAB, EXPECTING + SLAB, ALONE + QUARTERS, EXPECTING + QUARTERS)
+        and (quick or by_leaf)
+        and step > 1
+    )
     frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf, free=free)
     head = frame.head_bytes
     if len(data) < head:

@@ -143,7 +143,7 @@ class Place:
         up = above[at - 1 : at + 5] if above else [newest] * 6
         upper_up = upper[at - 1 : at + 5] if upper else [newest] * 6
         last = half.last[1:5] if half.last else [newest] * 4
-        self.base = newest
+        self.base, self.above = newest, up[1]
         if free and about.expected and about.known[at]:
             two = sorted((up[1] + half.level, about.expected[at] + half.bias))
             self.base += 1 if two[0] > newest else -1 if two[1] < newest else 0

@@ -22,8 +22,8 @@ constexpr std::uint8_t kOffsets = 192;             // bits that are kQuick, kByL
 
 // Whether a kind is one of free ranges.
 bool is_free(std::uint8_t kind) {
-  const int less = (kind & 15) - kFree;
-  return less == kAlone + kSlab || less == kExpecting + kSlab || less == kAlone + kQuarters || less == kExpecting + kQuarters;
+  constexpr unsigned kRounded = 1u << (kAlone + kSlab) | 1u << (kExpecting + kSlab) | 1u << (kAlone + kQuarters) | 1u << (kExpecting + kQuarters);
+  return (kRounded << kFree >> (kind & 15) & 1u) != 0;
 }
 
 // Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a

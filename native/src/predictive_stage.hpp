@@ -230,7 +230,7 @@ class RowStage {
     for (std::size_t i = 0; i < given; ++i) {
       const std::int32_t range = of_row[columns[returns_[i]]];
       if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
-      const bool as_it_is = source_.cells.free && i >= known_returns_;
+      const bool as_it_is = !kReads && source_.cells.free && i >= known_returns_;
       here_.ranges[returns_[i]] = as_it_is ? range + source_.cells.level[row_] : source_.cells.sixteenths(range, row_);
     }
     for (std::size_t i = 0; i < known_returns_; ++i) {

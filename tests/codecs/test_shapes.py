@@ -34,7 +34,15 @@ def kind_of(codec: str, data: bytes) -> int:
     [("predictive", {}), ("predictive", {"motion": True, "effort": 2}), ("riddle", {}), ("riddle", {"effort": 1})],
 )
 def test_a_stream_may_change_its_bound_and_shape_with_any_frame(codec: str, own: dict[str, Any], frames) -> None:
-    plan = [(0.05, None), (0.05, None), (0.0, "free"), (0.2, "free"), (0.2, "rounded"), (0.01, "free"), (0.05, "rounded")]
+    plan = [
+        (0.05, None),
+        (0.05, None),
+        (0.0, "free"),
+        (0.2, "free"),
+        (0.2, "rounded"),
+        (0.01, "free"),
+        (0.05, "rounded"),
+    ]
     encoder = table.make_encoder(settings(codec, 0.05, None, **own), 1)
     decoder = table.make_decoder(table.codec_id(codec))
     for index, frame in enumerate(frames() * 3):

@@ -138,7 +138,9 @@ def test_free_ranges_take_fewer_bits_than_rounded_ones_and_lie_nearer(quick: boo
     free = PredictiveCoder().encode(ranges, *about, expected=expected, quick=quick, sent=sent)
     rounded = coded(ranges, *about, expected, quick=quick)
     assert len(free) < 0.97 * len(rounded)
-    off = [np.square(came.astype(float) - ranges).mean() for came in (sent, decoded(rounded, *about, expected=expected))]
+    off = [
+        np.square(came.astype(float) - ranges).mean() for came in (sent, decoded(rounded, *about, expected=expected))
+    ]
     assert off[0] < 0.8 * off[1]
 
 
