@@ -29,6 +29,7 @@ LATTICE: Final = "lattice"
 Purpose = Literal["look", "localise", "detect", "archive"]
 UNFILLED: Final[tuple[Purpose, ...]] = ("localise", "detect")
 """Purposes for which receivers make up no returns between those that were sent."""
+Shape = Literal["rounded", "free"]
 
 
 def step_of(max_error_m: float) -> int:
@@ -71,6 +72,9 @@ class StreamSettings(BaseModel):
     """What a target is spent on. `look`: the picture that a person sees; `localise`: few returns within a sharp bound,
     those that a localiser needs; `detect`: what stands near first; `archive`: every return of every frame kept as long
     as it can be, and only intensity and the bound given up."""
+    shape: Shape = "free"
+    """How `riddle` and `predictive` use a bound. `free`: each return gets a value within it that costs few bits;
+    `rounded`: the nearest of a fixed grid."""
     follow: str | None = None
     """The receiver whose arrival reports steer the stream."""
 
@@ -129,6 +133,11 @@ class StreamSettings(BaseModel):
     def step(self) -> int:
         """Quantiser width of ranges in native steps; 1 = lossless."""
         return 1 if self.max_error_m is None else step_of(self.max_error_m)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether ranges are free, where the codec can: there has to be a bound above one step."""
+        return self.shape == "free" and self.step > 1
 
     @property
     def intensity_levels(self) -> int:

@@ -37,7 +37,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 def as_decoded(ranges: Ranges, valid: Mask, step: int, sensor: SensorModel) -> Ranges:
-    """(64, W) uint16, the ranges that a decoder gets, 0 outside of `valid`."""
+    """(64, W) uint16, the ranges that a decoder gets of rounded ones, 0 outside of `valid`."""
     if step == 1:
         return np.where(valid, ranges, np.uint16(0))
     levels = level_offsets(sensor)[:, None]
@@ -57,6 +57,7 @@ class ExpectingEncoder(IntraEncoder):
         self._masks: Final = MaskStream()
         self._firings: Final = FiringCounter()
         self._slab = False
+        self._free: Ranges | None = None  # free ranges of the frame at hand, as a decoder gets them
 
     @abstractmethod
     def _remembers(self) -> bool:
@@ -68,11 +69,18 @@ class ExpectingEncoder(IntraEncoder):
 
     @abstractmethod
     def _coded(
-        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+        self,
+        frame: Frame,
+        valid: Mask,
+        expected: Ranges | None,
+        edge: KnownColumns | None,
+        firing: int,
+        sent: Ranges | None,
     ) -> bytes:
         """The RANGE section. valid: (64, W) bool, the returns that are sent; expected: (64, W) uint16, 0 = nothing.
 
         edge: the columns before a slab, None for a whole frame; firing: that of the first column, counted
+        sent: (64, W) zeros, takes free ranges as a decoder gets them; None: ranges are rounded
         """
 
     def apply(self, settings: StreamSettings) -> bool:
@@ -129,13 +137,15 @@ class ExpectingEncoder(IntraEncoder):
     def _range(self, frame: Frame, valid: Mask) -> bytes:
         edge = self._sent.edge_before(frame.azimuth) if self._slab else None
         firing = self._firings.columns_before(frame) if self._remembers() else 0  # alone, a frame may begin anywhere
-        return self._coded(frame, valid, self._expected, edge, firing)
+        self._free = np.zeros(valid.shape, np.uint16) if self.settings.is_free else None
+        return self._coded(frame, valid, self._expected, edge, firing, self._free)
 
     def _remember(self, frame: Frame) -> None:
         if not self._slab:
             self._sent.forget_edge()
         if self._slab or self._finder is not None:
-            sent = as_decoded(frame.range, frame.valid, self.settings.step, frame.sensor)
+            rounded = (frame.range, frame.valid, self.settings.step, frame.sensor)
+            sent = as_decoded(*rounded) if self._free is None else self._free
         if self._slab:
             self._sent.remember_edge(sent, frame.azimuth, frame.fired, self._expected)
         if self._finder is not None:

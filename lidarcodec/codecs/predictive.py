@@ -69,13 +69,21 @@ class PredictiveEncoder(ExpectingEncoder):
         return own_settings(PredictiveSettings, self.settings).expects
 
     def _coded(
-        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+        self,
+        frame: Frame,
+        valid: Mask,
+        expected: Ranges | None,
+        edge: KnownColumns | None,
+        firing: int,
+        sent: Ranges | None,
     ) -> bytes:
         step = self.settings.step
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
         quick = own_settings(PredictiveSettings, self.settings).effort == 1
-        coded = self._coder.encode(*given, turn=turn, firing=firing, expected=expected, slab_after=edge, quick=quick)
+        coded = self._coder.encode(
+            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, quick=quick, sent=sent
+        )
         return with_step(step, coded)
 
 

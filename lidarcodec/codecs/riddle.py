@@ -192,14 +192,20 @@ class RiddleEncoder(ExpectingEncoder):
             self._update, self._untold = offer.update, True
 
     def _coded(
-        self, frame: Frame, valid: Mask, expected: Ranges | None, edge: KnownColumns | None, firing: int
+        self,
+        frame: Frame,
+        valid: Mask,
+        expected: Ranges | None,
+        edge: KnownColumns | None,
+        firing: int,
+        sent: Ranges | None,
     ) -> bytes:
         step, learner = self.settings.step, self._learner
         turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
         given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
         samples = None if learner is None else learner.samples_of(frame, expects=expected is not None)
         coded = self._memory.coder.encode(
-            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples, quick=True
+            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples, quick=True, sent=sent
         )
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarcodec import _native
 from lidarcodec.entropy.net_trainer import ReturnSamples
 from lidarcodec.entropy.number_series import Form, Line, Series, unzigzag, zigzag
+from lidarcodec.units import LASERS
 
 _Number = TypeVar("_Number", np.uint64, np.int64)
 
@@ -290,11 +291,13 @@ class NativePredictiveCoder:
         known: int,
         samples: ReturnSamples | None = None,
         quick: bool = False,
+        sent: npt.NDArray[np.uint16] | None = None,
     ) -> bytes:
-        """Bytes of (64, W) ranges. Raises SectionError."""
+        """Bytes of (64, W) ranges. sent: (64, W), takes free ranges as they are decoded. Raises SectionError."""
         geometry = (fired.view(np.uint8), half, rotation)
+        into = np.zeros((LASERS, 0), np.uint16) if sent is None else sent
         given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, firing, expected, known)
-        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native, quick))
+        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native, quick, into))
 
     def decode(
         self,

@@ -52,11 +52,14 @@ class Layout:
             apart -= TURN
         return (2 * apart * cells_in_turn + TURN) // (2 * TURN)
 
-    def above(self, cells: list[list[int]], above: int, row: int, turn: int) -> list[int]:
-        """Row `above` as seen from `row`; beyond its ends a row goes on as it ends. Cell k is at k + 8."""
+    def above(self, cells: list[list[int]], above: int, row: int, turn: int, none: int = 1) -> list[int]:
+        """Row `above` as seen from `row`; beyond its ends a row goes on as it ends. Cell k is at k + 8.
+
+        none: what a row without cells is everywhere
+        """
         count = self.cells(row)
         if above < 0 or not cells[above]:
-            return [1] * (count + 16)
+            return [none] * (count + 16)
         shift, have = self.shift(above, row, turn), len(cells[above])
         if self.half[above] == self.half[row]:
             return [cells[above][max(0, min(have - 1, k + shift))] for k in range(-8, count + 8)]

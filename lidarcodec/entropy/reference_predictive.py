@@ -1,6 +1,7 @@
 """The predictive coder in pure Python: same bytes as native/src/predictive_*.hpp, for reading and for tests.
 
-The turn is the encoder's choice and not part of the format: here it is given.
+The turn is the encoder's choice and not part of the format: here it is given. Of free ranges each gets the nearest cell
+here, while the native encoder takes what costs less: its bytes are others, and both are decoded by either.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from lidarcodec.entropy.reference_predictive_place import (
     State,
     Surroundings,
     leaf_start,
+    nearer,
 )
 from lidarcodec.entropy.reference_predictive_rows import Rows, Work, code_frame, code_slab
 from lidarcodec.errors import SectionError, TruncatedError
 
-ALONE, EXPECTING, SLAB, QUARTERS, OF_FIRINGS, QUICK, BY_LEAF = 1, 2, 2, 8, 32, 128, 192
+ALONE, EXPECTING, SLAB, FREE, QUARTERS, OF_FIRINGS, QUICK, BY_LEAF = 1, 2, 2, 4, 8, 32, 128, 192
 OFFSETS = 192
 """Bits of a kind of which offsets it has: one of the last two, or neither."""
 FRAME_PARTS, SLAB_PARTS = 4, 2
@@ -49,7 +51,8 @@ class Given(NamedTuple):
 
     firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
     not at first; quick: with fewer contexts and other leaves; by_leaf: how many bits of an offset learn depends on
-    the leaf, as it does where firings are counted but for frames of before. `decode` does as the bytes say of all three
+    the leaf, as it does where firings are counted but for frames of before; free: cells are counted from the last
+    range. `decode` does as the bytes say of all four
     """
 
     layout: Layout
@@ -60,6 +63,7 @@ class Given(NamedTuple):
     firing: int | None = 0
     quick: bool = False
     by_leaf: bool = True
+    free: bool = False
 
     @property
     def kind(self) -> int:
@@ -67,12 +71,20 @@ class Given(NamedTuple):
         where = QUARTERS if self.known is None else SLAB
         counted = 0 if self.firing is None else OF_FIRINGS
         learns = QUICK if self.quick else BY_LEAF if self.depths == DEPTHS else 0
-        return (ALONE if self.expected is None else EXPECTING) + where + counted + learns
+        free = FREE if self.free else 0
+        return (ALONE if self.expected is None else EXPECTING) + where + free + counted + learns
 
     @property
     def depths(self) -> tuple[int, ...]:
         """How many bits of an offset learn, by leaf."""
         return DEPTHS if self.by_leaf and self.firing is not None else DEPTHS_BEFORE
+
+    def sixteenths(self, value: int, row: int) -> int:
+        """A range in sixteenths of a cell: of whole cells, or as it is."""
+        levelled = value + self.levels[row]
+        if self.free:
+            return (16 * levelled + self.step // 2) // self.step
+        return (levelled + self.step // 2) // self.step * 16
 
     @property
     def parts(self) -> int:
@@ -95,8 +107,10 @@ class Parts:
 
     def __init__(self, model: Model, step: int, coders: list[Coder], frame: Given) -> None:
         self._model, self._coders, self._quick, self._depths = model, coders, frame.quick, frame.depths
+        self._free, self._step, self._half = frame.free, step, 8 if frame.free else 0
+        self._nearer = nearer(step) if frame.free else 0
         model.begin(quick=frame.quick)
-        self.start, self.first = 480 // step + 5, 2500 // step
+        self.start, self.first = 480 // step + 5, 2500 // step * 16
         self._limit = (MAX_RANGE + MAX_LEVEL) // step + 1
 
     def code(self, work: Work) -> None:
@@ -113,20 +127,38 @@ class Parts:
                 self._code_together(together, i, works, states)
 
     def _code_together(self, now: list[int], i: int, works: list[Work], states: list[State]) -> None:
-        places = {p: Place(states[p], works[p].about, works[p].cells[i], self.first, quick=self._quick) for p in now}
-        walked = {p: self._walk(self._coders[p], places[p], works[p].row[places[p].cell]) for p in now}
+        kind = {"quick": self._quick, "free": self._free}
+        places = {p: Place(states[p], works[p].about, works[p].cells[i], self.first, **kind) for p in now}
+        wanted = {p: self._number(places[p].base, works[p].row[places[p].cell]) for p in now}
+        walked = {p: self._walk(self._coders[p], places[p], wanted[p]) for p in now}
         for p in now:
             place, (leaf, learned), row = places[p], walked[p], works[p].row
             self._learn(place, learned)
-            distance = self._offset(self._coders[p], place, leaf, row[place.cell])
-            value = row[place.cell] = place.base + (-1 - distance if leaf < 8 else distance)
-            if not 0 <= value <= self._limit:
+            distance = self._offset(self._coders[p], place, leaf, wanted[p])
+            number = -1 - distance if leaf < 8 else distance
+            value = row[place.cell] = self._middle(place.base, number)
+            if not -2 * self._half <= value <= 16 * self._limit + 2 * self._half:
                 raise SectionError("a range beyond what the sensor can give")
             self._settle(states[p], works[p].about, place, value, leaf)
             works[p].sizes[place.cell] = states[p].size1
 
-    def _walk(self, coder: Coder, place: Place, value: int) -> tuple[int, list[tuple[int, int, int]]]:
-        d = value - place.base
+    def _middle(self, base: int, number: int) -> int:
+        """Where a cell lies."""
+        return base + 16 * number - (self._nearer if number > 0 else -self._nearer if number < 0 else 0)
+
+    def _number(self, base: int, value: int) -> int:
+        """The cell of a range: of a free one the nearest, given in range steps with the level of its row."""
+        if not self._free:
+            return (value - base) // 16
+
+        def off(number: int) -> int:
+            return value - (self._middle(base, number) * self._step + 8 >> 4)
+
+        return min(
+            ((value - (base * self._step >> 4)) // self._step + n for n in range(-1, 4)), key=lambda n: abs(off(n))
+        )
+
+    def _walk(self, coder: Coder, place: Place, d: int) -> tuple[int, list[tuple[int, int, int]]]:
         away = -1 - d if d < 0 else d
         leaf = sum(away >= leaf_start(place.scale, n, quick=self._quick) for n in range(1, 8))
         wanted = 7 - leaf if d < 0 else 8 + leaf
@@ -159,14 +191,15 @@ class Parts:
             offsets[cell] = clamp16(offsets.get(cell, 0) + by)
         return came
 
-    def _offset(self, coder: Coder, place: Place, came: int, value: int) -> int:
-        down, d = came < 8, value - place.base
+    def _offset(self, coder: Coder, place: Place, came: int, d: int) -> int:
+        down = came < 8
         leaf, away = (7 - came if down else came - 8), (-1 - d if d < 0 else d)
         begin, scale = leaf_start(place.scale, leaf, quick=self._quick), place.scale
         left = LEAF_BITS[self._quick][scale][leaf]
         if self._quick and leaf < 7:
             return begin + coder.plain(away - begin, left)
-        near = [-1 - (x - place.base) if down else x - place.base for x in place.near]
+        near = [x - place.base + self._half >> 4 for x in place.near]
+        near = [-1 - x if down else x for x in near]
         octave = 0
         while leaf == 7:
             if octave >= 17 or begin > 2 * self._limit:
@@ -191,19 +224,18 @@ class Parts:
         return begin + coder.plain(away - begin, left)
 
     def _settle(self, part: State, about: Surroundings, place: Place, value: int, leaf: int) -> None:
-        size = min(abs(value - place.base) << 4, MAX_DIFFERENCE)
+        size = min(abs(value - place.base), MAX_DIFFERENCE)
         part.size2, part.size1 = (part.size2 + part.size1) // 2, size
         apart = size - part.mean
         part.mean += apart // 8 if apart >= 0 else -(-apart // 8)
         part.leaves = (leaf, part.leaves[0])
-        above = about.above[place.cell + MARGIN] if about.above else place.base
-        apart = (value - above) * 16 - part.level
+        apart = value - place.above - part.level
         if not part.last or abs(apart) > 4 * LIMITS[place.scale][5]:
             part.level += apart
         else:
             part.level += apart * 11 // 32 if apart >= 0 else -(-apart * 11 // 32)
         if about.expected and about.known[place.cell + MARGIN]:
-            by = (value - about.expected[place.cell + MARGIN]) * 16 - part.bias
+            by = value - about.expected[place.cell + MARGIN] - part.bias
             missed = min(abs(by >> 4) << 4, MAX_DIFFERENCE) - part.miss
             part.miss += missed // 4 if missed >= 0 else -(-missed // 4)
             if abs(by) <= 4 * LIMITS[place.scale][5]:
@@ -211,16 +243,16 @@ class Parts:
         part.last = [value, *part.last[:4]] if part.last else [value] * 5
 
 
-def expected_cells(expected: Image | None, layout: Layout, step: int, levels: list[int]) -> list[list[int]] | None:
-    """Closed-up rows of expected ranges in cells, -1 for 0."""
-    if expected is None:
+def expected_cells(frame: Given) -> list[list[int]] | None:
+    """Closed-up rows of expected ranges in sixteenths of a cell, -1 for 0."""
+    if frame.expected is None:
         return None
-    rows = closed_up(expected, layout)
-    return [[(x + levels[row] + step // 2) // step if x else -1 for x in rows[row]] for row in range(ROWS)]
+    rows = closed_up(frame.expected, frame.layout)
+    return [[frame.sixteenths(x, row) if x else -1 for x in rows[row]] for row in range(ROWS)]
 
 
 def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Rows:
-    seen = expected_cells(frame.expected, frame.layout, frame.step, frame.levels)
+    seen = expected_cells(frame)
     past = frame.known or 0
     firing = None if frame.firing is None else (frame.firing - past) % FIRINGS
     return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, past, firing)
@@ -231,18 +263,25 @@ def _code(rows: Rows, frame: Given, model: Model, coders: list[Coder]) -> None:
     if frame.known is None:
         code_frame(rows, coder)
     else:
-        code_slab(rows, coder, model, frame.step)
+        code_slab(rows, coder, model, frame.step, free=frame.free)
 
 
 def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) -> bytes:
     """Bytes of (64, W) ranges. returns: (64, W) uint8 of 0 and 1; model: goes on from what it learned before."""
-    layout, step = frame.layout, frame.step
+    layout = frame.layout
     mask, rows = closed_up(returns, layout), closed_up(values, layout)
     if sum(map(sum, mask)) != int(returns.sum()):
         raise SectionError("a mask is set in a block that did not fire")
     if not returns[:, frame.known or 0 :].any():
         return b""
-    cells = [[(x + frame.levels[row] + step // 2) // step for x in rows[row]] for row in range(ROWS)]
+    cells = [[frame.sixteenths(x, row) for x in rows[row]] for row in range(ROWS)]
+    if frame.free:  # those that are to be coded are chosen one by one
+        for row in range(ROWS):
+            columns = layout.columns[layout.half[row]]
+            cells[row] = [
+                x + frame.levels[row] if columns[k] >= (frame.known or 0) else cells[row][k]
+                for k, x in enumerate(rows[row])
+            ]
     coders = [WideWriter() for _ in range(frame.parts)]
     _code(_rows(cells, returns, frame, turn), frame, model, list(coders))
     streams = [coder.finish() for coder in coders]
@@ -266,7 +305,12 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         raise TruncatedError("ranges end within their header", 0)
     counted = bool(data[0] & OF_FIRINGS)
     quick, by_leaf = (counted and data[0] & OFFSETS == kind for kind in (QUICK, BY_LEAF))
-    frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf)
+    free = (
+        data[0] % 16 - FREE in (ALONE + SLAB, EXPECTING + SLAB, ALONE + QUARTERS, EXPECTING + QUARTERS)
+        and (quick or by_leaf)
+        and step > 1
+    )
+    frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf, free=free)
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))
@@ -284,18 +328,14 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
             raise TruncatedError("ranges end before their streams do", len(data))
         coders.append(WideReader(data[at : at + size]))
         at += size
-    rows = [
-        [(x + frame.levels[row] + step // 2) // step for x in cells]
-        for row, cells in enumerate(closed_up(image, layout))
-    ]
+    rows = [[frame.sixteenths(x, row) for x in cells] for row, cells in enumerate(closed_up(image, layout))]
     _code(_rows(rows, returns, frame, turn), frame, model, list(coders))
     for coder in coders:
         coder.finish()
     for row in range(ROWS):
         columns = np.array(layout.columns[layout.half[row]], np.intp)
-        came = np.clip(np.array(rows[row], np.int64) * step - frame.levels[row], 1, MAX_RANGE) * np.array(
-            mask[row], np.int64
-        )
+        steps = np.array(rows[row], np.int64) * step + 8 >> 4
+        came = np.clip(steps - frame.levels[row], 1, MAX_RANGE) * np.array(mask[row], np.int64)
         new = columns >= known
         image[row, columns[new]] = came[new]
     return image

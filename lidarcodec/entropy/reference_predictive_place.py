@@ -67,6 +67,16 @@ def leaf_start(scale: int, leaf: int, *, quick: bool) -> int:
     return sum(1 << bits for bits in LEAF_BITS[quick][scale][:leaf])
 
 
+def quarters(of: int, seen_from: int) -> int:
+    """Quarters of a cell that one range lies above another, both in sixteenths."""
+    return of - seen_from >> 2
+
+
+def nearer(step: int) -> int:
+    """Sixteenths that all free cells but the middle one lie nearer than whole ones would."""
+    return min(step // 5, 4)
+
+
 def position(difference: int, scale: int) -> int:
     """Position, 0 to 15, of a difference in quarters of a cell."""
     d = max(-32767, min(32767, difference))
@@ -75,7 +85,10 @@ def position(difference: int, scale: int) -> int:
 
 
 class State:
-    """What is known from the returns of a row, or of a part of one, that were coded before."""
+    """What is known from the returns of a row, or of a part of one, that were coded before.
+
+    Ranges are sixteenths of a cell, here and below.
+    """
 
     def __init__(self, start: int) -> None:
         self.last: list[int] = []
@@ -83,14 +96,14 @@ class State:
         self.level, self.leaves = 0, (8, 8)
         self.bias, self.miss = 0, start
 
-    def rescale(self, old: int, new: int) -> None:
-        """Bring it from cells of so many range steps to others."""
+    def rescale(self, old: int, new: int, *, free: bool) -> None:
+        """Bring it from cells of so many range steps to others, free ones or whole ones."""
 
-        def scaled(x: int) -> int:
-            size = min(abs(x) * old // new, MAX_DIFFERENCE)
+        def scaled(x: int, most: int = MAX_DIFFERENCE, within: int = 1) -> int:
+            size = min(abs(x) * old // new, most) // within * within
             return -size if x < 0 else size
 
-        self.last = [scaled(x) for x in self.last]
+        self.last = [scaled(x, 16 * MAX_DIFFERENCE, 1 if free else 16) for x in self.last]
         self.size1, self.size2, self.mean, self.miss = map(scaled, (self.size1, self.size2, self.mean, self.miss))
         self.level, self.bias = scaled(self.level), scaled(self.bias)
 
@@ -103,7 +116,7 @@ class Model:
         self.offsets: dict[tuple[object, ...], int] = {}
         self.quick = False  # of which kind the last image was, and so the leaves of all trees
         self.states: list[State] = []  # of the rows where the last slab ended, in cells of `step`
-        self.step = 0
+        self.step, self.free = 0, False
 
     def slot(self, context: tuple[int, ...]) -> list[int]:
         """16 cells: how often the context was seen, and the nodes of its tree."""
@@ -120,26 +133,32 @@ class Model:
 class Place:
     """What is known of a return before it is coded."""
 
-    def __init__(self, half: State, about: Surroundings, k: int, first: int, *, quick: bool) -> None:
+    def __init__(
+        self, half: State, about: Surroundings, k: int, first: int, *, quick: bool, free: bool = False
+    ) -> None:
         at = k + MARGIN
         above, upper, sizes = about.above, about.upper, about.sizes
         self.cell = k
-        self.base = half.last[0] if half.last else above[at] if above else first
-        up = above[at - 1 : at + 5] if above else [self.base] * 6
-        upper_up = upper[at - 1 : at + 5] if upper else [self.base] * 6
-        last = half.last[1:5] if half.last else [self.base] * 4
+        newest = half.last[0] if half.last else above[at] if above else first
+        up = above[at - 1 : at + 5] if above else [newest] * 6
+        upper_up = upper[at - 1 : at + 5] if upper else [newest] * 6
+        last = half.last[1:5] if half.last else [newest] * 4
+        self.base, self.above = newest, up[1]
+        if free and about.expected and about.known[at]:
+            two = sorted((up[1] + half.level, about.expected[at] + half.bias))
+            self.base += 1 if two[0] > newest else -1 if two[1] < newest else 0
         mean = 5 * half.size1 + 3 * half.size2 + 3 * sizes[at] + sizes[at - 1] + 2 * (sizes[at + 1] + sizes[at + 2])
         self.scale = scale_class(mean // 16)
         level = half.level >> 2
         differences = [
-            [4 * (x - self.base) for x in last],
-            [4 * (x - self.base) + level for x in up[:4]],
-            [4 * (x - self.base) for x in up[:4]],
-            [4 * (up[i + 1] - up[i]) for i in range(4)],
-            [2 * (up[i + 2] - up[i]) for i in range(4)],
-            [4 * (x - self.base) for x in upper_up[:4]],
-            [4 * (upper_up[i] - up[i]) for i in range(4)],
-            [4 * (upper_up[i + 1] - upper_up[i]) for i in range(4)],
+            [quarters(x, self.base) for x in last],
+            [quarters(x, self.base) + level for x in up[:4]],
+            [quarters(x, self.base) for x in up[:4]],
+            [quarters(up[i + 1], up[i]) for i in range(4)],
+            [up[i + 2] - up[i] >> 3 for i in range(4)],
+            [quarters(x, self.base) for x in upper_up[:4]],
+            [quarters(upper_up[i], up[i]) for i in range(4)],
+            [quarters(upper_up[i + 1], upper_up[i]) for i in range(4)],
         ]
         of = [position(d, self.scale) for group in differences for d in group]
         m, a, b = about.mask, about.above_mask, about.below_mask
@@ -152,7 +171,7 @@ class Place:
         for number, features in enumerate(CONTEXTS):
             shift = len(features) - 2
             self.contexts.append((5 + number, *(of[feature] >> shift for feature in features)))
-        levelled = up[1] + (half.level >> 4)
+        levelled = up[1] + half.level
         self.near = [up[1], up[2], last[0], upper_up[1], up[0], last[1], levelled, up[3]]
         if about.expected:
             self._expect(half, about, at, up, of)
@@ -164,10 +183,10 @@ class Place:
         seen, known, bias = about.expected[at - 1 : at + 4], about.known, half.bias >> 2
         above = about.expected_above[at - 1 : at + 3] if about.above else up
         differences = [
-            [4 * (x - self.base) + bias for x in seen[:4]],
-            [4 * (x - self.base) for x in seen[:4]],
-            [4 * (seen[i + 1] - seen[i]) for i in range(4)],
-            [4 * (up[i] - above[i]) for i in range(4)],
+            [quarters(x, self.base) + bias for x in seen[:4]],
+            [quarters(x, self.base) for x in seen[:4]],
+            [quarters(seen[i + 1], seen[i]) for i in range(4)],
+            [quarters(up[i], above[i]) for i in range(4)],
         ]
         of += [position(d, self.scale) for group in differences for d in group]
         of += [known[at - 1] | known[at + 1] << 1 | known[at] << 2 | about.above_mask[at] << 3]
@@ -176,7 +195,7 @@ class Place:
             shift = len(features) - 2
             self.contexts.append((number, *(of[feature] >> shift for feature in features)))
         if known[at]:
-            self.near = [seen[1] + (half.bias >> 4), *self.near[:7]]
+            self.near = [seen[1] + half.bias, *self.near[:7]]
 
     def _relative(self, size: int) -> int:
         return max(0, min(15, scale_class(size) - self.scale + 7))

@@ -12,9 +12,9 @@ from lidarcodec.entropy.reference_predictive_place import FIRINGS, MARGIN, MAX_D
 
 
 class Rows(NamedTuple):
-    """An image in cells, rows closed up, of which the first `past` columns are known.
+    """An image in sixteenths of a cell, rows closed up, of which the first `past` columns are known.
 
-    mask: returns; values: cells; expected: -1 where nothing is; firing: of column 0, None: not counted
+    mask: returns; values: ranges; expected: -1 where nothing is; firing: of column 0, None: not counted
     """
 
     layout: Layout
@@ -81,7 +81,7 @@ class Stage:
         n = len(rows.values[row])
         none = [1] * (n + 2 * MARGIN)
         below_top = row - self._top
-        self._above = layout.above(self._ranges, row - 1, row, turn) if below_top >= 1 else []
+        self._above = layout.above(self._ranges, row - 1, row, turn, 16) if below_top >= 1 else []
         self._above_sizes = (
             layout.above(self._sizes, row - 1, row, turn) if below_top >= 1 else [self._start] * (n + 2 * MARGIN)
         )
@@ -90,7 +90,7 @@ class Stage:
             layout.above(rows.mask, row - 1, row, turn) if row >= 1 else none,
             layout.above(rows.mask, row + 1, row, turn) if row + 1 < ROWS else none,
             self._above,
-            layout.above(self._ranges, row - 2, row, turn) if below_top >= 2 else [],
+            layout.above(self._ranges, row - 2, row, turn, 16) if below_top >= 2 else [],
             self._above_sizes,
         )
         if rows.expected is not None:
@@ -102,7 +102,7 @@ class Stage:
         known = [k for k in self._returns if columns[k] < rows.past]
         taken = [0] * n
         for i, k in enumerate(known):
-            differs = abs(rows.values[row][k] - rows.values[row][known[i - 1]]) << 4
+            differs = abs(rows.values[row][k] - rows.values[row][known[i - 1]])
             taken[k] = min(differs, MAX_DIFFERENCE) if i else self._start
         self._work = Work(about, self._returns[len(known) :], rows.values[row], taken)
         return self._work
@@ -125,7 +125,7 @@ class Stage:
         if n:
             about.expected, about.known = padded(self._foreseen[row]), padded([int(x >= 0) for x in expected])
             if row > self._top:
-                about.expected_above = self._rows.layout.above(self._foreseen, row - 1, row, self._rows.turn)
+                about.expected_above = self._rows.layout.above(self._foreseen, row - 1, row, self._rows.turn, 16)
 
 
 def code_frame(rows: Rows, coder: RowCoder) -> None:
@@ -136,14 +136,14 @@ def code_frame(rows: Rows, coder: RowCoder) -> None:
         stage.end()
 
 
-def code_slab(rows: Rows, coder: RowCoder, model: Model, step: int) -> None:
+def code_slab(rows: Rows, coder: RowCoder, model: Model, step: int, *, free: bool) -> None:
     """Code a slab in place: rows of the upper and the lower half in turns, each from where the last slab left it."""
     if not model.states or not rows.past:
         model.states = [State(coder.start) for _ in range(ROWS)]
-    elif model.step != step:
+    elif (model.step, model.free) != (step, free):
         for state in model.states:
-            state.rescale(model.step, step)
-    model.step = step
+            state.rescale(model.step, step, free=free)
+    model.step, model.free = step, free
     stages = [Stage(rows, 0, coder), Stage(rows, ROWS // 2, coder)]
     for row in range(ROWS // 2):
         works = [stages[0].begin(row), stages[1].begin(row + ROWS // 2)]

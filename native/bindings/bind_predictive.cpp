@@ -31,6 +31,14 @@ std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
   return {found, LetGo{nets.inc_ref().ptr()}};  // which lets go if there is no memory for what counts
 }
 
+// Where to put what is sent, (64, W); nullptr for (64, 0).
+std::uint16_t* place_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent, const MaskGeometry& geometry) {
+  if (sent.shape(1) == 0) return nullptr;
+  if (sent.shape(0) != kMaskRows || sent.shape(1) != geometry.width)
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "what is sent is (64, W), as wide as what fired");
+  return sent.data();
+}
+
 }  // namespace
 
 void bind_predictive(nb::module_& m) {
@@ -60,24 +68,25 @@ void bind_predictive(nb::module_& m) {
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
              In<std::int32_t, 1> rotation, std::uint32_t turn, std::uint32_t firing, In<std::uint16_t, 2> expected,
-             std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick) {
+             std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick, nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu> sent) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
             const std::uint16_t* const seen = expectation(expected, geometry);
+            std::uint16_t* const to = place_of(sent, geometry);
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples, quick);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples, quick, to);
             }
             return give_bytes(data);
           },
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
           nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"),
-          nb::arg("samples").none() = nb::none(), nb::arg("quick") = false,
-          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column; `quick`: with fewer contexts.")
+          nb::arg("samples").none() = nb::none(), nb::arg("quick"), nb::arg("sent").noconvert(),
+          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column; `quick`: with fewer contexts; `sent`: (64, W), takes free ranges as they are decoded; (64, 0): they are rounded.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

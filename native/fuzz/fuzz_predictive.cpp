@@ -42,7 +42,9 @@ void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::Ran
   PredictiveCoder decoder(path_of(ways >> 5), nets_of(learned, ways / 2048 % 16 == 0));
   for (int frame = 0; frame < 2; ++frame) {
     const bool quick = ways / 16384 % 4 > static_cast<std::uint32_t>(frame);
-    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known, nullptr, quick);
+    const bool free = (ways >> 12 & 1u) == static_cast<std::uint32_t>(frame);
+    Ranges sent(image.size());
+    const Bytes data = encoder.encode(image.data(), returns.data(), cells, geometry, turn, turn >> 9, expected, known, nullptr, quick, free ? sent.data() : nullptr);
     const Ranges came =
         decoder.decode(data.data(), data.size(), returns.data(), cells, geometry, expected, known, before.data());
     for (std::size_t i = 0; i < image.size(); ++i) {
@@ -51,6 +53,7 @@ void check_round_trip(const Ranges& image, const Bytes& returns, lidarcodec::Ran
       if (is_known ? came[i] != image[i]
                    : apart > static_cast<int>(cells.step / 2) || (returns[i] != 0 && came[i] == 0))
         std::abort();
+      if (free && cells.step > 1 && !is_known && came[i] != sent[i]) std::abort();
     }
     cells.step = (5 * cells.step + 2) % 65536 | 1u;  // another odd one
   }
@@ -85,8 +88,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
-      const bool counted = turn & 512u, quick = counted && !learned && (turn & 1024u);
-      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (quick ? 128 : counted && (turn & 2048u) ? 192 : 0)),
+      const bool counted = turn & 512u, quick = counted && !learned && (turn & 1024u), by_leaf = counted && !quick && (turn & 2048u);
+      const bool free = (quick || by_leaf) && (turn & 4096u);
+      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (free ? 4 : 0) + (quick ? 128 : by_leaf ? 192 : 0)),
                static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8)};
       if (counted) coded.push_back(holes % 25u);
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));

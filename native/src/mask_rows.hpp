@@ -73,16 +73,16 @@ class MaskLayout {
   }
 
   // Fills `out`, margins too, with row `above` as seen from `row`. Beyond its ends a row goes on as it ends; a row
-  // without cells, like the one above the first, is all returns.
+  // without cells, like the one above the first, is all `none`: returns of masks.
   template <class Cell>
   void align(const Cell* above_cells, std::size_t above, std::size_t row, std::int64_t shift,
-             PaddedRowOf<Cell>& out) const {
+             PaddedRowOf<Cell>& out, Cell none = 1) const {
     const auto n = static_cast<std::ptrdiff_t>(cells(row));
     const auto have = static_cast<std::ptrdiff_t>(cells(above));
     Cell* to = out.cells();
     constexpr std::ptrdiff_t margin = PaddedRowOf<Cell>::kMargin;
     if (have == 0) {
-      std::fill(to - margin, to + n + margin, Cell{1});
+      std::fill(to - margin, to + n + margin, none);
     } else if (half(above) == half(row)) {
       copy_clamped(above_cells, have, shift - margin, to - margin, n + 2 * margin);
     } else {

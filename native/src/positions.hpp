@@ -12,7 +12,7 @@
 
 namespace lidarcodec {
 
-// Ranges around, each group of four from left to right; groups overlap in memory.
+// Ranges around, in sixteenths of a cell, each group of four from left to right; groups overlap in memory.
 struct Around {
   const std::int32_t* last;   // the second to the fifth last return of the row
   const std::int32_t* above;  // from the cell before this one in the row above; six are read
@@ -21,7 +21,7 @@ struct Around {
   std::int32_t level;         // of this row above the one above, quarters of a cell
 };
 
-// What was expected around, each group of four from the cell before this one on; groups overlap in memory.
+// What was expected around, likewise, each group of four from the cell before this one on; groups overlap in memory.
 struct Expected {
   const std::int32_t* here;   // in this row; five are read
   const std::int32_t* above;  // in the row above, and what came there
@@ -52,13 +52,13 @@ inline constexpr auto kLaneLimits = [] {
 // in the row above against what was expected there.
 // A position is 8 + n for a difference that is not negative, and 7 - n for one that is; n limits are at most its size.
 
-// Eight ranges as they lie from a base: how far above it, or how far below the one below it.
+// Eight ranges as they lie from where a cell begins: how many cells above it, or how many below the one below it.
 struct NearRanges {
   alignas(32) std::array<std::int32_t, 8> away;
 
   NearRanges() = default;
-  NearRanges(const std::array<std::int32_t, 8>& ranges, std::int32_t base, bool down) {
-    for (std::size_t i = 0; i < away.size(); ++i) away[i] = (ranges[i] - base) ^ (down ? -1 : 0);
+  NearRanges(const std::array<std::int32_t, 8>& ranges, std::int32_t origin, bool down) {
+    for (std::size_t i = 0; i < away.size(); ++i) away[i] = ((ranges[i] - origin) >> 4) ^ (down ? -1 : 0);
   }
 
   // Which of them are at least so far away: a bit for each.
@@ -81,6 +81,8 @@ struct NearRanges {
 };
 
 struct PlainPositions {
+  static std::int32_t quarters(std::int32_t sixteenths) { return sixteenths >> 2; }
+
   // The position of one difference.
   static std::uint8_t position_of(std::int32_t difference, std::uint32_t scale) {
     const std::int32_t d = std::clamp(difference, -32767, 32767), size = d < 0 ? -d : d;
@@ -91,9 +93,9 @@ struct PlainPositions {
 
   static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
     for (std::size_t i = 0; i < 4; ++i) {
-      const std::int32_t here = expected.here[i], plain = 4 * (here - expected.base);
-      const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain, 4 * (expected.here[i + 1] - here),
-                                                       4 * (expected.came[i] - expected.above[i])};
+      const std::int32_t here = expected.here[i], plain = quarters(here - expected.base);
+      const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain, quarters(expected.here[i + 1] - here),
+                                                       quarters(expected.came[i] - expected.above[i])};
       for (std::size_t group = 0; group < differences.size(); ++group)
         positions[4 * group + i] = position_of(differences[group], scale);
     }
@@ -102,15 +104,15 @@ struct PlainPositions {
   static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
     for (std::size_t i = 0; i < 4; ++i) {
       const std::int32_t above = around.above[i], upper = around.upper[i];
-      const std::int32_t plain = 4 * (above - around.base);
-      const std::array<std::int32_t, 8> differences = {4 * (around.last[i] - around.base),
+      const std::int32_t plain = quarters(above - around.base);
+      const std::array<std::int32_t, 8> differences = {quarters(around.last[i] - around.base),
                                                        plain + around.level,
                                                        plain,
-                                                       4 * (around.above[i + 1] - above),
-                                                       2 * (around.above[i + 2] - above),
-                                                       4 * (upper - around.base),
-                                                       4 * (upper - above),
-                                                       4 * (around.upper[i + 1] - upper)};
+                                                       quarters(around.above[i + 1] - above),
+                                                       (around.above[i + 2] - above) >> 3,
+                                                       quarters(upper - around.base),
+                                                       quarters(upper - above),
+                                                       quarters(around.upper[i + 1] - upper)};
       for (std::size_t group = 0; group < differences.size(); ++group)
         positions[4 * group + i] = position_of(differences[group], scale);
     }
@@ -142,7 +144,7 @@ struct Positions {
     for (std::size_t v = 0; v < Groups; v += 2) _mm_storeu_si128(to + v / 2, _mm_packus_epi16(count[v], count[v + 1]));
   }
 
-  static __m128i quarters(__m128i cells) { return _mm_slli_epi32(cells, 2); }
+  static __m128i quarters(__m128i sixteenths) { return _mm_srai_epi32(sixteenths, 2); }
 
   static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
     const __m128i here = four(expected.here), base = _mm_set1_epi32(expected.base);
@@ -162,7 +164,7 @@ struct Positions {
     const __m128i d[4] = {
         _mm_packs_epi32(quarters(_mm_sub_epi32(four(around.last), base)), _mm_add_epi32(plain, level)),
         _mm_packs_epi32(plain, quarters(_mm_sub_epi32(next, above))),
-        _mm_packs_epi32(_mm_slli_epi32(_mm_sub_epi32(four(around.above + 2), above), 1),
+        _mm_packs_epi32(_mm_srai_epi32(_mm_sub_epi32(four(around.above + 2), above), 3),
                         quarters(_mm_sub_epi32(upper, base))),
         _mm_packs_epi32(quarters(_mm_sub_epi32(upper, above)), quarters(_mm_sub_epi32(four(around.upper + 1), upper))),
     };
@@ -192,7 +194,7 @@ struct Positions {
       vst1q_u8(positions + 8 * v, vqmovun_high_s16(vqmovun_s16(count[v]), count[v + 1]));
   }
 
-  static int32x4_t quarters(int32x4_t cells) { return vshlq_n_s32(cells, 2); }
+  static int32x4_t quarters(int32x4_t sixteenths) { return vshrq_n_s32(sixteenths, 2); }
   static int16x8_t pack(int32x4_t a, int32x4_t b) { return vqmovn_high_s32(vqmovn_s32(a), b); }
 
   static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
@@ -213,7 +215,7 @@ struct Positions {
     const int16x8_t d[4] = {
         pack(quarters(vsubq_s32(vld1q_s32(around.last), base)), vaddq_s32(plain, level)),
         pack(plain, quarters(vsubq_s32(next, above))),
-        pack(vshlq_n_s32(vsubq_s32(vld1q_s32(around.above + 2), above), 1), quarters(vsubq_s32(upper, base))),
+        pack(vshrq_n_s32(vsubq_s32(vld1q_s32(around.above + 2), above), 3), quarters(vsubq_s32(upper, base))),
         pack(quarters(vsubq_s32(upper, above)), quarters(vsubq_s32(vld1q_s32(around.upper + 1), upper))),
     };
     count_limits(d, scale, positions);

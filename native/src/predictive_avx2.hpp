@@ -109,9 +109,10 @@ struct Avx2Forms {
     asm("" : "+m"(found));  // else they are taken out of the vectors one by one, which takes twice as long
   }
 
-  LIDARCODEC_AVX2 static NearRanges near(const std::array<std::int32_t, 8>& r, std::int32_t base, bool down) {
+  LIDARCODEC_AVX2 static NearRanges near(const std::array<std::int32_t, 8>& r, std::int32_t origin, bool down) {
     const __m256i ranges = _mm256_setr_epi32(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7]);
-    const __m256i away = _mm256_xor_si256(_mm256_sub_epi32(ranges, _mm256_set1_epi32(base)), _mm256_set1_epi32(down ? -1 : 0));
+    const __m256i apart = _mm256_srai_epi32(_mm256_sub_epi32(ranges, _mm256_set1_epi32(origin)), 4);
+    const __m256i away = _mm256_xor_si256(apart, _mm256_set1_epi32(down ? -1 : 0));
     NearRanges near;
     _mm256_store_si256(reinterpret_cast<__m256i*>(near.away.data()), away);
     return near;
@@ -192,7 +193,7 @@ struct Avx2Forms {
 #pragma GCC unroll 4
       for (std::size_t g = 0; g < 4; ++g) {
         const __m256i apart = _mm256_sub_epi32(both(a[g].of, b[g].of), both(a[g].from, b[g].from));
-        quarters[g] = _mm256_add_epi32(_mm256_slli_epi32(apart, 2), both(a[g].more, b[g].more));
+        quarters[g] = _mm256_add_epi32(_mm256_srai_epi32(apart, 2), both(a[g].more, b[g].more));
         const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Straight ? sixteenths : units);
         sizes[g] = g < Straight ? _mm256_cvttps_epi32(_mm256_add_ps(size, _mm256_set1_ps(0.5f))) : log2_16(size);
       }
@@ -288,7 +289,7 @@ struct Avx2Forms {
   LIDARCODEC_AVX2 static __m256i same(std::int32_t low, __m256i high) {
     return _mm256_permute2x128_si256(_mm256_castsi128_si256(_mm_set1_epi32(low)), high, 0x20);
   }
-  LIDARCODEC_AVX2 static __m256i quarters(__m256i cells) { return _mm256_slli_epi32(cells, 2); }
+  LIDARCODEC_AVX2 static __m256i quarters(__m256i sixteenths) { return _mm256_srai_epi32(sixteenths, 2); }
   LIDARCODEC_AVX2 static __m256i in_low_half(std::int32_t number) {
     return _mm256_zextsi128_si256(_mm_set1_epi32(number));
   }
@@ -306,7 +307,7 @@ struct Avx2Forms {
     const __m256i upper = fours(around.upper, around.upper + 1);
     const __m256i even = _mm256_sub_epi32(fours(around.above + 2, around.upper), fours(around.above, around.above));
     const __m256i odd = quarters(_mm256_sub_epi32(upper, same(around.base, upper)));
-    return _mm256_packs_epi32(_mm256_sllv_epi32(even, _mm256_setr_epi32(1, 1, 1, 1, 2, 2, 2, 2)), odd);
+    return _mm256_packs_epi32(_mm256_srav_epi32(even, _mm256_setr_epi32(3, 3, 3, 3, 2, 2, 2, 2)), odd);
   }
 
   // Of what is expected: groups 0 and 1, and 2 and 3.

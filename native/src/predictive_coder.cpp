@@ -13,11 +13,18 @@ namespace {
 
 constexpr std::uint8_t kAlone = 1, kExpecting = 2;  // kinds: contexts of this frame only; of what is expected, too
 constexpr std::uint8_t kSlab = 2, kQuarters = 8;   // added to either: of a slab; of a whole frame
+constexpr std::uint8_t kFree = 4;                  // added to any of those that are written: of free ranges
 constexpr std::uint8_t kLearnedKind = 16;          // added to any: a network says what is likely to begin with
 constexpr std::uint8_t kOfFirings = 32;            // added to any: firings are counted; others are only read
 constexpr std::uint8_t kQuick = 128;               // added to those that count them and have no network: few contexts, own leaves
 constexpr std::uint8_t kByLeaf = 192;              // added to those that count them: how many bits of an offset learn depends on the leaf
 constexpr std::uint8_t kOffsets = 192;             // bits that are kQuick, kByLeaf or 0; ranges with 0 are only read, others are unknown
+
+// Whether a kind is one of free ranges.
+bool is_free(std::uint8_t kind) {
+  constexpr unsigned kRounded = 1u << (kAlone + kSlab) | 1u << (kExpecting + kSlab) | 1u << (kAlone + kQuarters) | 1u << (kExpecting + kQuarters);
+  return (kRounded << kFree >> (kind & 15) & 1u) != 0;
+}
 
 // Bytes before the streams: kind, turn u16, firing u8 where they are counted, bytes of each stream but the last u32; of a
 // slab also known u8.
@@ -44,8 +51,8 @@ std::size_t take(const std::uint8_t* from, int bytes) {
 }
 
 // Of frames as they are written now: they count firings.
-std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net, RangeKind kind) {
-  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : kQuarters) +
+std::uint8_t kind_of(bool slab, const std::uint16_t* expected, const RiddleNet* net, RangeKind kind, bool free) {
+  return static_cast<std::uint8_t>((expected == nullptr ? kAlone : kExpecting) + (slab ? kSlab : kQuarters) + (free ? kFree : 0) +
                                    (net != nullptr ? kLearnedKind : 0) + kOfFirings +
                                    (kind == RangeKind::Quick ? kQuick : kind == RangeKind::Full ? kByLeaf : 0));
 }
@@ -68,7 +75,7 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 
 KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return kWholeFrame;
-  const int kind = data[0] & ~(kLearnedKind | kOfFirings | kOffsets);
+  const int kind = (data[0] & 15) - (is_free(data[0]) ? kFree : 0);
   if (kind != kAlone + kSlab && kind != kExpecting + kSlab) return kWholeFrame;
   const std::size_t head = head_bytes(kSlabParts, true, (data[0] & kOfFirings) != 0);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -114,10 +121,12 @@ void PredictiveCoder::reset() {
 }
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
-                                                  const RangeCells& cells, const MaskGeometry& geometry,
+                                                  const RangeCells& whole, const MaskGeometry& geometry,
                                                   std::uint32_t turn, std::uint32_t firing, const std::uint16_t* expected,
-                                                  KnownColumns known, RiddleSamples* samples, bool quick) {
-  check(cells, geometry, known);
+                                                  KnownColumns known, RiddleSamples* samples, bool quick, std::uint16_t* sent) {
+  check(whole, geometry, known);
+  RangeCells cells = whole;
+  cells.free = sent != nullptr && cells.step > 1;
   const std::size_t inputs = expected != nullptr ? kInputsExpecting : kInputsAlone;
   if (samples != nullptr && samples->size() != 0 && samples->inputs != inputs)
     throw Error(ErrorCode::Section, "samples of frames of two kinds");
@@ -133,7 +142,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const RangeKind kind = quick && net == nullptr ? RangeKind::Quick : RangeKind::Full;
   if (samples != nullptr) samples->inputs = inputs;
   PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *states_, known >= 0, kind}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, ranges);
+  write_image({path_, model_, {net, samples}, *states_, known >= 0, kind}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts, ranges);
   const std::size_t count = parts_of(known >= 0);
   std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
   std::size_t size = head_bytes(count, known >= 0, true);
@@ -143,7 +152,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   }
   std::vector<std::uint8_t> out;
   out.reserve(size);
-  put(out, kind_of(known >= 0, expected, net, kind), 1);
+  put(out, kind_of(known >= 0, expected, net, kind, cells.free), 1);
   put(out, turn, 2);
   put(out, firing, 1);
   for (std::size_t p = 0; p + 1 < count; ++p) put(out, streams[p]->size(), 4);
@@ -153,10 +162,10 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
 }
 
 std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std::size_t size,
-                                                   const std::uint8_t* returns, const RangeCells& cells,
+                                                   const std::uint8_t* returns, const RangeCells& whole,
                                                    const MaskGeometry& geometry, const std::uint16_t* expected,
                                                    KnownColumns known, const std::uint16_t* before) {
-  check(cells, geometry, known);
+  check(whole, geometry, known);
   const std::size_t width = geometry.width, past = known < 0 ? 0 : static_cast<std::size_t>(known);
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
@@ -173,7 +182,9 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   const bool counted = (data[0] & kOfFirings) != 0;
   const int offsets = data[0] & kOffsets;
   const RangeKind kind = offsets == kQuick ? RangeKind::Quick : offsets == kByLeaf ? RangeKind::Full : RangeKind::Before;
-  if ((data[0] | kOfFirings) != kind_of(slab, expected, net, kind) || (kind != RangeKind::Before && !counted) ||
+  RangeCells cells = whole;
+  cells.free = is_free(data[0]) && kind != RangeKind::Before && cells.step > 1;
+  if ((data[0] | kOfFirings) != kind_of(slab, expected, net, kind, cells.free) || (kind != RangeKind::Before && !counted) ||
       (kind == RangeKind::Quick && net != nullptr))
     throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const std::size_t head = head_bytes(count, slab, counted);

@@ -19,10 +19,20 @@
 
 namespace lidarcodec {
 
-// What turns ranges into cells: (range + level of its row + step / 2) / step.
+// What turns ranges into cells. The coder has them in sixteenths of a cell.
 struct RangeCells {
   std::uint32_t step = 1;                        // odd, 1 to 65535
   std::array<std::int32_t, kMaskRows> level{};   // 0 to 1000, range steps
+  bool free = false;  // cells are counted from the last return (free_cells.hpp), not from 0; the coder sets it
+
+  std::int32_t sixteenths(std::int32_t range, std::size_t row) const {
+    const std::int32_t width = static_cast<std::int32_t>(step), levelled = range + level[row];
+    if (width == 1) return levelled * 16;
+    return free ? (levelled * 16 + width / 2) / width : (levelled + width / 2) / width * 16;
+  }
+  std::int32_t range(std::int32_t sixteenths, std::size_t row) const {
+    return ((sixteenths * static_cast<std::int32_t>(step) + 8) >> 4) - level[row];
+  }
 };
 
 struct SlabStates;
@@ -52,11 +62,12 @@ class PredictiveCoder {
   // Ranges of the cells set in `returns`; both (64, W). `expected`: (64, W), 0 where nothing is; or nullptr. `turn`:
   // columns in a full turn, up to 65535; 0: found from the mask. `firing`: how many columns the
   // sensor had fired before those that are not known, modulo kFirings or not. `known`: of W, columns that are known already. `samples`: takes some of the returns, where there is a network. `quick`: with fewer
-  // contexts, where there is none: three tenths less time, up to 0.03 bits a return more. Raises Section if a cell is set in a block that did not fire, or has no range.
+  // contexts, where there is none: three tenths less time, up to 0.03 bits a return more. `sent`: (64, W), takes what a decoder gets; ranges are then free
+  // to be any within half a step that cost least, else rounded. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                                    const MaskGeometry& geometry, std::uint32_t turn, std::uint32_t firing,
                                    const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
-                                   RiddleSamples* samples = nullptr, bool quick = false);
+                                   RiddleSamples* samples = nullptr, bool quick = false, std::uint16_t* sent = nullptr);
 
   // Goes on with other networks, or with none; what was learned stays. Raises Section if there were none or are none now.
   void change(std::shared_ptr<const RiddleNets> nets);

@@ -85,7 +85,7 @@ struct NarrowForm : PlainProducts {
       name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
 
-  static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t base, bool down) { return {ranges, base, down}; }
+  static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t origin, bool down) { return {ranges, origin, down}; }
   static std::uint32_t from(const NearRanges& near, std::uint32_t so_far) { return near.from(so_far); }
 
   static Cells error_of(const Walk& walked, const Chances& chances, std::size_t at) {

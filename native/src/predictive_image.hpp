@@ -15,28 +15,34 @@ namespace lidarcodec {
 inline constexpr std::int32_t kMaxLevel = 1000;
 inline constexpr std::int32_t kMaxRange = 65535;
 
-// What is known of each row where the last slab ends, in cells of so many range steps; 0: nothing.
+// What is known of each row where the last slab ends, in cells of so many range steps, free ones or not; 0: nothing.
 struct SlabStates {
   std::array<RowEnd, kMaskRows> of;
   std::uint32_t step = 0;
+  bool free = false;
 
-  // Brings it to the steps of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
-  void begin(std::uint32_t to, std::uint32_t start, bool goes_on) {
+  // Brings it to the cells of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
+  void begin(const RangeCells& cells, std::uint32_t start, bool goes_on) {
     constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
+    const std::uint32_t to = cells.step;
     for (RowEnd& state : of) {
       if (step == 0 || !goes_on) {
         state = {RowState::at_start(start), {}};
-      } else if (step != to) {
-        const auto scaled = [&](auto& x) {
-          x = static_cast<std::remove_reference_t<decltype(x)>>(std::clamp(std::int64_t{x} * step / to, -kMost, kMost));
+      } else if (step != to || free != cells.free) {
+        const auto scaled = [&](auto& x, std::int64_t most) {
+          x = static_cast<std::remove_reference_t<decltype(x)>>(std::clamp(std::int64_t{x} * step / to, -most, most));
         };
-        for (std::int32_t& range : state.last) scaled(range);
-        for (std::uint32_t* size : {&state.size1, &state.size2, &state.mean, &state.miss}) scaled(*size);
-        scaled(state.level);
-        scaled(state.bias);
+        for (std::int32_t& range : state.last) {
+          scaled(range, 16 * kMost);
+          if (!cells.free) range = range / 16 * 16;
+        }
+        for (std::uint32_t* size : {&state.size1, &state.size2, &state.mean, &state.miss}) scaled(*size, kMost);
+        scaled(state.level, kMost);
+        scaled(state.bias, kMost);
       }
     }
     step = to;
+    free = cells.free;
   }
 };
 

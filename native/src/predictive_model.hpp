@@ -32,9 +32,9 @@ inline std::uint32_t half_octaves(std::uint32_t x) {
 inline constexpr std::uint32_t kDifferenceBits = 4;
 inline constexpr std::uint32_t kMaxDifference = 1u << 20;
 
-inline std::uint32_t difference(std::int32_t cells) {
-  const std::uint32_t size = cells < 0 ? 0u - static_cast<std::uint32_t>(cells) : static_cast<std::uint32_t>(cells);
-  return std::min(size << kDifferenceBits, kMaxDifference);
+inline std::uint32_t difference(std::int32_t sixteenths) {
+  const std::uint32_t size = sixteenths < 0 ? 0u - static_cast<std::uint32_t>(sixteenths) : static_cast<std::uint32_t>(sixteenths);
+  return std::min(size, kMaxDifference);
 }
 
 // Scale class (predictive_tables.hpp) of a mean difference.

@@ -8,6 +8,7 @@
 
 #include "cells.hpp"
 #include "error.hpp"
+#include "free_cells.hpp"
 #include "predictive_forms.hpp"
 #include "predictive_model.hpp"
 #include "range_decisions.hpp"
@@ -39,11 +40,12 @@ class PredictiveRows : RangeDecisions<Coder> {
   using Decisions::kReads;
   using Parts = PredictiveParts<Coder>;
 
-  // step: native range steps in a cell; limit: largest range, in cells; teaching: where kLearned.
+  // cells: those of ranges; limit: the largest one; teaching: where kLearned.
   // kind: never Quick where kLearned.
-  PredictiveRows(PredictiveModel& model, const Teaching& teaching, std::uint32_t step, std::int32_t limit, RangeKind kind, Parts& parts)
-      : Decisions(model, limit), teaching_(teaching), step_(step), start_(480 / step + 5),
-        first_(static_cast<std::int32_t>(2500 / step)), quick_(!kLearned && kind == RangeKind::Quick),
+  PredictiveRows(PredictiveModel& model, const Teaching& teaching, const RangeCells& cells, std::int32_t limit, RangeKind kind, Parts& parts)
+      : Decisions(model, limit), teaching_(teaching), step_(cells.step), start_(480 / step_ + 5),
+        first_(static_cast<std::int32_t>(2500 / step_ * 16)), free_(cells.free), half_(cells.free ? 8 : 0),
+        free_cells_(cells.free ? step_ : 0), quick_(!kLearned && kind == RangeKind::Quick),
         depths_(kind == RangeKind::Before ? kDepthsBefore : kDepths), parts_(parts) {
     model.begin(quick_);
   }
@@ -75,7 +77,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   }
 
   std::uint32_t start() const { return start_; }  // difference to begin with
-  std::int32_t first() const { return first_; }   // range to begin with
+  std::int32_t first() const { return first_; }   // range to begin with, sixteenths
 
  private:
   static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 4;
@@ -93,7 +95,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   // A return about to be coded.
   struct Place {
     std::uint32_t cell, scale;
-    std::int32_t base;               // where differences are counted from
+    std::int32_t base;               // where differences are counted from, sixteenths of a cell
     const std::int32_t *up, *upper;  // the rows above, from the cell to the left of this one
     Slots slots;
     Chances chances;
@@ -133,12 +135,8 @@ class PredictiveRows : RangeDecisions<Coder> {
       look(parts[p], rows[p]->about, rows[p]->cells[parts[p].next], place[p]);
       interval[p] = parts[p].interval;
       node[p] = 1;
-      if constexpr (!kReads) {
-        const std::int32_t d = rows[p]->ranges[place[p].cell] - place[p].base;
-        away[p] = static_cast<std::uint32_t>(d < 0 ? -1 - d : d);
-        const std::uint32_t l = leaves().of(place[p].scale, away[p]);
-        leaf[p] = d < 0 ? 7 - l : 8 + l;
-      }
+      if constexpr (!kReads)
+        if (!free_) aim(place[p], (rows[p]->ranges[place[p].cell] - place[p].base) / 16, leaf[p], away[p]);
     }
     if constexpr (kLearned) {
       if (teaching_.net != nullptr) {
@@ -150,6 +148,13 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
       for (Place& at : place)
         Forms::template weigh<kAll>(model_.cells(), at.slots, at.net.values.out.data(), model_.balance[at.scale], at.net.said.data(), at.chances);
+    }
+    if constexpr (!kReads) {
+      if (free_) {
+        const FreeChoice choice(free_cells_, step_);
+        for (std::size_t p = 0; p < N; ++p)
+          aim(place[p], choice.cell(*rows[p], parts[p].next, parts[p].stop, place[p].base, leaves(), place[p].scale, place[p].chances), leaf[p], away[p]);
+      }
     }
 #pragma GCC unroll 4
     for (int level = 3; level >= 0; --level) {
@@ -186,26 +191,42 @@ class PredictiveRows : RangeDecisions<Coder> {
           teaching_.samples->take(place[p].net.values, came, first_offsets(place[p].scale, came, in), place[p].chances.of.data(), of_cells_);
       }
       const auto d = static_cast<std::int32_t>(in);
-      const std::int32_t range = place[p].base + (down ? -1 - d : d);
+      const std::int32_t range = free_cells_.middle(place[p].base, down ? -1 - d : d);
       if constexpr (kReads) {
-        if (range < 0 || range > limit_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
-        rows[p]->ranges[place[p].cell] = range;
+        if (range < -2 * half_ || range > 16 * limit_ + 2 * half_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       }
+      rows[p]->ranges[place[p].cell] = range;
       settle(part, rows[p]->about, place[p], range, came);
       rows[p]->sizes[place[p].cell] = part.size1;
       ++part.next;
     }
   }
 
+  // Where a cell lies, in a leaf and away.
+  void aim(const Place& place, std::int32_t number, std::uint32_t& leaf, std::uint32_t& away) const {
+    away = static_cast<std::uint32_t>(number < 0 ? -1 - number : number);
+    const std::uint32_t l = leaves().of(place.scale, away);
+    leaf = number < 0 ? 7 - l : 8 + l;
+  }
+
+  // Where free cells are counted from.
+  static std::int32_t free_base(const PredictivePart<Coder>& part, const RowSurroundings& about, const Place& place) {
+    const std::int32_t last = part.last[0];
+    if constexpr (kExpects) {
+      if (expects(about, place.cell))
+        return FreeCells::base(last, place.up[1] + part.level, about.expected[place.cell] + part.bias);
+    }
+    return last;
+  }
+
   // Finds everything that is known of the next return of a part.
   void look(const PredictivePart<Coder>& part, const RowSurroundings& about, std::uint32_t cell, Place& place) {
-    const std::int32_t base = part.last[0];
     place.cell = cell;
-    place.base = base;
-    if (about.upper == nullptr) [[unlikely]] place.alike.fill(base);
+    if (about.upper == nullptr) [[unlikely]] place.alike.fill(part.last[0]);
     const std::int32_t* const alike = place.alike.data() + kAlikeLeft - 1;
     place.up = about.above != nullptr ? about.above + cell - 1 : alike;
     place.upper = about.upper != nullptr ? about.upper + cell - 1 : alike;
+    const std::int32_t base = place.base = free_ ? free_base(part, about, place) : part.last[0];
     const std::uint32_t mean = (5 * part.size1 + 3 * part.size2 + about.sizes_around[cell]) / 16;
     place.scale = scale_class(mean);
     Known known;
@@ -257,6 +278,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   void look_for_net(const PredictivePart<Coder>& part, const RowSurroundings& about, Place& place) {
     const std::uint32_t cell = place.cell;
     Surroundings s{};
+    s.base = place.base;
     s.last = part.last;
     s.up = place.up + 1;
     s.upper = place.upper + 1;
@@ -287,14 +309,14 @@ class PredictiveRows : RangeDecisions<Coder> {
 
   // Ranges around, the likeliest first, as they lie from the base.
   NearRanges near_ranges(const PredictivePart<Coder>& part, const RowSurroundings& about, const Place& place, bool down) {
-    const std::int32_t *up = place.up, levelled = up[1] + (part.level >> kDifferenceBits);
+    const std::int32_t *up = place.up, levelled = up[1] + part.level, origin = place.base - half_;
     if constexpr (kExpects) {
       if (expects(about, place.cell)) {
-        const std::int32_t seen = about.expected[place.cell] + (part.bias >> kDifferenceBits);
-        return Forms::near({seen, up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled}, place.base, down);
+        const std::int32_t seen = about.expected[place.cell] + part.bias;
+        return Forms::near({seen, up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled}, origin, down);
       }
     }
-    return Forms::near({up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled, up[3]}, place.base, down);
+    return Forms::near({up[1], up[2], part.last[1], place.upper[1], up[0], part.last[2], levelled, up[3]}, origin, down);
   }
 
   static bool expects(const RowSurroundings& about, std::uint32_t cell) { return (about.returns[cell] >> 11 & 1u) != 0; }
@@ -309,7 +331,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kLearned) {
       if (leaf == 7) {
         const auto least = static_cast<std::int32_t>(begin);
-        return beyond_leaf(part.coder, interval, {anchors(part, about, place), place.base, down, least, place.scale}, begin, away);
+        return beyond_leaf(part.coder, interval, {anchors(part, about, place), place.base - half_, down, least, place.scale}, begin, away);
       }
     }
     if constexpr (!kLearned) {
@@ -355,7 +377,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     return begin + plain(part.coder, interval, left, away - begin);
   }
 
-  std::int32_t possible(std::int32_t range) const { return std::clamp(range, 0, limit_); }
+  std::int32_t possible(std::int32_t range) const { return std::clamp(range, 0, 16 * limit_); }
 
   // Ranges around that a return beyond the last leaf may belong to, the likeliest first.
   std::array<std::int32_t, kAnchors> anchors(const PredictivePart<Coder>& part, const RowSurroundings& about,
@@ -364,9 +386,9 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kExpects) {
       const std::int32_t* const seen = about.expected + place.cell;
       const std::int32_t below = about.expected_below != nullptr ? about.expected_below[place.cell] : seen[0];
-      return {seen[1], seen[0], below, seen[2], up[1], up[2], possible(seen[0] + (part.bias >> kDifferenceBits)), seen[-1], upper[1], last[1]};
+      return {seen[1], seen[0], below, seen[2], up[1], up[2], possible(seen[0] + part.bias), seen[-1], upper[1], last[1]};
     }
-    return {up[1], up[2], up[3], upper[1], possible(up[1] + (part.level >> kDifferenceBits)), up[0], last[1], upper[2], last[2], upper[3]};
+    return {up[1], up[2], up[3], upper[1], possible(up[1] + part.level), up[0], last[1], upper[2], last[2], upper[3]};
   }
 
   // Takes note of a return.
@@ -377,7 +399,7 @@ class PredictiveRows : RangeDecisions<Coder> {
     part.size1 = size;
     part.mean += (static_cast<std::int32_t>(size) - static_cast<std::int32_t>(part.mean)) / 8;
     part.leaves = part.leaves >> 4 | leaf << 4;
-    const std::int32_t level = (range - place.up[1]) * (1 << kDifferenceBits);
+    const std::int32_t level = range - place.up[1];
     const std::int32_t apart = level - part.level;
     const auto far = static_cast<std::int32_t>(kPositionLimits[place.scale][5]);  // 3.6 times the scale, in quarters
     if (!part.begun || std::abs(apart) > 4 * far) {
@@ -387,8 +409,8 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     if constexpr (kExpects) {
       if (expects(about, place.cell)) {
-        const std::int32_t off = (range - about.expected[place.cell]) * (1 << kDifferenceBits), by = off - part.bias;
-        part.miss += (static_cast<std::int32_t>(difference(by >> kDifferenceBits)) - static_cast<std::int32_t>(part.miss)) / 4;
+        const std::int32_t off = range - about.expected[place.cell], by = off - part.bias;
+        part.miss += (static_cast<std::int32_t>(difference(by >> kDifferenceBits << kDifferenceBits)) - static_cast<std::int32_t>(part.miss)) / 4;
         if (std::abs(by) <= 4 * far) part.bias += by / 4;
       }
     }
@@ -400,6 +422,9 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::uint32_t step_;
   std::uint32_t start_;
   std::int32_t first_;
+  bool free_;           // whether cells are
+  std::int32_t half_;   // of a free cell: it begins so far below its middle; 0 for whole ones
+  FreeCells free_cells_;
   bool quick_;
   const Depths& depths_;
   Parts& parts_;

@@ -22,9 +22,10 @@ struct RowSource {
   std::size_t width, past;
   std::uint32_t turn;
   std::uint32_t firing;  // of column 0, modulo kFirings; or kNotCounted
+  std::uint16_t* sent = nullptr;  // (64, W), takes what was written as a reader gets it
 };
 
-// Ranges and differences of a row, as filled in where there are no returns.
+// Ranges, in sixteenths of a cell, and differences of a row, as filled in where there are no returns.
 struct FilledRow {
   std::vector<std::int32_t> ranges;
   std::vector<std::uint32_t> sizes;
@@ -60,7 +61,7 @@ void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_
   }
 }
 
-// What is expected in a row, closed up: ranges in cells, filled from the left, and at the start from the right.
+// What is expected in a row, closed up: ranges in sixteenths of a cell, filled from the left, and at the start from the right.
 struct ExpectedRow {
   std::vector<std::int32_t> ranges;
   std::vector<std::uint8_t> known;
@@ -73,7 +74,7 @@ struct ExpectedRow {
 template <bool kReads, bool kExpects, bool kLearned>
 class RowStage {
  public:
-  // start, begin: difference and range to begin with.
+  // start, begin: difference and range to begin with, sixteenths.
   RowStage(const RowSource& source, std::size_t first, std::uint32_t start, std::int32_t begin)
       : source_(source), first_(first), start_(start), begin_(begin), here_(source.width), before_(source.width),
         earlier_(source.width), above_(source.width), upper_(source.width), expected_here_(source.width),
@@ -107,14 +108,14 @@ class RowStage {
       all(above_mask_, std::uint8_t{1});
     }
     if (row >= first_ + 1) {
-      seen(row - 1, before_.ranges.data(), above_);
+      seen_ranges(row - 1, before_.ranges, above_);
       seen(row - 1, before_.sizes.data(), sizes_);
       about.above = above_.cells();
     } else {
       all(sizes_, start_);
     }
     if (row >= first_ + 2) {
-      seen(row - 2, earlier_.ranges.data(), upper_);
+      seen_ranges(row - 2, earlier_.ranges, upper_);
       about.upper = upper_.cells();
     }
     if (row + 1 < kMaskRows) {
@@ -148,12 +149,13 @@ class RowStage {
   template <class Image>
   void end(Image* image) {
     const std::size_t n = n_;
-    if constexpr (kReads) {
+    std::uint16_t* to = source_.sent;
+    if constexpr (kReads) to = image;
+    if (to != nullptr) {
       const std::vector<std::uint32_t>& columns = source_.layout.columns(row_);
-      const auto step = static_cast<std::int32_t>(source_.cells.step);
       for (std::size_t i = known_returns_; i < count_; ++i) {
-        const std::int32_t range = here_.ranges[returns_[i]] * step - source_.cells.level[row_];
-        image[row_ * source_.width + columns[returns_[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, 65535));
+        const std::int32_t range = source_.cells.range(here_.ranges[returns_[i]], row_);
+        to[row_ * source_.width + columns[returns_[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, 65535));
       }
     }
     if (count_ != 0) {
@@ -170,10 +172,9 @@ class RowStage {
   }
 
  private:
-  std::int32_t cell(std::int32_t range) const {
-    const auto step = static_cast<std::int32_t>(source_.cells.step);
-    const std::int32_t levelled = range + source_.cells.level[row_] + step / 2;
-    return step == 1 ? levelled : levelled / step;
+  // Ranges of another row as seen from this one; of one without cells a whole cell each.
+  void seen_ranges(std::size_t other, const std::vector<std::int32_t>& from, PaddedRowOf<std::int32_t>& to) const {
+    source_.layout.align(from.data(), other, row_, source_.layout.shift(other, row_, source_.turn), to, 16);
   }
 
   // What is expected in a row; where nothing is, what is to the left, or the first of the row.
@@ -181,14 +182,13 @@ class RowStage {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row);
     const std::uint16_t* const expected = source_.expected + row * source_.width;
     const std::size_t n = columns.size();
-    const auto step = static_cast<std::int32_t>(source_.cells.step), level = source_.cells.level[row];
     std::int32_t last = -1;
     std::size_t first = n;
     for (std::size_t k = 0; k < n; ++k) {
       const std::int32_t range = expected[columns[k]];
       into.known[k] = range != 0;
       if (range != 0) {
-        last = step == 1 ? range + level : (range + level + step / 2) / step;
+        last = source_.cells.sixteenths(range, row);
         first = std::min(first, k);
       }
       into.ranges[k] = last;
@@ -207,23 +207,20 @@ class RowStage {
       for (std::size_t k = 0; k < n_; ++k) foreseen_.ranges[k] = above ? above_.cells()[k] : begin_;
     layout.align(foreseen_.ranges.data(), row_, row_, 0, expected_here_);
     layout.align(foreseen_.known.data(), row_, row_, 0, known_);
-    const auto seen = [&](std::size_t other, const ExpectedRow& from, PaddedRowOf<std::int32_t>& to) {
-      layout.align(from.ranges.data(), other, row_, layout.shift(other, row_, source_.turn), to);
-    };
-    if (above) seen(row_ - 1, foreseen_above_, expected_above_);
+    if (above) seen_ranges(row_ - 1, foreseen_above_.ranges, expected_above_);
     about.expected = expected_here_.cells();
     about.expected_above = expected_above_.cells();
     about.known = known_.cells();
     if (row_ + 1 < kMaskRows) {
       foresee(row_ + 1, foreseen_below_);
       if (kLearned && foreseen_below_.any) {
-        seen(row_ + 1, foreseen_below_, expected_below_);
+        seen_ranges(row_ + 1, foreseen_below_.ranges, expected_below_);
         about.expected_below = expected_below_.cells();
       }
     }
   }
 
-  // Ranges of the returns that are known or to be written, and what each of the known ones differs by.
+  // Ranges of the returns that are known or to be written (free ones as they are, levelled), and what each of the known ones differs by.
   template <class Image>
   void take(Image* of_row) {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row_);
@@ -233,7 +230,8 @@ class RowStage {
     for (std::size_t i = 0; i < given; ++i) {
       const std::int32_t range = of_row[columns[returns_[i]]];
       if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
-      here_.ranges[returns_[i]] = cell(range);
+      const bool as_it_is = !kReads && source_.cells.free && i >= known_returns_;
+      here_.ranges[returns_[i]] = as_it_is ? range + source_.cells.level[row_] : source_.cells.sixteenths(range, row_);
     }
     for (std::size_t i = 0; i < known_returns_; ++i) {
       const std::int32_t range = here_.ranges[returns_[i]];

@@ -23,16 +23,16 @@ struct BeyondPlace {
   std::uint32_t scale;
   std::array<std::uint32_t, kBeyondContexts> slots;
 
-  // candidates: ranges around, the likeliest first; base, down: where the return lies away from, and to which side;
+  // candidates: ranges around, sixteenths, the likeliest first; origin, down: where the cell begins that the return lies away from, and to which side;
   // begin: how far away at least; scale_here: scale class of the first tree.
-  BeyondPlace(const std::array<std::int32_t, kAnchors>& candidates, std::int32_t base, bool down, std::int32_t begin,
+  BeyondPlace(const std::array<std::int32_t, kAnchors>& candidates, std::int32_t origin, bool down, std::int32_t begin,
               std::uint32_t scale_here) {
     const std::int32_t turned = down ? -1 : 0;
     std::array<std::int32_t, kAnchors> at{};
     std::size_t n = 0;
     std::uint32_t who = 0;
     for (std::size_t i = 0; i < kAnchors; ++i) {
-      const std::int32_t away = (candidates[i] - base) ^ turned;
+      const std::int32_t away = ((candidates[i] - origin) >> kDifferenceBits) ^ turned;
       if (away < begin) continue;
       if (n == 0) who = static_cast<std::uint32_t>(i) + 1;
       at[n++] = away;
@@ -41,7 +41,7 @@ struct BeyondPlace {
     for (std::size_t i = std::max<std::size_t>(n, 1); i < 4; ++i) at[i] = at[i - 1];
     anchor = at[0];
     scale = n < 2 ? std::min(scale_here + 4, kScaleClasses - 1)
-                  : scale_class((difference(at[1] - anchor) + difference(at[2] - anchor)) / 4 + 8);
+                  : scale_class((difference(16 * (at[1] - anchor)) + difference(16 * (at[2] - anchor))) / 4 + 8);
     scale = std::max(scale, scale_here > 2 ? scale_here - 2 : 0);
     const auto position = [&](std::int32_t other) {
       return static_cast<std::uint32_t>(PlainPositions::position_of(4 * (other - anchor), scale));

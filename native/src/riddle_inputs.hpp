@@ -38,6 +38,7 @@ inline constexpr std::array<float, kScaleClasses> kUnitsInQuarter = {
 
 // Everything that the inputs of a return are made of. Rows are read from a few cells to its left to some to its right.
 struct Surroundings {
+  std::int32_t base;                 // where distances are counted from; all ranges are sixteenths of a cell
   const std::int32_t* last;          // the eight last returns of the row, the latest first
   const std::int32_t *up, *upper;    // the two rows above, from this cell on
   const std::uint32_t* sizes;        // differences of the row above, from this cell on
@@ -111,10 +112,10 @@ inline void put_flags(const std::uint8_t* from, std::int8_t* to) {
   std::memcpy(to, &flags, sizeof flags);
 }
 
-// Four distances: how far `of` lies above `from`, and quarters of a range more.
+// Four distances: how far `of` lies above `from`, both in sixteenths of a cell, and quarters of a cell more.
 struct Apart {
   Ints of, from, more{};
-  Ints quarters() const { return ((of - from) << 2) + more; }
+  Ints quarters() const { return ((of - from) >> 2) + more; }
 };
 using Aparts = std::array<Apart, 4>;
 
@@ -172,7 +173,7 @@ struct OneByOne {
 template <bool kExpects, class AtOnce = inputs::OneByOne>
 inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   using inputs::four, inputs::Ints, inputs::put, inputs::put_flags, inputs::Apart, inputs::Aparts, inputs::Places, inputs::kNowhere;
-  const std::int32_t base = s.last[0];
+  const std::int32_t base = s.base;
   const Ints bases = Ints{} + base;
   const inputs::Forms forms = {inputs::Floats{} + kUnitsInQuarter[s.scale]};
   const auto away = [&](const std::int32_t* ranges) { return Apart{four(ranges), bases}; };
@@ -207,7 +208,7 @@ inline void find_inputs(const Surroundings& s, std::int8_t* in) {
     const auto numbers = std::bit_cast<Ints>(Unsigned{a, b, c, d} + 2);  // at most 2^20 and two
     return inputs::log2_16(__builtin_convertvector(numbers, inputs::Floats)) - scale_of;
   };
-  const auto native = static_cast<std::uint32_t>(std::max(base, 1)) * s.step;
+  const auto native = static_cast<std::uint32_t>(std::max(base >> 4, 1)) * s.step;
   const auto leaves = static_cast<std::int32_t>(s.leaves);
   put(sizes(s.size1, s.size2, s.mean, s.sizes[-1]), sizes(s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]),
       Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90, inputs::log2_16(s.step) - 48, 8 * (leaves >> 4 & 15) - 60},

@@ -14,7 +14,7 @@ namespace lidarcodec {
 // What a row is coded with: the rows around as seen from it, all with margins.
 struct RowSurroundings {
   const std::uint16_t* returns;              // around each cell: Known::returns
-  const std::int32_t* above;                 // ranges; nullptr for the first row
+  const std::int32_t* above;                 // ranges, here and below in sixteenths of a cell; nullptr for the first row
   const std::int32_t* upper;                 // the row above that; nullptr for the first two
   const std::uint32_t* sizes;                // differences in the row above
   const std::uint32_t* sizes_around;         // 3, 1, 2 and 2 times that of a cell, to its left, and of two to its right
@@ -63,7 +63,7 @@ template <class Coder>
 struct PredictivePart : RowState {
   Coder coder;
   WideInterval interval{};
-  std::size_t next = 0;                // return of the row
+  std::size_t next = 0, stop = 0;      // return of the row, and the one behind the last
   const std::int32_t* last = nullptr;  // ranges, the latest first; kLastRanges of them mean something
 
   explicit PredictivePart(Coder with = Coder()) : coder(std::move(with)) {}
@@ -71,6 +71,7 @@ struct PredictivePart : RowState {
   // base: where the first difference is counted from; returns: how many there will be.
   void begin(std::size_t first, std::size_t returns, std::int32_t base, const RowState& state) {
     next = first;
+    stop = first + returns;
     RowState::operator=(state);
     if (ranges_.size() < returns + kLastRanges) ranges_.resize(returns + kLastRanges);
     at_ = ranges_.data() + ranges_.size() - kLastRanges;

@@ -11,7 +11,18 @@ from hypothesis import given, settings
 from lidarcodec.entropy import PredictiveCoder, fast
 from lidarcodec.errors import SettingsError
 from tests.entropy.frames import all_fired, mask, one_in_three
-from tests.entropy.test_predictive_coder import GOLDEN, LEVELS, SENSOR, cases, check_bound, golden_digest, guess, scene
+from tests.entropy.test_predictive_coder import (
+    FREE_GOLDEN,
+    GOLDEN,
+    LEVELS,
+    SENSOR,
+    cases,
+    check_bound,
+    free_golden_digest,
+    golden_digest,
+    guess,
+    scene,
+)
 
 PATHS = fast.coding_paths()
 
@@ -29,6 +40,11 @@ def test_the_quickest_path_of_this_processor_is_used_and_others_can_be_asked_for
 @pytest.mark.parametrize("path", PATHS)
 def test_every_path_gives_the_bytes_of_every_other_machine(path: str, quick: bool) -> None:
     assert golden_digest(path, quick) == GOLDEN[quick]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_path_chooses_the_free_ranges_of_every_other_machine(path: str) -> None:
+    assert free_golden_digest(path) == FREE_GOLDEN
 
 
 @pytest.mark.parametrize("path", PATHS[1:])

@@ -100,6 +100,50 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
         np.testing.assert_array_equal(reference_predictive.decode(old, cells, frame, Model()), came)
 
 
+@settings(max_examples=40, deadline=None)
+@given(cases())
+def test_free_ranges_keep_the_bound_and_come_back_as_the_encoder_says(case) -> None:
+    """Else a picture shows what is not there, or the next frame is told to expect what no decoder has."""
+    ranges, returns, fired, of, step, levels, expected, firing, quick = case
+    about = (returns, fired, of, step, levels)
+    sent = np.zeros_like(ranges)
+    data = PredictiveCoder().encode(ranges, *about, firing=firing, expected=expected, quick=quick, sent=sent)
+    came = decoded(data, *about, expected=expected)
+    check_bound(came, ranges, returns, step)
+    if step > 1 and returns.any():
+        np.testing.assert_array_equal(came, sent)
+        assert data[0] & 15 in (13, 14)
+    else:
+        assert data == coded(ranges, *about, expected, firing, quick)
+
+    frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
+    np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
+    nearest = frame._replace(firing=firing % predictive_coder.FIRINGS, quick=quick, free=step > 1)
+    other = reference_predictive.encode(ranges, cells, nearest, int.from_bytes(data[1:3], "little"), Model())
+    came = decoded(other, *about, expected=expected)
+    check_bound(came, ranges, returns, step)
+    np.testing.assert_array_equal(reference_predictive.decode(other, cells, frame, Model()), came)
+
+
+@pytest.mark.parametrize("quick", [False, True])
+@pytest.mark.parametrize("expects", [False, True])
+def test_free_ranges_take_fewer_bits_than_rounded_ones_and_lie_nearer(quick: bool, expects: bool) -> None:
+    rng = np.random.default_rng(8)
+    fired, returns = all_fired(1000), np.ones((64, 1000), np.bool_)
+    surface = 5000 + 40 * np.arange(64)[:, None] + 900 * np.sin(np.arange(1000) / 70)
+    ranges = (surface + rng.normal(0, 12, surface.shape)).astype(np.uint16)
+    expected = (surface + rng.normal(0, 12, surface.shape)).astype(np.uint16) if expects else None
+    about = (returns, fired, SENSOR, 101, LEVELS)
+    sent = np.zeros_like(ranges)
+    free = PredictiveCoder().encode(ranges, *about, expected=expected, quick=quick, sent=sent)
+    rounded = coded(ranges, *about, expected, quick=quick)
+    assert len(free) < 0.97 * len(rounded)
+    off = [
+        np.square(came.astype(float) - ranges).mean() for came in (sent, decoded(rounded, *about, expected=expected))
+    ]
+    assert off[0] < 0.8 * off[1]
+
+
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])
 @pytest.mark.parametrize("fired_of", [all_fired, one_in_three])
 @pytest.mark.parametrize("step", [1, 11, 20001])
@@ -269,6 +313,25 @@ def golden_case() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return ranges.astype(np.uint16), (wave > 3) & fired[(row >= 32).astype(int), column], fired
 
 
+FREE_GOLDEN = "eeef537e44c032e68f1369972bddd727aa19538e4915f356b8bfe37f7374aa90"
+"""Of the bytes of free ranges of `golden_case` and of what is expected beside them, both kinds of contexts."""
+
+
+def free_golden_digest(path: str) -> str:
+    """Names those bytes."""
+    ranges, returns, fired = golden_case()
+    digest = hashlib.sha256()
+    for quick in (False, True):
+        coder = PredictiveCoder(path)
+        for step in (5, 11, 51, 201):
+            sent = np.zeros_like(ranges)
+            given_to = (ranges, returns, fired, golden_sensor(), step, LEVELS)
+            expected = ranges // 7 * 7 if step != 11 else None
+            digest.update(coder.encode(*given_to, expected=expected, quick=quick, sent=sent))
+            digest.update(sent.astype("<u2").tobytes())
+    return digest.hexdigest()
+
+
 GOLDEN = {
     False: "1a2a9e5ced87f21629ce50e667823f76724e576263fc91cbd6cfea4a7daba353",
     True: "7edff8225a3387038ff8830a05f6821642e4f468973ca9f5f08815ef1db5b1fe",
@@ -288,6 +351,20 @@ def golden_digest(path: str, quick: bool) -> str:
 @pytest.mark.parametrize("quick", [False, True])
 def test_bytes_are_the_same_on_every_machine(quick: bool) -> None:
     assert golden_digest("", quick) == GOLDEN[quick]
+
+
+def test_an_encoder_chooses_the_same_free_ranges_on_every_machine() -> None:
+    assert free_golden_digest("") == FREE_GOLDEN
+
+
+def test_free_ranges_in_single_steps_are_refused() -> None:
+    fired, returns, ranges = all_fired(5), np.ones((64, 5), np.bool_), scene(5)
+    data = bytearray(coded(ranges, returns, fired, SENSOR, 1))
+    data[0] += 4
+    with pytest.raises(SectionError, match="kind"):
+        decoded(bytes(data), returns, fired, SENSOR, 1)
+    with pytest.raises(SectionError, match="sent"):
+        PredictiveCoder().encode(ranges, returns, fired, SENSOR, 11, LEVELS, sent=np.zeros((64, 4), np.uint16))
 
 
 def test_the_tables_of_the_core_are_those_of_the_generator() -> None:

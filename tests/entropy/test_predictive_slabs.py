@@ -74,6 +74,33 @@ def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None
         edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
 
 
+@settings(max_examples=40, deadline=None)
+@given(streams(), st.lists(st.booleans(), min_size=4, max_size=4))
+def test_slabs_go_on_from_free_ones_and_from_rounded_ones(stream, free) -> None:
+    """A bound, a target or an operator changes the form in the middle of a stream."""
+    of, levels, slabs, quick = stream
+    encoder, decoder, read = PredictiveCoder(), PredictiveCoder(), Model()
+    edge = KnownColumns.none()
+    for at, (ranges, returns, fired, expected, step, wanted) in enumerate(slabs):
+        known = edge.last(wanted)
+        count = known.ranges.shape[1]
+        about = (returns, fired, of, step, levels)
+        sent = np.zeros_like(ranges) if free[at] else None
+        told = {"expected": expected, "slab_after": known}
+        data = encoder.encode(ranges, *about, turn=TURN, firing=5 * at, quick=quick, sent=sent, **told)
+        assert known_columns(data) == (count if returns.any() else None)
+        came = decoder.decode(data, *about, **told)
+        check_bound(came, ranges, returns, step)
+        if sent is not None and step > 1:
+            np.testing.assert_array_equal(came, sent)
+        seen = None if expected is None else np.hstack([known.expected, expected])
+        frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count)
+        image, cells = (np.hstack(both) for both in ((known.ranges, ranges), (known.ranges != 0, returns)))
+        again = reference_predictive.decode(data, cells.view(np.uint8), frame, read, image)
+        np.testing.assert_array_equal(again[:, count:], came)
+        edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
+
+
 @pytest.mark.parametrize("expects", [False, True])
 @pytest.mark.parametrize("steps", [(10001, 1), (40093, 1001)])
 def test_a_near_return_behind_a_far_one_in_longer_steps_comes_back(steps: tuple[int, int], expects: bool) -> None:

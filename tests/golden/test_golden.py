@@ -90,6 +90,10 @@ def settings_of() -> dict[str, StreamSettings]:
         found[f"predictive_depths_{kind}"] = full.model_copy(update=own)
     found["riddle_depths_turns_lossless"] = found["riddle_turns_lossless"]
     found["riddle_depths_slabs_coarse"] = found["riddle_firings_slabs_coarse"]
+    # Those before with a bound were written when ranges were rounded.
+    found["predictive_free_coarse"] = found["predictive_coarse"]
+    found["predictive_free_slabs_motion"] = found["predictive_slabs_motion"]
+    found["riddle_free_turns_coarse"] = StreamSettings(codec="riddle", max_error_m=0.05, key_interval=20)
     for name in ("raw", "zstd"):
         found[f"{name}_positions_lossless"] = found[f"{name}_lossless"]
     found["pcodec_history"] = StreamSettings(codec_settings={"mask_history": True}, key_interval=5)
