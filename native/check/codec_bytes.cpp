@@ -149,7 +149,7 @@ std::vector<Way> ways_here() {
   return ways;
 }
 
-void check_ranges(const Scene& scene, const Way& way) {
+void check_ranges(const Scene& scene, const Way& way, bool free) {
   for (const bool expects : {false, true}) {
     Hash hash;
     for (const std::uint32_t step : kSteps) {
@@ -160,7 +160,6 @@ void check_ranges(const Scene& scene, const Way& way) {
       for (std::uint32_t frame = 0; frame < kFrames; ++frame) {
         const Ranges image = scene.ranges(frame);
         const Bytes returns = returns_of(image);
-        const bool free = frame % 2 != 0;
         Ranges sent(image.size());
         const auto azimuth = scene.azimuths(frame);
         const Columns columns{scene.width, azimuth.data(), scene.fired.data()};
@@ -176,7 +175,7 @@ void check_ranges(const Scene& scene, const Way& way) {
         history.remember(came.data(), columns, scene.table.half);
       }
     }
-    hash.print(way.codec + (expects ? "ranges with motion, " : "ranges, ") + way.name);
+    hash.print(way.codec + (free ? "free " : "") + (expects ? "ranges with motion, " : "ranges, ") + way.name);
   }
 }
 
@@ -345,7 +344,7 @@ int main(int count, char** words) {
   if (columns < 1 || columns > 4096) return 2;
   const Scene scene(static_cast<std::size_t>(columns));
   for (const Way& way : ways_here()) {
-    check_ranges(scene, way);
+    for (const bool free : {false, true}) check_ranges(scene, way, free);
     check_slabs(scene, way);
   }
   check_networks();
