@@ -231,10 +231,12 @@ class RateControl:
         self._plan = Plan(1e3 * target_kbps, model, operating_curve(settings.codec, pins_of(settings)), knob.renewal)
 
     def _reached(self) -> bool:
-        """Whether the target is kept; one that follows the path is compared with no mean of five seconds."""
+        """Whether the target is kept; one that follows the path is compared with no mean of five seconds. Nothing is
+        missed where the finest that the curve has takes less."""
+        limit = self._limited_by()
         if self._settings.target_kbps == AUTO:
-            return self._limited_by() != "floor"
-        return on_target(self._state, self._plan)
+            return limit != "floor"
+        return limit == "codec" or on_target(self._state, self._plan)
 
     def _limited_by(self) -> str:
         limit = limited_by(self._state, self._plan)

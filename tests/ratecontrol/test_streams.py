@@ -163,6 +163,16 @@ def test_a_bound_holds_and_the_missed_target_is_reported(city: list[Frame], capl
     assert "target of 300 kbit/s missed" in record.message
 
 
+@pytest.mark.parametrize("more", [{"codec": "zstd", "target_kbps": 1e6}, {"target_kbps": 6000, "purpose": "localise"}])
+def test_a_target_beyond_the_finest_misses_nothing(city: list[Frame], caplog: pytest.LogCaptureFixture, more) -> None:
+    encoder = StreamEncoder(StreamSettings(**more))
+    for frame in city[:25]:
+        encoder.encode(frame)
+    assert encoder.rate["limited_by"] == "codec"
+    assert encoder.rate["reached"] is True
+    assert not caplog.records, "nobody is warned that all fits in fewer bits"
+
+
 def test_settings_come_and_go_in_mid_stream(city: list[Frame]) -> None:
     encoder = StreamEncoder(StreamSettings())
     assert encoder.rate is None
