@@ -55,7 +55,12 @@ def never_for_ever(engine: Engine, limit_s: float = STUCK_S) -> None:
         if handle is not None:
             handle.close()
 
-    listeners = {"connect": connects, "checkout": goes_out, "checkin": comes_back, "close": closes}
+    listeners: dict[str, Callable[..., None]] = {
+        "connect": connects,
+        "checkout": goes_out,
+        "checkin": comes_back,
+        "close": closes,
+    }
     for name, listener in listeners.items():
         sa.event.listen(engine, name, listener)
 
