@@ -126,7 +126,7 @@ class Service:
         try:
             kept = self.store.all_desired()
         except StoreError as error:
-            logger.warning("streams that are away may be missing in the list: %s", error)
+            self.warnings.warning("streams that are away may be missing in the list: %s", error)
             kept = []
         seen = {stream.keys for stream in found}
         found += [Stream(keys) for keys in kept if keys not in seen]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any, NamedTuple, cast
 
 import sqlalchemy as sa
@@ -22,6 +22,7 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server import database_file
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
+from lidarcodec_server.patience import Patience, never_for_ever
 from lidarcodec_server.storable import storable
 from lidarcodec_server.tables import audit, desired, facts, tokens
 from lidarcodec_server.told import check_settings_size
@@ -75,6 +76,7 @@ class Store:
                 parsed = parsed.set(drivername="postgresql+psycopg")
             self.name = parsed.render_as_string(hide_password=True)
             self._engine = _engine(parsed)
+            self._patience = None if parsed.get_backend_name() == "sqlite" else Patience()
             self._file = database_file.file_of(parsed)
         except ArgumentError:  # its text may hold the password
             raise SettingsError(
@@ -320,12 +322,19 @@ class Store:
     @contextmanager
     def _errors(self) -> Iterator[None]:
         try:
-            yield
+            with nullcontext() if self._patience is None else self._patience.asking(_RestsError):
+                yield
         except IntegrityError:
             raise _TakenError("the name is taken") from None
+        except _RestsError as error:
+            raise StoreError(f"the database {self.name}: {error}") from None
         except SQLAlchemyError as error:
             reason = error.orig if isinstance(error, DBAPIError) else error
             raise StoreError(f"the database {self.name}: {' '.join(str(reason).split())}") from None
+
+
+class _RestsError(Exception):
+    """The database did not answer, and is not asked for a while."""
 
 
 class _TakenError(StoreError):
@@ -348,7 +357,10 @@ def _engine(url: sa.URL) -> Engine:
         milliseconds = int(1e3 * BUSY_S)
         limits = {"connect_timeout": int(BUSY_S)}
         limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
-    return sa.create_engine(url, pool_pre_ping=True, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
+    engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
+    if limits:
+        never_for_ever(engine)
+    return engine
 
 
 def _sqlite_connects(connection: Any, _record: object) -> None:

@@ -124,10 +124,13 @@ class TokenBook:
         return found
 
     def _known(self) -> list[Token]:
-        with self._lock:
-            if time.monotonic() >= self._due:
-                self._refresh()
-            return self._tokens
+        if self._lock.acquire(blocking=not self._loaded):  # one asks a store that is slow, and holds up no other
+            try:
+                if time.monotonic() >= self._due:
+                    self._refresh()
+            finally:
+                self._lock.release()
+        return self._tokens
 
     def _refresh(self) -> None:
         try:

@@ -123,6 +123,26 @@ async def test_a_disk_that_fails_costs_the_recording_and_nothing_else(server, cl
             await frame(socket)
 
 
+@pytest.mark.parametrize("stopped", [False, True], ids=["while it runs", "just before it is stopped"])
+def test_a_recording_whose_file_somebody_removed_is_not_said_to_be_complete(
+    server, client, tmp_path, monkeypatch, stopped
+):
+    """Another server may have the same folder: what the disk takes of a file without a name is lost."""
+    if stopped:
+        monkeypatch.setattr("lidarcodec_server.live.recordings.LOOK_S", 600.0)
+    with server.publisher():
+        assert server.seen()
+        name = client.post(f"{STREAM}/recording").json()["id"]
+        assert frames_of(client, 5)
+        shutil.rmtree(tmp_path / "recordings" / name)
+        if stopped:
+            assert client.delete(f"{STREAM}/recording").json()["state"] == "failed"
+        assert eventually(lambda: client.get(f"{ALL}/{name}").json()["state"] == "failed")
+        assert "removed" in client.get(f"{ALL}/{name}").json()["reason"]
+        assert client.delete(f"{ALL}/{name}").status_code == 204
+        assert client.get(f"{ALL}/{name}").status_code == 404
+
+
 def test_a_folder_without_room_is_refused_before_anything_is_written(tmp_path):
     with running(tmp_path) as server, httpx.Client(base_url=server.url, timeout=30) as client, server.publisher():
         assert server.seen()
@@ -143,6 +163,7 @@ def test_a_folder_that_cannot_be_made_is_a_problem(tmp_path):
         assert server.seen()
         answer = client.post(f"{STREAM}/recording")
         assert (answer.status_code, answer.headers["content-type"]) == (507, "application/problem+json")
+        assert str(tmp_path) not in answer.text + client.get(ALL).text  # where it is concerns no client
 
 
 def test_a_recording_is_played_as_a_stream_of_its_own(server, client):

@@ -182,8 +182,12 @@ class Recordings:
         """Delete a recording. Raises MissingRecordingError, BusyRecordingError, StorageError."""
         if name in self._playing or any(active.recording.id == name for active in self._active.values()):
             raise BusyRecordingError(f"recording {name} is being recorded or played: stop that first")
-        await self._in_thread(lambda: self.shelf.remove(name))
-        self._unwritten.pop(name, None)
+        known = self._unwritten.pop(name, None)
+        try:
+            await self._in_thread(lambda: self.shelf.remove(name))
+        except MissingRecordingError:  # its folder is gone already
+            if known is None:
+                raise
 
     async def play(self, name: str, request: PlayRequest) -> dict[str, Any]:
         """Play a recording as a stream of its own; what it is called.
@@ -268,17 +272,18 @@ class Recordings:
                     while reason is None and not active.stop.is_set():
                         with contextlib.suppress(TimeoutError):
                             await asyncio.wait_for(active.stop.wait(), LOOK_S)
-                        reason = active.over() or await self._in_thread(self._full)
+                        reason = active.over() or await self._in_thread(lambda: self._lost(active) or self._full())
                 finally:
                     watch.untap(active.take)
         except (TransportError, OSError) as error:
             reason, failed = str(error), True
         finally:
             await self._in_thread(active.recorder.close)
+            lost = await self._in_thread(lambda: self._lost(active))
             ended = replace(
                 active.now(),
-                state="failed" if failed or active.failed else "complete",
-                reason=active.over() if active.failed else reason,
+                state="failed" if failed or lost or active.failed else "complete",
+                reason=lost or (active.over() if active.failed else reason),
                 ended_ns=time.time_ns(),
             )
             ended = await self._in_thread(lambda: self._write_end(ended))
@@ -295,6 +300,10 @@ class Recordings:
             await self._in_thread(playback.stop)
             self._playing.pop(name, None)
             logger.info("recording %s is not played any more", name)
+
+    def _lost(self, active: _Active) -> str | None:
+        """What to say of a recording whose file was removed; the disk takes what is written all the same."""
+        return self.shelf.lost(active.now())
 
     def _full(self) -> str | None:
         try:

@@ -7,6 +7,7 @@ does not. A recording without an end in it was interrupted; every whole message 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import secrets
@@ -20,6 +21,9 @@ from lidarcodec.errors import LidarCodecError
 from lidarcodec.regular_files import check_regular, open_regular
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import read_object
+from lidarcodec_server.limits import SparseLog
+
+logger = logging.getLogger(__name__)
 
 State = Literal["recording", "complete", "failed", "interrupted"]
 ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
@@ -116,6 +120,7 @@ class Shelf:
 
     def __init__(self, folder: Path, *, max_total_bytes: int = 64 * 2**30, min_free_bytes: int = 256 * 2**20) -> None:
         self.folder, self.max_total_bytes, self.min_free_bytes = folder, max_total_bytes, min_free_bytes
+        self._warnings = SparseLog(logger)
 
     def recordings(self) -> list[Recording]:
         """All recordings, newest first."""
@@ -158,7 +163,7 @@ class Shelf:
             (self.folder / made.id).mkdir()
             self.note(made)
         except OSError as error:
-            raise StorageError(f"cannot record in {self.folder}: {error.strerror or error}") from None
+            raise self._unusable(error) from None
         return made
 
     def note(self, recording: Recording) -> None:
@@ -174,6 +179,13 @@ class Shelf:
     def sized(self, recording: Recording) -> Recording:
         """The same with its present size."""
         return replace(recording, size_bytes=_size_of(self.path(recording.id)))
+
+    def lost(self, recording: Recording) -> str | None:
+        """Why nothing of a recording that runs will be found: somebody removed it. None if it is there."""
+        folder = self.path(recording.id)
+        if folder.is_dir() and (not recording.frames or _size_of(folder)):
+            return None
+        return "its file was removed from the folder of recordings while it ran"
 
     def remove(self, name: str) -> None:
         """Delete a recording. Raises MissingRecordingError, StorageError."""
@@ -193,6 +205,12 @@ class Shelf:
             return f"the recordings have {total // 2**20} MiB: at most {self.max_total_bytes // 2**20} are allowed"
         return None
 
+    def _unusable(self, error: OSError) -> StorageError:
+        """What to tell clients, whom it does not concern where the folder is; the log says it."""
+        reason = error.strerror or type(error).__name__
+        self._warnings.warning("the folder of recordings %s cannot be used: %s", self.folder, reason)
+        return StorageError(f"the server's folder of recordings cannot be used: {reason}")
+
     def _folders(self) -> list[Path]:
         try:
             with os.scandir(self.folder) as entries:
@@ -200,7 +218,7 @@ class Shelf:
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise StorageError(f"cannot read {self.folder}: {error.strerror or error}") from None
+            raise self._unusable(error) from None
         return [self.folder / name for name in names[:MAX_LISTED]]
 
 
