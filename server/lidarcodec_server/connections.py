@@ -38,6 +38,8 @@ HOSTS_AT_RATE = 4
 """All hosts together may connect as often as so many of them."""
 REQUESTS_A_CONNECTION = 2.0
 """Further requests of a host on connections that are open, for each new connection that it may make."""
+NEW_TOKENS = 0.05
+"""Connections with a token that is not known, for each that a host may make."""
 MAX_METERS = 8192
 """Rates that are remembered; the one that was looked at longest ago gives way."""
 V6_NETWORK = 64
@@ -148,8 +150,11 @@ class Connections:
         return False
 
     def hasty_client(self, name: str) -> bool:
-        """Whether a client whose token works, on a host that connects too often, has done so itself."""
-        meter, now_s = self._meter(f"token {name}"), time.monotonic()
+        """Whether a client whose token works, on a host that connects too often, has done so itself.
+
+        name: empty for all together whose token is not known yet; some get in, so that new tokens become known
+        """
+        meter, now_s = self._meter(f"token {name}", 1.0 if name else NEW_TOKENS), time.monotonic()
         if meter.wait_s(now_s) > 0:
             return True
         meter.spend(1, now_s)

@@ -1,8 +1,5 @@
-"""The door: what a connection meets first. It costs next to nothing to be turned away here.
+"""The door: what a connection meets that has got in. It has a place, and is encrypted where that is wanted.
 
-A host may connect so many times a second. Beyond that a connection is read from once: a health check and a client
-whose token works get in, everybody else gets a fixed answer, for a tenth of what a request costs. Without this a
-client that connects again and again would fill the queue of connections that wait, for everybody.
 With TLS a connection counts from its first packet on, and its handshake has a limit of time.
 """
 
@@ -10,45 +7,22 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import re
 import ssl
-from collections.abc import Callable
 from typing import Any, Final
 
-from lidarcodec_server.auth import TOKEN_PROTOCOL
 from lidarcodec_server.connections import Connections, Place
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.request_protocol import RequestProtocol
 
 logger = logging.getLogger(__name__)
 
-HASTY_S: Final = 2.0
-"""How long a connection beyond the rate may take to send its first bytes."""
 HANDSHAKE_S: Final = 5.0
-LOOKED_AT: Final = 8192
-"""In how many of them a token is looked for."""
-_HEALTH: Final = (b"GET /healthz ", b"GET /readyz ", b"HEAD /healthz ", b"HEAD /readyz ")
-_TOKEN: Final = re.compile(
-    rb"\r\n(?:authorization: *bearer +|sec-websocket-protocol:[^\r]*?" + re.escape(TOKEN_PROTOCOL).encode() + rb")"
-    rb"([^\s,]{1,128})",
-    re.IGNORECASE,
-)
-_DETAIL: Final = b"this host connects too often: keep connections open, or try again"
-_BODY: Final = (
-    b'{"type": "urn:lidarcodec:problem:too-many", "title": "Too Many Requests", "status": 429, "detail": "%s"}'
-    % _DETAIL
-)
-TOO_MANY: Final = (
-    b"HTTP/1.1 429 Too Many Requests\r\nContent-Type: application/problem+json\r\nRetry-After: 1\r\n"
-    b"Connection: close\r\nContent-Length: %d\r\n\r\n%s" % (len(_BODY), _BODY)
-)
 
 
 class Door(asyncio.Protocol):
     """Admits a connection, encrypts it where that is wanted, and hands it over to the HTTP protocol.
 
     held: all connections of the server;  inside: the HTTP protocol;  tls: what to encrypt with
-    owner: the name of a token that works, as far as is known without asking anybody
     """
 
     held = Connections()
@@ -56,18 +30,10 @@ class Door(asyncio.Protocol):
     tls: ssl.SSLContext | None = None
     _errors = SparseLog(logger, 60.0)
 
-    @staticmethod
-    def owner(token: str) -> str | None:
-        """No token works unless `of` says which ones do."""
-        return None
-
     @classmethod
-    def of(
-        cls, inside: type[RequestProtocol], owner: Callable[[str], str | None], tls: ssl.SSLContext | None = None
-    ) -> type[Door]:
+    def of(cls, inside: type[RequestProtocol], tls: ssl.SSLContext | None = None) -> type[Door]:
         """The door of one server."""
-        of_it = {"held": inside.held, "inside": inside, "owner": staticmethod(owner), "tls": tls}
-        return type(cls.__name__, (cls,), of_it)
+        return type(cls.__name__, (cls,), {"held": inside.held, "inside": inside, "tls": tls})
 
     def __init__(self, **named: Any) -> None:
         """named: what the HTTP protocol is made with"""
@@ -79,7 +45,7 @@ class Door(asyncio.Protocol):
         self._early = bytearray()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Let a connection in, or look at what it wants first."""
+        """Give a connection its place."""
         peer = transport.get_extra_info("peername")
         address = peer[0] if isinstance(peer, tuple) else "local"
         self._transport = transport
@@ -88,40 +54,21 @@ class Door(asyncio.Protocol):
         if self._place == "refused":
             transport.abort()
             return
-        hasty = self.held.hasty(address)
-        loop = asyncio.get_running_loop()
-        if self.tls is not None and hasty:
-            self.held.end("hasty", address, "it connects too often")
-            transport.abort()
-        elif self.tls is not None:
-            self._due = loop.call_later(HANDSHAKE_S, transport.abort)
-        elif hasty:
-            self._due = loop.call_later(HASTY_S, transport.abort)
-        else:
+        if self.tls is None:
             self._hand_over(transport)
+        else:
+            self._due = asyncio.get_running_loop().call_later(HANDSHAKE_S, transport.abort)
 
     def data_received(self, data: bytes) -> None:
-        """The first bytes of a connection beyond the rate, or of a handshake."""
-        transport = self._transport
-        assert transport is not None
-        if self.tls is not None:
-            self._early += data
-            if self._shaking is None:
-                self._shaking = asyncio.get_running_loop().create_task(self._shake_hands(transport, self.tls))
+        """The first bytes of a handshake."""
+        if self._transport is None or self.tls is None:
             return
-        self._leave()
-        found = _TOKEN.search(data, 0, LOOKED_AT)
-        owner = None if found is None else self.owner(found[1].decode("latin-1"))
-        if data.startswith(_HEALTH) or (owner is not None and not self.held.hasty_client(owner)):
-            self._hand_over(transport, data)
-            return
-        peer = transport.get_extra_info("peername")
-        self.held.end("hasty", peer[0] if isinstance(peer, tuple) else "local", "it connects too often")
-        transport.write(TOO_MANY)
-        transport.close()
+        self._early += data
+        if self._shaking is None:
+            self._shaking = asyncio.get_running_loop().create_task(self._shake_hands(self._transport, self.tls))
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It was turned away, or has gone."""
+        """It has gone."""
         self._leave()
         if self._transport is not None:
             self.held.gone(self._transport)  # one that is encrypted is known by another name once that is done

@@ -5,13 +5,17 @@ One process: the service owns the network session and decoders. Logs go where th
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import resource
 import socket
+from collections.abc import Callable
+from typing import Any
 
 import uvicorn
 
 from lidarcodec.errors import SettingsError, TransportError
+from lidarcodec_server.acceptor import Acceptor
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door import Door
@@ -32,6 +36,34 @@ LINGER_S = 2
 """How long open connections may hold up the end."""
 
 
+class Listening(uvicorn.Server):
+    """A server whose connections are taken by an acceptor of our own."""
+
+    def __init__(self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor]) -> None:
+        """accept: begins to take connections, each with a protocol that it is given the maker of"""
+        super().__init__(config)
+        self._accept = accept
+        self._acceptor: Acceptor | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start everything, then take connections."""
+        await super().startup(sockets=sockets)
+        self._acceptor = self._accept(self._protocol)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Take no more connections, and end."""
+        if self._acceptor is not None:
+            self._acceptor.close()
+        await super().shutdown(sockets=sockets)
+
+    def _protocol(self) -> asyncio.Protocol:
+        make: Any = self.config.http_protocol_class
+        made: asyncio.Protocol = make(
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state, _loop=None
+        )
+        return made
+
+
 def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     """Serve until a signal comes. listener: of `listening.begin`, for a server that only this machine reaches
 
@@ -44,10 +76,11 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     app = create_app(with_handles(config))
     held, tokens = app.state.connections, app.state.service.tokens
     inside = RequestProtocol.of(held, Times(config.request_s, config.read_s))
-    server = uvicorn.Server(
+    tls = tls_of(config)
+    server = Listening(
         uvicorn.Config(
             app,
-            http=Door.of(inside, tokens.owner, tls_of(config)),
+            http=Door.of(inside, tls),
             ws=ViewerProtocol.of(held),
             ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
             ws_max_size=config.max_message_bytes,
@@ -61,10 +94,11 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             access_log=False,
             server_header=False,
             proxy_headers=False,
-        )
+        ),
+        lambda protocol: Acceptor(listener, protocol, held, tokens.owner, encrypted=tls is not None),
     )
     try:
-        server.run(sockets=[listener])
+        server.run(sockets=[])
     except SystemExit:  # how it says that it could not start
         raise app.state.failure or TransportError("the server could not start") from None
     finally:

@@ -208,10 +208,14 @@ def test_idle_connections_of_one_host_do_not_stop_health_checks(tmp_path):
         assert [server.ask("/healthz")[0] for _ in range(20)] == [200] * 20
         # A body that does not come is a request that nobody gives way to.
         begun = f"POST {STREAM}/recording HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
-        for _ in range(30):
-            one = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 5))
-            one.sendall(f"{begun}Content-Length: 100\r\n\r\n{{".encode())
-        assert eventually(lambda: server.ask("/api/v1/streams")[0] in (429, 503), 8)
+
+        def full() -> bool:
+            for _ in range(5):
+                one = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 5))
+                one.sendall(f"{begun}Content-Length: 100\r\n\r\n{{".encode())
+            return server.ask("/api/v1/streams")[0] in (429, 503)
+
+        assert eventually(full, 8)
         assert [server.ask("/healthz")[0] for _ in range(20)] == [200] * 20
         for one in idle:
             one.close()
