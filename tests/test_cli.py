@@ -1,6 +1,7 @@
 """The command line as a user runs it: real processes, their exit codes, and what they write where."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -349,3 +350,12 @@ def test_output_that_cannot_be_printed_is_an_error_of_its_own(tmp_path, words, w
     assert (tmp_path / "out.mcap").exists() == whole
     if whole:
         assert run("info", tmp_path / "out.mcap").returncode == 0
+
+
+def test_a_name_that_cannot_be_printed_is_no_failure(tmp_path: Path) -> None:
+    """The recording was whole, and a script took it for failed."""
+    out = os.fsencode(tmp_path) + b"/\xff.mcap"
+    words = [sys.executable, "-m", "lidarcodec", "encode", "sim:city?frames=1", out]
+    strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    result = subprocess.run(words, capture_output=True, env=strict, timeout=60, check=False)
+    assert (result.returncode, b"\\udcff.mcap: 1 frames" in result.stdout) == (0, True), result.stderr

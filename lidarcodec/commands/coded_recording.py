@@ -62,9 +62,9 @@ class CodedRecording:
         """What went in and what came out, in a line."""
         size = self.packets * PACKET_BYTES
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
-        left = f"; {self.left_out} frames left out to keep the target" * bool(self.left_out)
+        left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
         positions = f"{self.positions} position packets, " * bool(self.positions)
-        return f"{self.frames} frames, {positions}{coded}, all decoded again and compared{left}"
+        return f"{self.frames} frames{left}, {positions}{coded}, all decoded again and compared"
 
     def _put(self, messages: list[Message]) -> None:
         for message in messages:

@@ -47,7 +47,7 @@ def run(
     check_free(out, force=force)
     with (
         open_source(spec, calibration=calibration, poses=poses) as source,
-        stoppable(source.close if source.live else None) as stopped,
+        stoppable(source.finish if source.live else None) as stopped,
         whole(out, force=force) as output,
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
@@ -55,7 +55,8 @@ def run(
             frames_of(source.packets(), source.sensor, encoder.settings.framing, source.counts),
             source.poses if poses else None,
         )
-        watched = Watched(cut, stopped)
+        # A signal ends a live source behind what has come: that is the last frame, and belongs to it.
+        watched = Watched(cut, (lambda: False) if source.live else stopped)
         chosen = islice(watched, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
         if first is None and stopped():

@@ -81,7 +81,10 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     remember(given)
     if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
         # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
+        # Nor must names that the encoding of standard output does not have.
         sys.stdout.reconfigure(write_through=False)
+        if sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="backslashreplace")
     code = None
     try:
         code = app(given, prog_name="lidarcodec", standalone_mode=False)

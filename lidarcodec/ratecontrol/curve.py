@@ -182,6 +182,8 @@ def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Flo
     all_values = np.unique([*knob.values, *own])[:: -1 if knob.setting != "quality" else 1]
     all_places = np.array(knob.places(all_values.tolist()))
     inside = (all_places >= places[0] - 1e-9) & (all_places <= places[-1] + 1e-9)
+    if own:  # a bound finer than all that was measured holds, too: it begins with what the finest of these took
+        inside |= all_values == min(own[0], *entry["values"])
     at = all_places[inside]
     grids = {
         name: np.array([np.exp(np.interp(at, places, np.log(np.maximum(row, 1e-6)))) for row in entry[name]])

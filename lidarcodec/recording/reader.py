@@ -151,6 +151,7 @@ class RecordingReader:
         self._work = Work()
         for record in records.records(self._stream, start, self._size):
             if record.opcode in (records.DATA_END, records.FOOTER):
+                self._look_behind(record)
                 return
             stored: list[Stored] = []
             try:
@@ -165,6 +166,18 @@ class RecordingReader:
             yield record.offset, stored
         self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
         self._warn(f"{self._name} was cut: {self._size - end} bytes after its last whole message are lost")
+
+    def _look_behind(self, record: Record) -> None:
+        """Count and say what lies behind the end of the recording, as when files were joined by `cat`."""
+        end = record.end
+        for following in records.records(self._stream, record.offset, self._size):
+            end = following.end
+            if following.opcode == records.FOOTER:
+                break
+        behind = self._size - end - len(records.MAGIC)
+        if behind > 0:
+            self.counts["bytes lost"] = behind
+            self._damaged(DamagedError(f"{behind} bytes behind its end, not read: join recordings by lidarcodec join"))
 
     def _read(
         self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]

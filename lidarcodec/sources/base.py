@@ -37,6 +37,9 @@ class Source(Protocol):
         Raises SourceError when the source cannot be read, PacketError for a sensor that is not supported.
         """
 
+    def finish(self) -> None:
+        """End a live source: `packets` then ends behind what has come by now, if it can, else at once."""
+
     def close(self) -> None:
         """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""
 
@@ -74,6 +77,10 @@ class PacketSource(Source):
     def caveat(self) -> str:
         """What must stand beside every figure from this source, also when it was recorded; empty if nothing must."""
         return REGRIDDED if REGRIDDED in self.sensor.name else ""
+
+    def finish(self) -> None:
+        """End a live source: `packets` then ends behind what has come by now, if it can, else at once."""
+        self.close()
 
     def close(self) -> None:
         """Give back files and sockets; harmless when called twice, ends a `packets` that waits."""

@@ -90,6 +90,7 @@ class UdpSource(PacketSource):
         self._known: tuple[int, bytes | None] = (0, None)
         self._searches = calibration is None
         self._opened = False
+        self._last_ns: int | None = None
         self._held: deque[Packet] = deque()
         self._table = table = TableSearch() if calibration is None else None
         if table is not None:
@@ -123,8 +124,8 @@ class UdpSource(PacketSource):
         )
 
     def packets(self) -> Iterator[Packet]:
-        """Packets as they come, each once, with the kernel's time of arrival; ends when `close` is called, or when none
-        came for `idle_s`. Cost: 5 us a packet.
+        """Packets as they come, each once, with the kernel's time of arrival; ends when `close` is called, when none
+        came for `idle_s`, or behind those that had come when `finish` was called. Cost: 5 us a packet.
 
         Raises PacketError if another sensor sends here and no HDL-64E, SourceError if the socket fails.
         """
@@ -134,13 +135,22 @@ class UdpSource(PacketSource):
                 self._pump(TAKE_S if self._idle_s is None else min(TAKE_S, self._idle_s))
             if self._held:
                 while self._held and not self.closed:
-                    yield self._held.popleft()
+                    packet = self._held.popleft()
+                    if self._last_ns is not None and packet.stamp_ns > self._last_ns:
+                        return
+                    yield packet
                 heard = time.monotonic()
             elif self._receiver.holding():
                 heard = time.monotonic()
+            elif self._last_ns is not None:
+                return
             elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
                 logger.info("%s: nothing for %g s", self.label, self._idle_s)
                 return
+
+    def finish(self) -> None:
+        """End `packets` behind what has come by now. Waits for nothing, so a signal handler may call it."""
+        self._last_ns = time.time_ns()
 
     def close(self) -> None:
         """Close the socket; ends a `packets` that waits, from any thread."""

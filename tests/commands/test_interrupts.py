@@ -331,3 +331,23 @@ def test_a_name_as_long_as_a_file_system_allows_has_room_for_that_of_its_part(
     rest, both = advised(result.stderr)
     assert (rest[0], both[0], both[-1]) == (command, "join", str(out))
     assert all(len(os.fsencode(Path(word).name)) <= 255 for word in (*rest, *both))
+
+
+def test_what_a_live_sensor_sent_last_is_in_the_recording(tmp_path: Path) -> None:
+    """The last frame was lost without a word: a whole one waits for the packet behind it, a part for its rest."""
+    packets = made.turning(400)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1] + 1
+        process = start("encode", f"udp://127.0.0.1:{port}", tmp_path / "out.mcap")
+        limit = time.monotonic() + 60
+        while time.monotonic() < limit and f":{port:04X} " not in Path("/proc/net/udp").read_text():
+            time.sleep(0.02)
+        for packet in packets:
+            sender.sendto(packet.payload, ("127.0.0.1", port))
+            time.sleep(0.0002)
+        time.sleep(1.5)  # more than it waits for a calibration
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=60)
+    assert process.returncode == 0, complaint
+    assert payloads(tmp_path / "out.mcap") == [packet.payload for packet in packets]

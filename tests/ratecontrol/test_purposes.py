@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from importlib.resources import files
+
 import numpy as np
 import pytest
 
@@ -122,3 +125,27 @@ def test_without_a_target_everything_is_sent(town):
         encoder.encode(town[0][0])
         assert encoder.reduced.keep is None
         assert encoder.reduction is None
+
+
+def test_things_were_measured_at_every_step_of_the_lattice():
+    """A step that only the other purposes knew ended every stream for a detector: "10 is not in list"."""
+    folder = files("lidarcodec.ratecontrol")
+    things = json.loads(folder.joinpath("working_points_detect.json").read_text())
+    for entry in json.loads(folder.joinpath("working_points.json").read_text()).values():
+        assert set(entry["steps"]) <= set(things["steps"])
+
+
+@pytest.mark.parametrize("codec", BOUNDED)
+@pytest.mark.parametrize("purpose", [*PURPOSES, "look", "archive"])
+@pytest.mark.parametrize("bound_m", [0.0, 0.002])
+def test_a_bound_that_is_set_holds_though_it_is_finer_than_what_was_measured(codec, purpose, bound_m):
+    """`localise` took the finest bound that was measured, 4 mm: a stream that was asked to be exact was not."""
+    curve = operating_curve(codec, Pins(bound_m=bound_m, purpose=purpose))
+    assert max(point.value for point in curve.points) <= bound_m
+
+
+def test_what_is_set_to_be_exact_is_exact_for_a_localiser(town):
+    frames = [frame for frame, _ in town]
+    _, decoded, _ = sent(frames, codec="pcodec", purpose="localise", max_error_m=0.0, target_kbps=20000)
+    for frame, back in zip(frames, decoded, strict=True):
+        assert (back.range[back.valid] == frame.range[back.valid]).all()

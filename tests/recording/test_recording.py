@@ -100,6 +100,18 @@ def test_a_recording_that_ends_in_zeros_gives_what_is_before_them() -> None:
     assert reader.counts["cut"] == 1
 
 
+def test_what_lies_behind_the_end_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    """`cat a.mcap b.mcap > both.mcap && rm a.mcap b.mcap` lost all of b without a word."""
+    first, second = recorded(drive(9)), recorded(drive(5))
+    reader = RecordingReader(io.BytesIO(first + second))
+    assert [one for _, one in reader.messages()] == drive(9)
+    assert (reader.counts["damaged"], reader.counts["bytes lost"]) == (1, len(second))
+    assert "lidarcodec join" in caplog.text
+    whole = RecordingReader(io.BytesIO(first))
+    assert [one for _, one in whole.messages()] == drive(9)
+    assert not whole.counts
+
+
 @pytest.mark.parametrize("cut", [False, True])
 def test_seeking_begins_at_a_key_message(cut: bool) -> None:
     data = drive(30, 7)
