@@ -160,8 +160,11 @@ class Case:
             assert not came.intensity.any(), "intensities although they are off"
         else:
             levels = int(self.intensity.removeprefix("levels="))
-            near = np.abs(came.intensity.astype(np.int32) - sent.intensity)[sent.valid]
-            assert near.max(initial=0) <= 255 / (levels - 1) / 2 + 0.5, "an intensity far from its level"
+            given, back = sent.intensity[sent.valid].astype(np.float64), came.intensity[sent.valid]
+            assert len(np.unique(back)) <= levels, "more values of intensity than levels"
+            if len(given):
+                off = np.sqrt(np.mean((back - given) ** 2))
+                assert off <= given.std() + 0.5, "intensities further off than one value for all would be"
 
 
 def all_cases() -> Iterator[Case]:
