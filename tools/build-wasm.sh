@@ -27,7 +27,7 @@ for source in $sources; do
   echo "$source"
 done | xargs -P "${JOBS:-2}" -I{} sh -c '
   name=$(basename {} .cpp)
-  case $name in api | decoder | stream_memory | predictive_coder | azimuth_coder | keep_coder) level=-Os ;; *) level=-O2 ;; esac
+  case $name in api | decoder | stream_memory | predictive_coder | azimuth_coder | keep_coder | mask_places) level=-Os ;; *) level=-O2 ;; esac
   exec ${CXX_WASM_LAUNCHER:-} '"$cxx"' --target=wasm32-wasi -std=c++20 $level -msimd128 -mbulk-memory -D__SSE2__ -ffp-contract=off \
     -fexceptions -fvisibility=hidden -ffunction-sections -fdata-sections -Wall -Wextra -MMD -MF "'"$objects"'/$name.d" \
     -Inative/wasm/sse2 -Inative/src -Inative/wasm -c {} -o "'"$objects"'/$name.o"'

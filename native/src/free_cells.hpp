@@ -17,7 +17,7 @@ namespace lidarcodec {
 // Middles of free cells as seen from a base, all in sixteenths.
 class FreeCells {
  public:
-  // step: range steps in a cell; 0: cells are whole.
+  // step: range steps in a cell.
   explicit FreeCells(std::uint32_t step) : nearer_(static_cast<std::int32_t>(std::min(step / 5, 4u))) {}
 
   // The middle of a cell. number: 0 where the base lies.

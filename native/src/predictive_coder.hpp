@@ -25,14 +25,19 @@ struct RangeCells {
   std::array<std::int32_t, kMaskRows> level{};   // 0 to 1000, range steps
   bool free = false;  // cells are counted from the last return (free_cells.hpp), not from 0; the coder sets it
 
-  std::int32_t sixteenths(std::int32_t range, std::size_t row) const {
-    const std::int32_t width = static_cast<std::int32_t>(step), levelled = range + level[row];
-    if (width == 1) return levelled * 16;
-    return free ? (levelled * 16 + width / 2) / width : (levelled + width / 2) / width * 16;
-  }
-  std::int32_t range(std::int32_t sixteenths, std::size_t row) const {
-    return ((sixteenths * static_cast<std::int32_t>(step) + 8) >> 4) - level[row];
-  }
+  // Those of a row. A copy: what loops write would else have to be told from it.
+  struct Row {
+    std::int32_t step, level;
+    bool free;
+
+    std::int32_t sixteenths(std::int32_t range) const {
+      const std::int32_t levelled = range + level;
+      if (step == 1) return levelled * 16;
+      return free ? (levelled * 16 + step / 2) / step : (levelled + step / 2) / step * 16;
+    }
+    std::int32_t range(std::int32_t sixteenths) const { return ((sixteenths * step + 8) >> 4) - level; }
+  };
+  Row row(std::size_t number) const { return {static_cast<std::int32_t>(step), level[number], free}; }
 };
 
 struct SlabStates;

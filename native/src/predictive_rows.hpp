@@ -45,7 +45,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   PredictiveRows(PredictiveModel& model, const Teaching& teaching, const RangeCells& cells, std::int32_t limit, RangeKind kind, Parts& parts)
       : Decisions(model, limit), teaching_(teaching), step_(cells.step), start_(480 / step_ + 5),
         first_(static_cast<std::int32_t>(2500 / step_ * 16)), free_(cells.free), half_(cells.free ? 8 : 0),
-        free_cells_(cells.free ? step_ : 0), quick_(!kLearned && kind == RangeKind::Quick),
+        lowest_(-2 * half_), highest_(16 * limit + 2 * half_), free_cells_(step_), quick_(!kLearned && kind == RangeKind::Quick),
         depths_(kind == RangeKind::Before ? kDepthsBefore : kDepths), parts_(parts) {
     model.begin(quick_);
   }
@@ -191,9 +191,10 @@ class PredictiveRows : RangeDecisions<Coder> {
           teaching_.samples->take(place[p].net.values, came, first_offsets(place[p].scale, came, in), place[p].chances.of.data(), of_cells_);
       }
       const auto d = static_cast<std::int32_t>(in);
-      const std::int32_t range = free_cells_.middle(place[p].base, down ? -1 - d : d);
+      const std::int32_t number = down ? -1 - d : d, whole = place[p].base + 16 * number;
+      const std::int32_t range = free_ ? free_cells_.middle(place[p].base, number) : whole;
       if constexpr (kReads) {
-        if (range < -2 * half_ || range > 16 * limit_ + 2 * half_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+        if (range < lowest_ || range > highest_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       }
       rows[p]->ranges[place[p].cell] = range;
       settle(part, rows[p]->about, place[p], range, came);
@@ -424,6 +425,7 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::int32_t first_;
   bool free_;           // whether cells are
   std::int32_t half_;   // of a free cell: it begins so far below its middle; 0 for whole ones
+  std::int32_t lowest_, highest_;  // range, sixteenths
   FreeCells free_cells_;
   bool quick_;
   const Depths& depths_;

@@ -152,9 +152,10 @@ class RowStage {
     std::uint16_t* to = source_.sent;
     if constexpr (kReads) to = image;
     if (to != nullptr) {
+      const RangeCells::Row cells = source_.cells.row(row_);
       const std::vector<std::uint32_t>& columns = source_.layout.columns(row_);
       for (std::size_t i = known_returns_; i < count_; ++i) {
-        const std::int32_t range = source_.cells.range(here_.ranges[returns_[i]], row_);
+        const std::int32_t range = cells.range(here_.ranges[returns_[i]]);
         to[row_ * source_.width + columns[returns_[i]]] = static_cast<std::uint16_t>(std::clamp(range, 1, 65535));
       }
     }
@@ -182,13 +183,14 @@ class RowStage {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row);
     const std::uint16_t* const expected = source_.expected + row * source_.width;
     const std::size_t n = columns.size();
+    const RangeCells::Row cells = source_.cells.row(row);
     std::int32_t last = -1;
     std::size_t first = n;
     for (std::size_t k = 0; k < n; ++k) {
       const std::int32_t range = expected[columns[k]];
       into.known[k] = range != 0;
       if (range != 0) {
-        last = source_.cells.sixteenths(range, row);
+        last = cells.sixteenths(range);
         first = std::min(first, k);
       }
       into.ranges[k] = last;
@@ -227,11 +229,12 @@ class RowStage {
     known_returns_ = 0;
     while (known_returns_ < count_ && columns[returns_[known_returns_]] < source_.past) ++known_returns_;
     const std::size_t given = kReads ? known_returns_ : count_;
+    const RangeCells::Row cells = source_.cells.row(row_);
     for (std::size_t i = 0; i < given; ++i) {
       const std::int32_t range = of_row[columns[returns_[i]]];
       if (range == 0) throw Error(ErrorCode::Section, "a return without a range");
-      const bool as_it_is = !kReads && source_.cells.free && i >= known_returns_;
-      here_.ranges[returns_[i]] = as_it_is ? range + source_.cells.level[row_] : source_.cells.sixteenths(range, row_);
+      const bool as_it_is = !kReads && cells.free && i >= known_returns_;
+      here_.ranges[returns_[i]] = as_it_is ? range + cells.level : cells.sixteenths(range);
     }
     for (std::size_t i = 0; i < known_returns_; ++i) {
       const std::int32_t range = here_.ranges[returns_[i]];
