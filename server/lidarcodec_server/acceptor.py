@@ -1,9 +1,9 @@
 """The acceptor: takes connections from the system's queue as fast as anybody can make them.
 
 A host may connect so many times a second. Beyond that a connection is looked at before anything is made for it: a
-client whose token works gets in, `/healthz` is answered at once, everybody else gets a fixed answer. That takes a
-twentieth of what a refused request takes. Otherwise a client that connects again and again fills the system's queue,
-and nobody else gets into it.
+client whose token works gets in, `/healthz` is answered at once, everybody else gets a fixed answer, or none when even
+those are too many. That takes a tenth of what a refused request takes, and the system's queue is short. Otherwise a
+client that connects again and again fills that queue, and everybody else waits behind it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ logger = logging.getLogger(__name__)
 
 A_TURN, TURN_S = 512, 0.01
 """Connections that are taken in one turn of the event loop, and for how long."""
+QUEUE = 256
+"""Connections that wait in the system's queue. A long queue is full of those of whoever connects most, and all others
+wait behind them; where a short one is full, a client tries again by itself."""
 LOOK_S, PATIENCE_S, WAITING = 0.01, 2.0, 64
 """How often connections that have sent nothing yet are looked at again, for how long, and how many there may be."""
 PAUSE_S = 0.5
@@ -36,6 +39,8 @@ WELL: Final = (
     b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nX-Content-Type-Options: nosniff\r\n"
     b'Connection: close\r\nContent-Length: 11\r\n\r\n{"ok":true}'
 )
+_HANDSHAKE, _RECORD = 0x16, 5
+"""RFC 8446, 5.1: the type of a record that begins a handshake, and bytes of its head, the last two the length."""
 _READY: Final = b"GET /readyz "
 _TOKEN: Final = re.compile(
     rb"\r\n(?:authorization: *bearer +|sec-websocket-protocol:[^\r]*?" + re.escape(TOKEN_PROTOCOL).encode() + rb")"
@@ -66,7 +71,7 @@ class Acceptor:
     ) -> None:
         """protocol: makes the protocol of a connection that gets in
         owner: the name of a token that works, as far as is known without asking anybody
-        encrypted: nothing can be read of a request yet, so too many connections are closed without an answer
+        encrypted: nothing can be read of a request yet, and a client that is turned away gets no answer
         """
         self._listener, self._protocol, self._held, self._owner = listener, protocol, held, owner
         self._encrypted = encrypted
@@ -78,6 +83,7 @@ class Acceptor:
         self._warnings = SparseLog(logger, 10.0)
         self._closed = False
         listener.setblocking(False)
+        listener.listen(QUEUE)
         self._loop.add_reader(listener.fileno(), self._accept)
 
     def close(self) -> None:
@@ -129,9 +135,7 @@ class Acceptor:
     # --- connections beyond the rate --------------------------------------------------------------------------------
 
     def _look(self, one: socket.socket, host: str) -> None:
-        if self._encrypted:
-            self._turn_away(one, host)
-        elif not self._decide(one, host):
+        if not self._decide(one, host):
             if len(self._waiting) >= WAITING:
                 oldest = next(iter(self._waiting))
                 self._turn_away(oldest, self._waiting.pop(oldest)[0])
@@ -157,6 +161,8 @@ class Acceptor:
             return False
         except OSError:
             data = b""
+        if self._encrypted and data:
+            return self._decide_handshake(one, host, data)
         found = _TOKEN.search(data)
         whole = not data or b"\r\n\r\n" in data or len(data) == LOOKED_AT
         if data.startswith(_WELL):
@@ -164,6 +170,16 @@ class Acceptor:
         elif found is None and not whole:
             return False
         elif self._may_enter(data, host, found):
+            self._let_in(one)
+        else:
+            self._turn_away(one, host)
+        return True
+
+    def _decide_handshake(self, one: socket.socket, host: str, data: bytes) -> bool:
+        """The same where nothing can be read of a request yet: as many as begin a handshake may connect besides."""
+        if len(data) < _RECORD or len(data) < min(LOOKED_AT, _RECORD + int.from_bytes(data[3:_RECORD], "big")):
+            return False
+        if data[0] == _HANDSHAKE and not self._held.hasty_client(f"of handshakes, on {host}"):
             self._let_in(one)
         else:
             self._turn_away(one, host)
@@ -177,7 +193,8 @@ class Acceptor:
 
     def _turn_away(self, one: socket.socket, host: str) -> None:
         self._held.end("hasty", host, "it connects too often")
-        self._answer(one, b"" if self._encrypted else TOO_MANY)
+        told = not self._encrypted and not self._held.hasty_client(f"of those who are told, on {host}")
+        self._answer(one, TOO_MANY if told else b"")
 
     def _answer(self, one: socket.socket, answer: bytes) -> None:
         """Answer, if there is an answer, and close."""

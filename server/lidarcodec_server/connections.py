@@ -18,6 +18,7 @@ import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -238,6 +239,7 @@ class ConnectionMetrics(Collector):
         yield ended
 
 
+@lru_cache(4096)
 def host_of(address: str) -> str:
     """What counts as one host: an IPv4 address, or the network of an IPv6 address.
 

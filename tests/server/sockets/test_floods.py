@@ -38,7 +38,7 @@ def test_frames_before_the_socket_is_accepted_hold_up_nobody(server):
 def test_frames_of_a_viewer_hold_up_nobody_and_end_its_socket(server, vehicle, kind):
     first, tiny = KINDS[kind]
     before = ViewerProtocol.held.ended["flood"]
-    begin, blob = upgrade(f"{STREAM}/frames"), first + 20_000 * tiny
+    begin, blob = upgrade(f"{STREAM}/cloud?max_points=10"), first + 20_000 * tiny
     with flood(3, lambda over: sending(over, server.port, begin, blob, wait=True)):
         assert longest_answer_s(server.port, 4.0) < LONG_S
         assert eventually(lambda: ViewerProtocol.held.ended["flood"] >= before + 3, 30)
