@@ -284,10 +284,12 @@ class Control:
             why += f": {changed.text}"
         if self._rivals.leave_it(keys):
             why += "; nothing is sent to it any more until somebody changes its settings here"
-        self._refusals[keys] = why
-        if changed is not None and changed.new:
-            logger.warning("%s: %s", keys.prefix, why)
-            self._store.note(keys, OTHERS, "settings", wanted, result="overridden", reason=why)
+        try:
+            if changed is not None and changed.new:
+                logger.warning("%s: %s", keys.prefix, why)
+                self._store.note(keys, OTHERS, "settings", wanted, result="overridden", reason=why)
+        finally:
+            self._refusals[keys] = why  # now: what can be seen stands in the audit log
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
         """Enter what came of a change. What the vehicle did stays done, should the store fail now."""
