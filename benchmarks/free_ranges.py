@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.marks import Marks
 from benchmarks.range_table import COUNTED, DRIVES, check, pairs, timed
+from benchmarks.working_points import chamfer
 from lidarcodec.codecs import table
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
 from lidarcodec.frame import Frame
@@ -54,12 +55,6 @@ class Found:
         return " | ".join((*numbers, f"{100 * float(np.mean(self.chamfer_m)):.2f}", times))
 
 
-def chamfer_m(sent: Cloud, came: Cloud) -> float:
-    """Mean distance to the nearest point, of the way that is further."""
-    ways = ((sent, came), (came, sent))
-    return max(float(np.linalg.norm(b.points[b.nearest(a.points)] - a.points, axis=1).mean()) for a, b in ways)
-
-
 def of_frame(found: Found, settings: StreamSettings, before: Frame | None, frame: Frame, cloud: Cloud) -> None:
     """Code and decode a frame, and count it."""
     encoder, decoder = table.make_encoder(settings, 1), table.make_decoder(table.codec_id(settings.codec))
@@ -76,7 +71,7 @@ def of_frame(found: Found, settings: StreamSettings, before: Frame | None, frame
     found.mask_bits += 8 * sum(len(section.data) for section in sections if section.type == SectionType.MASK)
     found.points += frame.points
     found.squares += float(np.square(came.astype(float) - frame.range).sum())
-    found.chamfer_m.append(chamfer_m(cloud, Cloud(xyz_of(decoded[0].cloud()))))
+    found.chamfer_m.append(chamfer(cloud, decoded[0]))
     found.encode_ms.append(encode_ms)
     found.decode_ms.append(decode_ms)
 

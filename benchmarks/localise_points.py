@@ -19,16 +19,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from benchmarks.scenes import DATA
-from benchmarks.working_points import WARM, sizes_of
-from lidarcodec import api
+from benchmarks.working_points import WARM, Floats, drives, sizes_of, table_text, values_of
 from lidarcodec.codecs import table
 from lidarcodec.frame import Frame
 from lidarcodec.reduction.thinning import Thinning
@@ -50,27 +46,6 @@ LEVELS: Final = (0, 16, 256)
 SHARP_M: Final = 0.1
 RETURNS: Final = 110_000
 """Of a frame, where a step stands for a number of returns."""
-
-Floats = npt.NDArray[np.float64]
-
-
-def values_of(codec: str) -> tuple[float, ...]:
-    """The values of the codec's knob to measure, coarsest first."""
-    knob = table.codec(codec).knob
-    if knob is None:
-        raise SystemExit(f"{codec} has no knob")
-    if table.codec(codec).bounded:
-        return BOUNDS_M
-    return tuple(float(value) for value in (CRFS if knob.setting == "crf" else QUALITIES))
-
-
-def drives(count: int) -> list[list[Frame]]:
-    """Frames of each drive: consecutive whole revolutions."""
-    found = []
-    for name, skip in DRIVES:
-        spec = name if name.startswith("sim:") else str(DATA / name)
-        found.append(list(islice(api.read_frames(spec, framing="revolution"), skip, skip + WARM + count)))
-    return found
 
 
 def errors_plane(results: list[dict[str, Any]]) -> Floats:
@@ -97,7 +72,8 @@ def _terms(returns: float, bound_m: float) -> list[float]:
 def measured(codec: str, sets: list[list[Frame]], plane: Floats, *, coarse: bool) -> dict[str, Any]:
     """The codec's entry. plane: what points are worth, of `errors_plane`; coarse: every second step and value"""
     steps = STEPS[::2] if coarse else STEPS
-    values, knob, bounded = values_of(codec)[:: 2 if coarse else 1], table.codec(codec).knob, table.codec(codec).bounded
+    values = values_of(codec, BOUNDS_M, QUALITIES, CRFS)[:: 2 if coarse else 1]
+    knob, bounded = table.codec(codec).knob, table.codec(codec).bounded
     assert knob is not None
     points = sum(frame.points for frames in sets for frame in frames[WARM:])
     ranges, worth, rmse = (np.zeros((len(steps), len(values))) for _ in range(3))
@@ -151,12 +127,12 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="keep the result")
     args = parser.parse_args()
     plane = errors_plane(json.loads(args.errors.read_text()))
-    sets = drives(args.frames)
+    sets = drives(args.frames, DRIVES)
     entries: dict[str, Any] = json.loads(OUT.read_text()) if OUT.exists() else {}
     for codec in args.codecs.split(","):
         entries[codec] = measured(codec, sets[::2] if args.coarse else sets, plane, coarse=args.coarse)
         if args.write:
-            OUT.write_text(json.dumps(entries, separators=(",", ":")).replace("],[", "],\n[") + "\n")
+            OUT.write_text(table_text(entries))
     if not args.write:
         print(json.dumps(entries, indent=1))
 

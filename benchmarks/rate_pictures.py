@@ -5,6 +5,7 @@
 For each target: kbit/s sent with everything counted, the mean of five seconds that is furthest above the target (of the
 whole stretch if it is shorter), the Chamfer distance with gaps filled in at the receiver and of measured returns alone,
 bits of intensity over returns of the original frames, its RMSE with gaps filled in, and frames that were left out.
+With --write, rows of drives and codecs that were not measured stay as they are.
 """
 
 from __future__ import annotations
@@ -34,11 +35,18 @@ MARKS: Final = Marks("<!-- rate pictures: begin -->", "<!-- rate pictures: end -
 TARGETS: Final = (300, 450, 600, 750, 1000, 1500, 2500, 4000)
 DRIVES: Final = {
     "0005": "kitti_0005.pcap.xz",
+    "0006": "kitti_tracking0006_f000-010.pcap.xz",
     "0013": "kitti_0013_f052-107.pcap.xz",
     "sfnd": "kitti_sfnd_f000-049.pcap.xz",
-    "0006": "kitti_tracking0006_f000-010.pcap.xz",
     "city": "sim:city?frames=60",
 }
+HEAD: Final = (
+    "| drive | codec | target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
+    "| intensity, bits a return | its RMSE, of 255 | frames left out |\n"
+    "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+)
+Rows = dict[tuple[str, str], list[str]]
+"""Lines of the table by drive and codec."""
 COMPARED: Final = 5
 """Distances are those of every so many-th frame."""
 
@@ -86,6 +94,16 @@ def shown(frames: list[Frame], codec: str, target: float) -> dict[str, Any]:
     }
 
 
+def table_with(measured: Rows, before: str) -> str:
+    """The table with what was measured, and with the rows of other drives and codecs as the table before has them."""
+    rows: Rows = {}
+    for line in before.splitlines()[2:]:
+        _, drive, codec, *_ = line.split("|")
+        rows.setdefault((drive.strip(), codec.strip(" `")), []).append(line)
+    rows |= measured
+    return "\n".join([HEAD, *(line for drive in DRIVES for pair in rows if pair[0] == drive for line in rows[pair])])
+
+
 def main() -> None:
     """Measure, print, and with --write put the table between its marks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -94,17 +112,14 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--write", type=Path)
     given = parser.parse_args()
-    lines = [
-        "| drive | codec | target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
-        "| intensity, bits a return | its RMSE, of 255 | frames left out |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    print("\n".join(lines))
+    rows: Rows = {}
+    print(HEAD)
     for drive in given.drives.split(","):
         spec = DRIVES[drive]
         source = spec if spec.startswith("sim:") else str(DATA / spec)
         frames = list(islice(api.read_frames(source), given.frames))
         for codec in given.codecs.split(","):
+            lines = rows[drive, codec] = []
             for target in TARGETS:
                 row = shown(frames, codec, target)
                 lines.append(
@@ -114,7 +129,7 @@ def main() -> None:
                 )
                 print(lines[-1], flush=True)
     if given.write:
-        MARKS.write(given.write, "\n".join(lines))
+        MARKS.write(given.write, table_with(rows, MARKS.read(given.write)))
 
 
 if __name__ == "__main__":

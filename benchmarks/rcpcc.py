@@ -2,7 +2,7 @@
 
     python -m benchmarks.rcpcc DRIVER [--drive 0005] [--calibration db.xml] [--write docs/evaluation.md]
 
-RCPCC states no licence, so its code is not here. DRIVER is a program of one's own around it that is called as
+RCPCC states no licence, so its code is not here. DRIVER is your own program around it, called as
 
     DRIVER IN.bin LEVEL OUT.bin
 
@@ -29,6 +29,7 @@ import numpy.typing as npt
 from benchmarks.marks import Marks
 from benchmarks.rate_pictures import COMPARED, DRIVES
 from benchmarks.scenes import DATA
+from benchmarks.working_points import apart
 from lidarcodec import api
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
 from lidarcodec.filling import filled
@@ -46,14 +47,6 @@ HEAD: Final = (
 )
 
 Points = npt.NDArray[np.float64]
-
-
-def apart(original: Cloud, decoded: Points) -> npt.NDArray[np.float64]:
-    """Mean distance to the nearest point, in metres: of each original to the decoded ones, and back."""
-    other = Cloud(decoded)
-    there = np.linalg.norm(original.points - other.points[other.nearest(original.points)], axis=1)
-    back = np.linalg.norm(other.points - original.points[original.nearest(other.points)], axis=1)
-    return np.array([there.mean(), back.mean()])
 
 
 def theirs(driver: Path, points: Points, level: int) -> tuple[int, Points]:

@@ -14,7 +14,6 @@ that was sent, at most 1 m. Things count alike, however many returns they have, 
 from __future__ import annotations
 
 import argparse
-import json
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import product
@@ -24,7 +23,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.working_points import BOUNDS_M, STEPS, coded
+from benchmarks.working_points import BOUNDS_M, STEPS, coded, table_text
 from lidarcodec.evaluation.geometry import Cloud, xyz_of
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
@@ -139,7 +138,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="keep the result")
     args = parser.parse_args()
-    text = json.dumps(grid(), separators=(",", ":")).replace("],[", "],\n[") + "\n"
+    text = table_text(grid())
     if args.write:
         OUT.write_text(text)
     else:

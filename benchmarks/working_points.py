@@ -16,11 +16,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.intensity_points import Intensities, intensities
 from benchmarks.scenes import DATA
@@ -49,38 +51,56 @@ LEVELS: Final = (0, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96, 128
 ROWS: Final = ("range_bits", "rest_bits", "chamfer_m", "rmse_m")
 """What an entry has of each step, but for intensity."""
 Row = dict[str, Any]
+Floats = npt.NDArray[np.float64]
 WARM: Final = 2
 """Frames at the beginning that teach a codec and are not counted."""
 
 
-def values_of(codec: str) -> tuple[float, ...]:
-    """The values of the codec's knob to measure, coarsest first."""
+def values_of(
+    codec: str,
+    bounds_m: Sequence[float] = BOUNDS_M[::-1],
+    qualities: Sequence[int] = QUALITIES,
+    crfs: Sequence[int] = CRFS,
+) -> tuple[float, ...]:
+    """The values of the codec's knob to measure, coarsest first; what is given is in that order, too."""
     knob = table.codec(codec).knob
     if knob is None:
         raise SystemExit(f"{codec} has no knob")
     if table.codec(codec).bounded:
-        return tuple(reversed(BOUNDS_M))
-    return tuple(float(value) for value in (CRFS if knob.setting == "crf" else QUALITIES))
+        return tuple(bounds_m)
+    return tuple(float(value) for value in (crfs if knob.setting == "crf" else qualities))
 
 
-def drives(count: int) -> list[list[Frame]]:
-    """Frames of each drive: consecutive whole revolutions."""
+def drives(count: int, of: Sequence[tuple[str, int]] = DRIVES) -> list[list[Frame]]:
+    """Frames of each drive: consecutive whole revolutions, the first WARM before those that are counted.
+
+    of: captures or simulated drives, each with the revolutions to leave out at its beginning
+    """
     found = []
-    for name, skip in DRIVES:
+    for name, skip in of:
         spec = name if name.startswith("sim:") else str(DATA / name)
         found.append(list(islice(api.read_frames(spec, framing="revolution"), skip, skip + WARM + count)))
     return found
 
 
-def chamfer(original: Cloud, decoded: Frame) -> float:
-    """Chamfer distance of one frame in metres, as evaluation.geometry defines it."""
-    points = xyz_of(decoded.cloud())
-    if not len(points):
-        return float("inf")
-    other = Cloud(points)
+def apart(original: Cloud, decoded: Floats) -> Floats:
+    """(2,) metres: the mean distance from each original point to the nearest decoded one, and back. decoded: (N, 3)"""
+    if not len(decoded):
+        return np.full(2, np.inf)
+    other = Cloud(decoded)
     there = np.linalg.norm(original.points - other.points[other.nearest(original.points)], axis=1)
     back = np.linalg.norm(other.points - original.points[original.nearest(other.points)], axis=1)
-    return float(max(there.mean(), back.mean()))
+    return np.array([there.mean(), back.mean()])
+
+
+def chamfer(original: Cloud, decoded: Frame) -> float:
+    """Chamfer distance of one frame in metres, as evaluation.geometry defines it."""
+    return float(apart(original, xyz_of(decoded.cloud())).max())
+
+
+def table_text(found: dict[str, Any]) -> str:
+    """The text of a table of working points, one row on each line."""
+    return json.dumps(found, separators=(",", ":")).replace("],[", "],\n[") + "\n"
 
 
 def coded(codec: str, step: int, settings: StreamSettings, frames: list[Frame]) -> tuple[dict[str, float], list[Frame]]:
@@ -193,7 +213,7 @@ def main() -> None:
             raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured")
         entries[codec] = entry_of(codec, rows) | of_intensity(shades[grouped])
         if args.write:
-            OUT.write_text(json.dumps(entries, separators=(",", ":")).replace("],[", "],\n[") + "\n")
+            OUT.write_text(table_text(entries))
     if not args.write:
         print(json.dumps(entries, indent=1))
 

@@ -338,7 +338,7 @@ def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
     ("words", "whole"), [(("--version",), False), (("encode", "sim:city?frames=1", "out.mcap"), True)]
 )
 def test_output_that_cannot_be_printed_is_an_error_of_its_own(tmp_path, words, whole):
-    """Files are whole by then: whoever reads only `No space left on device` would throw them away."""
+    """Files are whole by then: a reader of only `No space left on device` would throw them away."""
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [*COMMAND, *words], stdout=full, stderr=subprocess.PIPE, text=True, env=environment(), cwd=tmp_path,

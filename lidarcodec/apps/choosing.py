@@ -23,7 +23,9 @@ from lidarcodec.wire import pack
 logger = logging.getLogger(__name__)
 
 SAMPLES: Final = 3
-"""Times that a frame is encoded with each codec behind a first time, in which libraries and weights are loaded."""
+"""Times that a frame is encoded with each codec after a first time, in which libraries and weights are loaded."""
+MOST_LEFT_OUT: Final = 32
+"""Times that a target may leave the frame out before what was measured so far has to do."""
 LONGEST_S: Final = 1.0
 """No other codec is tried after so long."""
 HOPELESS: Final = 3.0
@@ -52,10 +54,10 @@ class CodecChooser:
         self._chosen = call
 
     def codec_for(self, settings: StreamSettings, before: str | None = None) -> StreamSettings:
-        """The settings with a codec for now. Of the codec `auto` the next frame that is offered decides anew, unless it
-        was decided for the same before.
+        """The settings with a codec that can encode the next frame. With the codec `auto`, the next frame that is
+        offered decides again, unless the same question was decided before.
 
-        before: the codec in force, which stays until then where it can
+        before: the codec in force, which stays until the decision where it can
         """
         with self._lock:
             if settings.codec != AUTO:
@@ -89,7 +91,7 @@ class CodecChooser:
         with self._lock:
             if self._asked is None:
                 return None
-            found = self._choice or Choice(codec, "for now: the next frame decides", {}, None)
+            found = self._choice or Choice(codec, "until one of the next frames has decided", {}, None)
         return found._replace(codec=codec)._asdict()
 
     def close(self) -> None:
@@ -135,19 +137,24 @@ class CodecChooser:
 
 
 def encode_ms(settings: StreamSettings, frame: Frame, budget_ms: float) -> float:
-    """Mean milliseconds that a frame takes with these settings, messages packed; the first one is not counted unless it
-    is hopeless."""
+    """Mean milliseconds that a frame takes with these settings, messages packed.
+
+    The first time is not counted, nor are times that the target left the frame out: they cost nothing.
+    """
     encoder = StreamEncoder(settings)
     took: list[float] = []
-    for number in range(1 + SAMPLES):
+    for number in range(1 + SAMPLES + MOST_LEFT_OUT):
         one = frame.with_(index=number, stamp_ns=frame.stamp_ns + number * FRAME_NS)
         start = time.perf_counter()
-        for message in encoder.encode(one):
+        messages = encoder.encode(one)
+        for message in messages:
             pack(message)
-        took.append(1e3 * (time.perf_counter() - start))
-        if number and took[-1] > HOPELESS * budget_ms:
+        if messages:
+            took.append(1e3 * (time.perf_counter() - start))
+        if len(took) > SAMPLES or (len(took) > 1 and took[-1] > HOPELESS * budget_ms):
             break
-    return sum(took[1:]) / len(took[1:])
+    counted = took[1:] or took
+    return sum(counted) / len(counted)
 
 
 def _question(settings: StreamSettings) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from websockets.sync.client import connect
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.errors import TransportError
 from lidarcodec.settings import StreamSettings
-from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.bridges.standing import POSE, Standing, turn
 from tests.command_line import run_here, start
@@ -83,20 +82,6 @@ class Viewer:
 
     def close(self) -> None:
         self._connection.close()
-
-
-@pytest.fixture
-def network():
-    """Function that opens a transport in memory."""
-    memory, opened = MemoryNetwork(), []
-
-    def end():
-        opened.append(memory.transport())
-        return opened[-1]
-
-    yield end
-    for one in opened:
-        one.close()
 
 
 def test_cloud_pose_and_statistics_get_to_a_viewer_point_for_point(network):

@@ -9,25 +9,10 @@ import pytest
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import SectionError, TransportError
-from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.transport.test_contract import eventually
 
 pytestmark = pytest.mark.timeout(400)
-
-
-@pytest.fixture
-def network():
-    """Function that opens a transport in memory."""
-    memory, opened = MemoryNetwork(), []
-
-    def end():
-        opened.append(memory.transport())
-        return opened[-1]
-
-    yield end
-    for one in opened:
-        one.close()
 
 
 @pytest.mark.parametrize("error", [SectionError("no points in it"), ArithmeticError("too much for it")])

@@ -1,4 +1,4 @@
-"""A chain of working points: whoever raises a target never gets a worse picture, in nothing that is looked at."""
+"""A chain of working points: a higher target never gives a worse picture, in anything that is looked at."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ async def test_a_page_of_another_site_can_show_nothing_from_here(serving, site):
 
 
 async def test_requests_that_come_too_soon_share_one_entry_a_minute_with_their_number(serving, tokens):
-    """Each of them had none, and with one each whoever asks without end would fill the database."""
+    """Each of them had none; with one each, a client that asks without end would fill the database."""
     async with serving(tokens["operator"], changes_per_second=0.01, burst=2) as client:
         before = len(entries(client))
         answers = [await client.patch(f"{STREAM}/settings", json={"codec": "raw"}) for _ in range(30)]

@@ -1,4 +1,7 @@
-/** One zlib stream (RFC 1950) of at most so many bytes, opened (RFC 1951). Small lists only: it is short, not quick. */
+/** One zlib stream (RFC 1950) of at most so many bytes, opened (RFC 1951). Small lists only: it is short, not quick.
+ *
+ * `Decoder.decode` answers at once, in Node and in browsers. Node's zlib is not in browsers, and their
+ * DecompressionStream only answers later. */
 
 import { damaged } from "./errors.js";
 

@@ -5,20 +5,10 @@ import { test } from "node:test";
 import { crc32c } from "../src/crc32c.js";
 import { Decoder, DecodeError, filled, pointsOf } from "../src/index.js";
 import { readMessage, Section } from "../src/message.js";
+import { numbers } from "./numbers.js";
 import { vectors } from "./vectors.js";
 
 const OURS = vectors(/^(raw|zstd)/);
-
-/** A small generator of numbers (xorshift), the same each time. */
-function numbers(seed: number): (below: number) => number {
-  let state = seed;
-  return (below) => {
-    state ^= state << 13;
-    state ^= state >>> 17;
-    state ^= state << 5;
-    return (state >>> 0) % below;
-  };
-}
 
 /** Some frame, or DecodeError; anything else fails the test. */
 function decode(decoder: Decoder, data: Uint8Array): boolean {

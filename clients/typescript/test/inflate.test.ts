@@ -5,16 +5,7 @@ import { test } from "node:test";
 import { constants, deflateSync, inflateSync } from "node:zlib";
 import { DecodeError } from "../src/index.js";
 import { inflated } from "../src/inflate.js";
-
-function numbers(seed: number): (below: number) => number {
-  let state = seed;
-  return (below) => {
-    state ^= state << 13;
-    state ^= state >>> 17;
-    state ^= state << 5;
-    return (state >>> 0) % below;
-  };
-}
+import { numbers } from "./numbers.js";
 
 function samples(): Uint8Array[] {
   const random = numbers(11);

@@ -1,4 +1,4 @@
-"""A request for a WebSocket that is none: whoever sends it keeps no connection, and holds up no end of the server."""
+"""A malformed request for a WebSocket keeps no connection open, and does not hold up the end of the server."""
 
 from __future__ import annotations
 

@@ -15,9 +15,11 @@ export function shown(base: Settings, edits: Settings, name: string): Value {
   return name in edits ? (edits[name] as Value) : (base[name] ?? null);
 }
 
-/** What was not set any more is left out. */
-function present(settings: Settings): Settings {
-  return Object.fromEntries(Object.entries(settings).filter(([, value]) => value !== undefined));
+/** The codec's own settings that would be set: none of the base where the draft has another codec. */
+function own(base: Settings, edits: Settings): Settings {
+  const kept = "codec" in edits && edits.codec !== base.codec ? {} : base.codec_settings;
+  const all = { ...((kept ?? {}) as Settings), ...((edits.codec_settings ?? {}) as Settings) };
+  return Object.fromEntries(Object.entries(all).filter(([, value]) => value !== undefined));
 }
 
 /** Whether a setting is kept beside a target bitrate, or left to it; null for one that a target never moves. */
@@ -28,8 +30,7 @@ export function pinnedIn(schema: Schema | null, name: string, value: Value): boo
 
 /** Whether the draft has the codec's own setting set. */
 export function ownSet(base: Settings, edits: Settings, name: string): boolean {
-  const kept = "codec" in edits && edits.codec !== base.codec ? {} : ((base.codec_settings ?? {}) as Settings);
-  return name in present({ ...kept, ...((edits.codec_settings ?? {}) as Settings) });
+  return name in own(base, edits);
 }
 
 /** The codec's own settings as they would be: a new codec starts with its own defaults. */
@@ -37,9 +38,7 @@ export function ownSettings(base: Settings, edits: Settings, schema: Schema | un
   const defaults = Object.fromEntries(
     Object.entries(schema?.properties ?? {}).map(([name, about]) => [name, about.default ?? null]),
   );
-  const changedCodec = "codec" in edits && edits.codec !== base.codec;
-  const kept = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
-  return { ...defaults, ...present({ ...kept, ...((edits.codec_settings ?? {}) as Settings) }) };
+  return { ...defaults, ...own(base, edits) };
 }
 
 /** Edits with one more; an edit back to the base is none. A codec that is left takes its own settings with it. */
@@ -72,8 +71,8 @@ export function edited(
 
 /** Edits of one of the codec's own settings. undefined: it is not set any more. */
 export function editedOwn(base: Settings, edits: Settings, name: string, value: Value | undefined): Settings {
-  const own = { ...((edits.codec_settings ?? {}) as Settings), [name]: value } as Settings;
-  return settled(base, { ...edits, codec_settings: own });
+  const all = { ...((edits.codec_settings ?? {}) as Settings), [name]: value } as Settings;
+  return settled(base, { ...edits, codec_settings: all });
 }
 
 /** Edits with all settings of a preset. */
@@ -97,8 +96,8 @@ export function settled(base: Settings, edits: Settings): Settings {
       if ("codec" in edits && edits.codec !== base.codec) kept[name] = value;
       else {
         const before = (base.codec_settings ?? {}) as Settings;
-        const own = Object.entries(value as Settings).filter(([key, one]) => !same(before[key], one));
-        if (own.length > 0) kept[name] = Object.fromEntries(own);
+        const changed = Object.entries(value as Settings).filter(([key, one]) => !same(before[key], one));
+        if (changed.length > 0) kept[name] = Object.fromEntries(changed);
       }
     } else if (!same(base[name] ?? null, value)) kept[name] = value;
   }
@@ -107,13 +106,7 @@ export function settled(base: Settings, edits: Settings): Settings {
 
 /** The body of the request: the edits, with the codec's own settings whole, because they replace those before. */
 export function changeOf(base: Settings, edits: Settings): Settings {
-  const change: Settings = { ...edits };
-  if (change.codec_settings) {
-    const changedCodec = "codec" in edits && edits.codec !== base.codec;
-    const before = changedCodec ? {} : ((base.codec_settings ?? {}) as Settings);
-    change.codec_settings = present({ ...before, ...(change.codec_settings as Settings) });
-  }
-  return change;
+  return edits.codec_settings ? { ...edits, codec_settings: own(base, edits) } : { ...edits };
 }
 
 /** Whether a reduction takes a budget (`keep_points`, `keep_fraction`). */

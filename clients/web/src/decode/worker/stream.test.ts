@@ -6,6 +6,7 @@ import { beforeAll, describe, expect, it, vi } from "vitest";
 import { crc32c } from "../../../../typescript/src/crc32c.js";
 import { DecodeError } from "../../../../typescript/src/errors.js";
 import { zstdReady } from "../../../../typescript/src/zstd.js";
+import { numbers } from "../../../../typescript/test/numbers.js";
 import { digest, type Expected, type Vector, vectors } from "../../../../typescript/test/vectors.js";
 import { parseFrame } from "../../view/frame";
 import { sensorTable } from "../../view/sensor";
@@ -166,13 +167,7 @@ describe("what is lost or hostile", () => {
     "mutated messages of %s are errors or frames, and whole ones are decoded after them",
     async (name) => {
       const { messages, expected } = vector(name);
-      let state = 20261121;
-      const random = (below: number) => {
-        state ^= state << 13;
-        state ^= state >>> 17;
-        state ^= state << 5;
-        return (state >>> 0) % below;
-      };
+      const random = numbers(20261121);
       const one = decoder();
       let refused = 0;
       for (let i = 0; i < 150; i++) {
