@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +17,7 @@ from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.errors import DecodeError, SettingsError, SourceError
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader, RecordingWriter
-from lidarcodec.recording.decoding_work import DecodingWork
+from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.recording.records import Channel, Stored
 from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
@@ -127,18 +127,11 @@ def _header(path: Path, data: bytes) -> Header:
 
 def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
     """Time of the last packet of the last frame, as far as it can be decoded."""
-    decoder, work = StreamDecoder(), DecodingWork(reader)
-    for _, data in reader.messages(last_ns):
-        width, frames = 0, None
-        with suppress(DecodeError):
-            message = wire.unpack(data)
-            width = message.width
-            frames = decoder.decode(message)
-        for frame in frames or ():
+    failed: list[DecodeError] = []
+    for _, frames in decoded(reader, reader.messages(last_ns), StreamDecoder().decode, failed.append):
+        for frame in frames:
             if frame.side is not None:
                 last_ns = max(last_ns, packets_of(frame)[-1].stamp_ns)
-        if not work.goes_on(width, frames):
-            break
     return last_ns
 
 

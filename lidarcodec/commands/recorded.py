@@ -11,11 +11,10 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
-from lidarcodec.recording.decoding_work import DecodingWork
+from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
-from lidarcodec.wire import unpack
 
 
 class RecordedFrames:
@@ -56,22 +55,14 @@ class RecordedFrames:
         decoder = StreamDecoder()
         with open_regular(self._path) as handle:
             reader = RecordingReader(handle)
-            work = DecodingWork(reader)
-            for _, data in reader.messages():
-                width, frames = 0, None
-                try:
-                    message = unpack(data)
-                    width = message.width
-                    frames = decoder.decode(message)
-                except DecodeError as error:
-                    self.failed[f"{type(error).__name__}: {error}"] += 1
-                if frames is not None:
-                    self.message = message
-                    yield from frames
-                if not work.goes_on(width, frames):
-                    break
+            for message, frames in decoded(reader, reader.messages(), decoder.decode, self._fail):
+                self.message = message
+                yield from frames
             self.counts = reader.counts
         yield from decoder.flush()
+
+    def _fail(self, error: DecodeError) -> None:
+        self.failed[f"{type(error).__name__}: {error}"] += 1
 
     def _from_packets(self) -> Iterator[Frame]:
         with open_source(self._path) as source:

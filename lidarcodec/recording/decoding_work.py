@@ -1,4 +1,4 @@
-"""DecodingWork: what the messages of a recording may decode to, measured by the size of the file.
+"""decoded: the frames of a recording's messages, as many as the size of the file allows.
 
 Equal messages in a compressed chunk take twenty bytes of a file each, and a tenth of a second to decode: hours for a
 file of a megabyte. A recording of ours never has as many returns for a byte, even if all its frames are the same wall.
@@ -6,32 +6,46 @@ file of a megabyte. A recording of ours never has as many returns for a byte, ev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE, Allowance
+from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.recording.reader import RecordingReader
 from lidarcodec.units import LASERS
+from lidarcodec.wire import unpack
 
 COLUMN: Final = 2
 """What a column costs without any return, in returns."""
 
 
-class DecodingWork:
-    """Counts returns and columns that were decoded. One for each reading of a file, from its beginning to its end."""
+def decoded(
+    reader: RecordingReader,
+    messages: Iterable[tuple[int, bytes]],
+    decode: Callable[[Message], list[Frame]],
+    failed: Callable[[DecodeError], object],
+) -> Iterator[tuple[Message, list[Frame]]]:
+    """Each message that can be decoded, with the frames that became complete with it.
 
-    def __init__(self, reader: RecordingReader) -> None:
-        self._reader = reader
-        self._allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
+    Ends early, counted and said as damage, where a file decodes to too much: returns and columns are added up, and a
+    message that fails costs as much as a full one, because it may fail at its very end.
 
-    def goes_on(self, width: int, frames: Sequence[Frame] | None) -> bool:
-        """Whether there may be more messages after this one; if not, that is counted and said as damage.
-
-        width: columns of the message;  frames: what it gave; None: it failed, which may come at its very end
-        """
+    messages: from `reader`, with their times;  decode: of the stream's decoder;  failed: is given each error
+    """
+    allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
+    for _, data in messages:
+        width, frames = 0, None
+        try:
+            message = unpack(data)
+            width = message.width
+            frames = decode(message)
+        except DecodeError as error:
+            failed(error)
+        if frames is not None:
+            yield message, frames
         cost = COLUMN * width + (LASERS * width if frames is None else sum(frame.points for frame in frames))
-        if self._allowed.spend(cost, self._reader.size):
-            return True
-        self._reader.leave_out_rest(f"it decodes to more than {DECODED_PER_BYTE} returns for each of its bytes")
-        return False
+        if not allowed.spend(cost, reader.size):
+            reader.leave_out_rest(f"it decodes to more than {DECODED_PER_BYTE} returns for each of its bytes")
+            return

@@ -14,14 +14,13 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
-from lidarcodec.recording.decoding_work import DecodingWork
+from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.regular_files import open_regular
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
-from lidarcodec.wire import unpack
 
 Channel = Literal["packets", "messages"]
 CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
@@ -109,24 +108,18 @@ class RecordingSource(PacketSource):
     def _frames(
         self, counts: Counter[str], failed: list[DecodeError], warn: bool = True, start_ns: int | None = None
     ) -> Iterator[Frame]:
+        def fail(error: DecodeError) -> None:
+            missing = isinstance(error, MissingReferenceError)
+            counts["missing references" if missing else "undecoded messages"] += 1
+            failed.append(error)
+            del failed[1:]
+
         decoder = StreamDecoder()
         with self._open() as file:
             reader = RecordingReader(file, warn)
-            work = DecodingWork(reader)
-            for _, data in reader.messages(start_ns, topic=self._topic):
-                width, frames = 0, None
-                try:
-                    message = unpack(data)
-                    width = message.width
-                    frames = decoder.decode(message)
-                except DecodeError as error:
-                    missing = isinstance(error, MissingReferenceError)
-                    counts["missing references" if missing else "undecoded messages"] += 1
-                    failed.append(error)
-                    del failed[1:]
-                yield from frames or ()
-                if not work.goes_on(width, frames):
-                    break
+            messages = reader.messages(start_ns, topic=self._topic)
+            for _, frames in decoded(reader, messages, decoder.decode, fail):
+                yield from frames
             yield from decoder.flush()
             _note(reader, counts)
 
