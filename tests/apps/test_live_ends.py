@@ -159,7 +159,7 @@ def test_a_live_view_does_not_go_back_to_a_frame_that_came_late(network):
             if number != 2:
                 shown.append(stream.next(30).index)
         assert shown == [0, 1, 3, 4]
-        assert stream.stats.counts["stale"] == stream.stats.counts["out_of_order"] == stream.stats.counts["missing"] == 1
+        assert [stream.stats.counts[name] for name in ("stale", "out_of_order", "missing")] == [1, 1, 1]
 
 
 @pytest.mark.parametrize("where", ["_frames_of", "stats", "_round_trips"], ids=["decode", "receive", "control"])
