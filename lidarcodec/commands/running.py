@@ -43,7 +43,7 @@ def _complain(error: BaseException) -> int:
         text = " ".join(error.format_message().split()).rstrip(".")
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
         sys.stderr.write("lidarcodec: there is not enough memory for this: close other programs, or do it in parts\n")
         return FAILED
     known = isinstance(error, LidarCodecError | OSError)

@@ -26,8 +26,8 @@ logger = logging.getLogger(__name__)
 A_TURN, TURN_S = 512, 0.01
 """Connections that are taken in one turn of the event loop, and for how long."""
 QUEUE = 256
-"""Connections that wait in the system's queue. A long queue is full of those of whoever connects most, and all others
-wait behind them; where a short one is full, a client tries again by itself."""
+"""Connections that wait in the system's queue. A client that connects most would fill a long queue, and all others
+would wait behind it. Where a short queue is full, the system of the client tries again by itself."""
 LOOK_S, PATIENCE_S, WAITING = 0.01, 2.0, 64
 """How often connections that have sent nothing yet are looked at again, for how long, and how many there may be."""
 PAUSE_S = 0.5

@@ -1,4 +1,4 @@
-"""Limits: how much each client may ask at once, and how often it may change something. Bounded, whoever asks.
+"""Limits: how much each client may ask at once, and how often it may change something. Its memory is bounded, too.
 
 >>> clock = [0.0]
 >>> limits = Limits(rate=1.0, burst=2, clock=lambda: clock[0])

@@ -1,6 +1,6 @@
 """The server's address, before there is a server: taken and told while all else is being loaded, which takes a second.
 
-Whoever connects meanwhile waits in the system's queue. Nothing heavy is imported here.
+A client that connects meanwhile waits in the system's queue. Nothing heavy is imported here.
 """
 
 from __future__ import annotations

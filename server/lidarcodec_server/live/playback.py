@@ -30,7 +30,7 @@ class PlayRequest:
 class Playback:
     """One playback.
 
-    ended: set to end it;  task: of whoever watches it
+    ended: set to end it;  task: waits for its end
     """
 
     def __init__(self, request: PlayRequest) -> None:

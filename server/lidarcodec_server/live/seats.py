@@ -37,7 +37,7 @@ class TooManyViewersError(Exception):
 class Seat:
     """A live socket.
 
-    client: who looks, and from which `host`;  operator: whether it may also change
+    client: the viewer, on which `host`;  operator: whether it may also change
     silent_s: for how long its stream has brought nothing;  end: ends it
     """
 

@@ -57,7 +57,7 @@ async def run(
 ) -> None:
     """Serve a viewer until it goes, breaks a rule, or the server ends.
 
-    seat: who looks;  allowed: whether it may still look; asked in a thread, a few times a second
+    seat: the viewer's place;  allowed: whether it may still receive; asked in a thread, a few times a second
     Raises TooManyViewersError or TransportError before the socket is accepted.
     """
     viewer.tell(_hello(keys, viewer, hub.ack_limit_s))
