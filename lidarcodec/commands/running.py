@@ -15,6 +15,7 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.options import command_line
 from lidarcodec.commands.remaining import remember
 from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
@@ -87,7 +88,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
             sys.stdout.reconfigure(errors="backslashreplace")
     code = None
     try:
-        code = app(given, prog_name="lidarcodec", standalone_mode=False)
+        code = command_line(app)(given, prog_name="lidarcodec", standalone_mode=False)
         unprinted = _unprinted()
     except KeyboardInterrupt:
         return _stopped(given)
