@@ -38,7 +38,7 @@ from lidarcodec.pipeline import StreamEncoder, check
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
-from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.units import FRAME_PACKETS
@@ -93,7 +93,9 @@ class Publisher:
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
-        """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
+        """Raises SettingsError or UnknownNameError when settings, names or limits are not allowed, and TransportError
+        for a configuration file that is none.
+        """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
         self._isolation = Isolation(isolate, self._worker_failed)
@@ -102,6 +104,7 @@ class Publisher:
         self._choosing = CodecChooser(1.0 / (live_rate * FRAME_PACKETS))
         self._encoder = StreamEncoder(self._choosing.codec_for(asked), make_encoder=self._isolation.make_encoder)
         self._own_transport = transport is None
+        self._certificates = certificates_of(endpoints)
         self._transport: Transport | None = None
         self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
         if callable(transport):
@@ -276,6 +279,7 @@ class Publisher:
             worker=self._isolation.state(),
             worker_restarts=self._isolation.restarts,
             recording=None if self._recorder is None else self._recorder.state(),
+            certificate=None if self._certificates is None else self._certificates.told(),
             matching=self._sending.matching,
             ended=self._done.is_set(),
         )
