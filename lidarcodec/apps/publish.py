@@ -20,6 +20,7 @@ from typing import Any, Literal, Self
 from lidarcodec.apps.choosing import CodecChooser
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.learning import SpareLearning
@@ -55,6 +56,8 @@ LAST_FRAME_S = 1.0
 STATUS_S = 1.0
 START_S = 1.0
 """How long `start` waits for the network: endpoints that cannot be used are known by then."""
+LAST_READ_S = 5.0
+"""How long it may take to read what the sensor has sent by the end: packets of 4.7 s wait at most. It is recorded."""
 JOIN_S = 10.0
 
 
@@ -239,8 +242,11 @@ class Publisher:
         """End everything: threads, network, recording, source. Harmless when called twice."""
         self._stop.set()
         self._end()
-        self._feed.close()
         self._mailbox.close()
+        if self._recorder is not None:
+            self._feed.finish()
+            ended(self._threads[:1], LAST_READ_S)
+        self._feed.close()
         self._flight.wake()
         current = threading.current_thread()
         waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
