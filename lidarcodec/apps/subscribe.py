@@ -28,7 +28,7 @@ from lidarcodec.apps.udp_out import UdpOut
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
-from lidarcodec.transport import Endpoints, Transport, party_of
+from lidarcodec.transport import Endpoints, Transport, certificates_of, party_of
 from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
 
@@ -103,7 +103,7 @@ class LiveStream:
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
-        party = party_of(endpoints)
+        party, self._certificates = party_of(endpoints), certificates_of(endpoints)
         own = receiver_name() if party is None else party.name
         self.receiver = valid_name(own if receiver is None else receiver, "receiver")
         self._newest, self._timeout_s, self._clock = newest, timeout_s, clock
@@ -240,6 +240,7 @@ class LiveStream:
             "rtt_ms": self._receiver.rtt_ms,
             "udp": None if self._udp is None else dict(self._udp.counts),
             "recording": None if self._recorder is None else self._recorder.state(),
+            "certificate": None if self._certificates is None else self._certificates.told(),
         }
 
     def interrupt(self) -> None:

@@ -18,6 +18,7 @@ from lidarcodec.commands.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, i
 from lidarcodec.commands.options import command_line
 from lidarcodec.commands.remaining import remember
 from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
+from lidarcodec.commands.zenoh_log import zenoh_log
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.whole_files import drop_all
 
@@ -131,7 +132,7 @@ def keep_standard_output() -> None:
     """Keep standard output for what we print: the network library writes its log there, past Python."""
     _flush()
     ours = os.dup(1)
-    os.dup2(2, 1)
+    zenoh_log.begin()
     sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
     sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
 
@@ -157,5 +158,6 @@ def main(app: typer.Typer) -> NoReturn:
     if "zenoh" in sys.modules:
         # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
         # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        zenoh_log.end()
         os._exit(code)
     sys.exit(code)
