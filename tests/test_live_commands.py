@@ -144,8 +144,15 @@ def test_what_cannot_be_is_refused_in_one_line(words, code, says):
 
 def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     """Whatever a user has set for publishers of his own."""
-    mine = {"LIDARCODEC_SENSOR": "roof", "LIDARCODEC_RECORD": str(tmp_path / "kept"), "LIDARCODEC_RATE": "1"}
-    result = run("demo", "--seconds", "3", "--no-browser", cwd=tmp_path, **mine)
+    mine = {"SENSOR": "roof", "RECORD": str(tmp_path / "kept"), "RATE": "1"}
+    result = run(
+        "demo",
+        "--seconds",
+        "3",
+        "--no-browser",
+        cwd=tmp_path,
+        **{f"LIDARCODEC_PUBLISH_{name}": value for name, value in mine.items()},
+    )
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     assert not (tmp_path / "kept").exists()

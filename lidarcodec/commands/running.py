@@ -15,6 +15,7 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.options import command_line
 from lidarcodec.commands.remaining import remember
 from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
 from lidarcodec.commands.zenoh_log import zenoh_log
@@ -44,7 +45,7 @@ def _complain(error: BaseException) -> int:
         text = " ".join(error.format_message().split()).rstrip(".")
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
         sys.stderr.write("lidarcodec: there is not enough memory for this: close other programs, or do it in parts\n")
         return FAILED
     known = isinstance(error, LidarCodecError | OSError)
@@ -88,7 +89,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
             sys.stdout.reconfigure(errors="backslashreplace")
     code = None
     try:
-        code = app(given, prog_name="lidarcodec", standalone_mode=False)
+        code = command_line(app)(given, prog_name="lidarcodec", standalone_mode=False)
         unprinted = _unprinted()
     except KeyboardInterrupt:
         return _stopped(given)

@@ -1,6 +1,6 @@
 """The network: a Zenoh session behind the transport contract. The only file that imports zenoh.
 
-What is done here, and why, was measured (ECOSYSTEM 1): frames come through a ring of one in a thread of the caller's
+What is done here was measured with Zenoh 1.x: frames come through a ring of one in a thread of the caller's
 own, because callbacks queue 256 of them silently; they leave with BLOCK_FIRST, which never blocks and never lets one
 slow client behind a router stop the others; receivers refuse what their own session sent; everything that is declared
 is given back, within a time limit.

@@ -81,7 +81,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             app,
             http=Door.of(inside, tls),
             ws=ViewerProtocol.of(held),
-            ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
+            ws_per_message_deflate=False,  # what is sent is compressed already
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,
             timeout_keep_alive=config.keep_alive_s,  # type: ignore[arg-type] # (any number of seconds will do)
