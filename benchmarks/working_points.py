@@ -209,14 +209,15 @@ def main() -> None:
         grouped = codec == "zstd"
         if grouped not in shades:
             shades[grouped] = intensities(counted, STEPS, LEVELS, grouped=grouped)
-        rows = rows_of(entries[codec]) if codec in entries else {}
+        same = codec in entries and entries[codec]["values"] == list(values_of(codec))
+        rows = rows_of(entries[codec]) if same else {}
         for step in steps:
             rounds = table.codec(codec).bounded and codec not in FREE
             rows[step] = measured(codec, step, sets, clouds, fresh.get(step) if rounds else None)
             if rounds:
                 fresh[step] = rows[step]
         if set(rows) != set(STEPS):
-            raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured")
+            raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured at these values")
         entries[codec] = entry_of(codec, rows) | of_intensity(shades[grouped])
         if args.write:
             OUT.write_text(table_text(entries))
