@@ -1,6 +1,8 @@
-"""The table of a long run of damaged messages (`tests.fuzz.campaign`), by configuration and in all.
+"""The table of long runs of damaged messages (`tests.fuzz.campaign`), by configuration and in all.
 
-python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
+    python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
+
+Several folders are counted together: each core can have a run of its own, with a seed of its own.
 """
 
 from __future__ import annotations
@@ -70,18 +72,28 @@ def _by_name(chosen: Chosen) -> Iterable[tuple[str, Counts]]:
         yield name, _joined(counts for plan, counts in chosen if plan.name == name)
 
 
-def tables(state: Path) -> str:
-    """The tables of a run's folder, and what broke a rule."""
-    values = json.loads((state / "state.json").read_text())
+def _read(states: Iterable[Path]) -> tuple[list[int], Chosen]:
+    """Seeds of the runs in some folders, and their counts by configuration."""
     known = {f"{plan.name}, {plan.size}": plan for plan in plans()}
-    chosen = [
-        (known[name], Counts(**counts))
-        for name, counts in values["configurations"].items()
-        if name in known and counts["cases"]
-    ]
+    seeds, found = [], {name: Counts() for name in known}
+    for state in states:
+        values = json.loads((state / "state.json").read_text())
+        seeds.append(values["seed"])
+        for name, counts in values["configurations"].items():
+            if name in known:
+                found[name].join(Counts(**counts))
+    return seeds, [(known[name], counts) for name, counts in found.items() if counts.cases]
+
+
+def tables(*states: Path) -> str:
+    """The tables of the runs in some folders, their cases together, and what broke a rule."""
+    seeds, chosen = _read(states)
+    if len(set(seeds)) < len(seeds):
+        raise SystemExit("two runs of one seed are the same cases: name runs of different seeds")
     head = _line(_HEAD) + _line(["---"] + ["---:"] * (len(_HEAD) - 1))
     found = [why for _, counts in chosen for why in counts.found]
-    text = f"Seed {values['seed']}. Slowest: time of the processor; memory: beyond what was held before.\n\n"
+    text = f"Seeds {' and '.join(map(str, seeds))}. " if len(seeds) > 1 else f"Seed {seeds[0]}. "
+    text += "Slowest: time of the processor; memory: beyond what was held before.\n\n"
     text += head + "".join(_row(name, counts) for name, counts in _groups(chosen))
     text += "\nBy configuration, all sizes together:\n\n" + head + "".join(_row(*of) for of in _by_name(chosen))
     if not found:
@@ -104,10 +116,10 @@ def written(page: str, text: str) -> str:
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("state", type=Path, nargs="?", default=Path("build/fuzz/campaign"))
+    parser.add_argument("states", type=Path, nargs="*", default=[Path("build/fuzz/campaign")], metavar="STATE")
     parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args()
-    text = tables(options.state)
+    text = tables(*options.states)
     if options.write is None:
         print(text)
     else:

@@ -49,7 +49,7 @@ def damaged_lattice(data: bytes, rng: random.Random) -> bytes:
         case 6:
             positions = damaged_positions(positions, rng) if positions else rng.randbytes(rng.randrange(30))
         case _:
-            kind, size = rng.choice((kind, rng.randrange(256))), rng.choice((0, size + 1, 2**32 - 1))
+            kind, size = rng.choice((kind, rng.randrange(256))), rng.choice((0, (size + 1) % 2**32, 2**32 - 1))
             return _HEAD.pack(kind, width, packets, len(columns), size) + columns + side + positions
     return _HEAD.pack(kind, width, packets, len(columns), len(side)) + columns + side + positions
 

@@ -121,6 +121,9 @@ def test_damage_is_inside_of_what_lattices_and_positions_pack() -> None:
             data = message.section(SectionType.POSITION)
             for _ in range(60):
                 positions.add(outcome(lambda given: decode_positions(given, 2), damaged_positions(data, rng)))
+    data = stream(ALL["raw lattice, positions"], 1).parts[0].section(SectionType.LATTICE)
+    for _ in range(2000):  # what is damaged already, too: the first of two wounds may leave any numbers
+        data = damaged_lattice(data, rng)
     assert lattices >= {
         "read",
         "a lattice section with columns beyond the N of its frame, or twice",
@@ -168,7 +171,9 @@ def test_no_native_harness_is_without_seeds() -> None:
     assert {path.stem for path in folder.glob("fuzz_*.cpp")} == set(native_seeds.HARNESSES)
 
 
-def test_a_campaign_goes_on_where_it_was_and_makes_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_goes_on_where_it_was_and_makes_a_table_with_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tests.fuzz.campaign.BLOCK_S", 0.1)
     campaign = Campaign(tmp_path, 3, only="zstd, tiny")
     assert list(campaign.run(1)) == ["zstd, tiny"]
@@ -181,6 +186,12 @@ def test_a_campaign_goes_on_where_it_was_and_makes_a_table(tmp_path: Path, monke
     assert "| **all of tiny** |" in page
     assert "old" not in page
     assert page.endswith("after\n")
+    other = Campaign(tmp_path / "other", 4, only="zstd, tiny")
+    (tmp_path / "other").mkdir()
+    assert list(other.run(1)) == ["zstd, tiny"]
+    assert f"| **all** | {campaign.total + other.total:,} |" in tables(tmp_path, tmp_path / "other")
+    with pytest.raises(SystemExit, match="of one seed"):
+        tables(tmp_path, tmp_path)
 
 
 def test_what_breaks_a_rule_is_kept_with_all_that_led_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
