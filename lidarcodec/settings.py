@@ -35,7 +35,8 @@ Shape = Literal["rounded", "free"]
 def step_of(max_error_m: float) -> int:
     """Quantiser width in native range steps that keeps every error within `max_error_m`; 1 = lossless.
 
-    DESIGN 3.2: 2 * floor(e / 2 mm + 1e-6) + 1.
+    It is 2 * floor(e / 2 mm + 1e-6) + 1: a step of 2 k + 1 has errors of k at most, and the millionth is for bounds
+    like 0.086, which binary fractions only come near.
     """
     return 2 * math.floor(max_error_m / RANGE_STEP_M + 1e-6) + 1
 

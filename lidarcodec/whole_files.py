@@ -357,7 +357,8 @@ def _remove(path: Path) -> None:
         else:
             path.unlink(missing_ok=True)
     except OSError as error:
-        log.warning("%s is left over: %s", path, error.strerror or error)
+        if os.path.lexists(path):  # a folder that cannot be written to refuses this, too, for what never was there
+            log.warning("%s is left over: %s", path, error.strerror or error)
 
 
 def _umask() -> int:

@@ -5,11 +5,14 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 import lidarcodec
+from lidarcodec.cli import app
+from lidarcodec.commands.options import command_line
 from lidarcodec.recording import read_recording
 from tests.command_line import COMMAND, environment, run, run_here, the_one_line
 from tests.conftest import ROOT
@@ -98,13 +101,38 @@ def test_without_a_command_the_help_is_shown_and_help_answers_at_once():
 
 def test_every_option_has_an_environment_variable():
     result = run(
-        "bench", "sim:city", "--json", LIDARCODEC_CODEC="zstd", LIDARCODEC_FRAMES="1", LIDARCODEC_SET="level=1"
+        "bench",
+        "sim:city",
+        "--json",
+        LIDARCODEC_BENCH_CODEC="zstd",
+        LIDARCODEC_BENCH_FRAMES="1",
+        LIDARCODEC_BENCH_SET="level=1",
+        LIDARCODEC_FRAMES="2",
+        LIDARCODEC_ENCODE_CODEC="raw",
     )
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert [entry["codec"] for entry in found] == ["zstd"]
     assert found[0]["settings"]["codec_settings"] == {"level": 1}
     assert found[0]["frames"] == 1
+
+
+def test_no_variable_changes_another_command():
+    """LIDARCODEC_PORT was meant for `serve`, and changed `certs` too."""
+    readers = Counter()
+    for path, command in commands_of(command_line(app)):
+        for one in command.params:
+            if one.param_type_name == "option" and path:
+                assert one.envvar, (path, one.opts)
+                readers[one.envvar] += 1
+    shared = {name for name, number in readers.items() if number > 1}
+    assert shared == {f"LIDARCODEC_{name}" for name in ("CONNECT", "LISTEN", "ZENOH_CONFIG", "DATABASE_URL")}
+
+
+def commands_of(command, path=()):
+    yield path, command
+    for word, inner in getattr(command, "commands", {}).items():
+        yield from commands_of(inner, (*path, word))
 
 
 BENCH_FIELDS = {
@@ -243,9 +271,9 @@ def test_info_takes_a_recording_with_options_as_the_source_that_they_name(tmp_pa
 
 
 def test_info_without_a_source_reports_this_installation():
-    found = json.loads(run("info", "--json", LIDARCODEC_SET="max_error_m=0.01").stdout)
+    found = json.loads(run("info", "--json", LIDARCODEC_PUBLISH_SET="max_error_m=0.01").stdout)
     assert {"versions", "extras", "ports", "clock", "settings"} <= found.keys()
-    assert found["settings"]["max_error_m"] == "0.01 (LIDARCODEC_SET)"
+    assert found["settings"]["max_error_m"] == "0.01 (LIDARCODEC_PUBLISH_SET)"
     assert found["settings"]["codec"] == "pcodec (default)"
 
 

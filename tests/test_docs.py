@@ -9,12 +9,12 @@ import shlex
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
 import lidarcodec
 from lidarcodec import errors
 from lidarcodec.cli import app
 from lidarcodec.codecs import table
+from lidarcodec.commands.options import command_line
 from lidarcodec.evaluation.peers import table as peers
 from lidarcodec.reduction import table as reducers
 from lidarcodec.settings import StreamSettings
@@ -40,7 +40,7 @@ CONTRACT_TARGETS = [
     "soak",
     "faults",
 ]
-COMMANDS = get_command(app).commands
+COMMANDS = command_line(app).commands
 
 
 def headings(page):

@@ -3,13 +3,18 @@
 import json
 import shlex
 import signal
+import socket
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
 from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.sources import open_source
+from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line
+from tests.transport.test_contract import eventually
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +144,15 @@ def test_what_cannot_be_is_refused_in_one_line(words, code, says):
 
 def test_the_demo_ends_by_itself_with_a_summary_and_a_picture(tmp_path):
     """Whatever a user has set for publishers of his own."""
-    mine = {"LIDARCODEC_SENSOR": "roof", "LIDARCODEC_RECORD": str(tmp_path / "kept"), "LIDARCODEC_RATE": "1"}
-    result = run("demo", "--seconds", "3", "--no-browser", cwd=tmp_path, **mine)
+    mine = {"SENSOR": "roof", "RECORD": str(tmp_path / "kept"), "RATE": "1"}
+    result = run(
+        "demo",
+        "--seconds",
+        "3",
+        "--no-browser",
+        cwd=tmp_path,
+        **{f"LIDARCODEC_PUBLISH_{name}": value for name, value in mine.items()},
+    )
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     assert not (tmp_path / "kept").exists()
@@ -166,3 +178,34 @@ def test_the_demo_needs_no_folder_to_write_in_and_nobody_who_reads(tmp_path):
             check=False,
         )
         assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("record_as", ["packets", "lossless"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_what_a_sensor_sent_last_is_in_the_recording_of_a_publisher_that_is_ended(tmp_path, number, record_as):
+    """What waited in the queue was lost without a word, and of a lossless stream the last frame."""
+    packets = made.turning(800)
+    kept = tmp_path / "kept"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
+        sensor.bind(("127.0.0.1", 0))
+        port = sensor.getsockname()[1] + 1
+        process = start("publish", f"udp://127.0.0.1:{port}", "--record", kept, "--record-as", record_as)
+        try:
+            assert eventually(lambda: f":{port:04X} " in Path("/proc/net/udp").read_text(), 60)
+            for packet in packets:
+                sensor.sendto(packet.payload, ("127.0.0.1", port))
+                time.sleep(0.0002)
+            assert eventually(lambda: list(kept.glob("*.mcap")), 60), "it has begun"
+            for packet in packets:
+                sensor.sendto(packet.payload, ("127.0.0.1", port))
+                time.sleep(0.0001)
+        finally:
+            process.send_signal(number)
+            said, complaint = process.communicate(timeout=60)
+    assert process.returncode == 0, complaint
+    assert "lost packets" not in complaint
+    (file,) = kept.glob("*.mcap")
+    with open_source(file) as source:
+        found = [packet.payload for packet in source.packets()]
+    assert len(found) == 1600, said + complaint
+    assert found == [packet.payload for packet in packets] * 2

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+import shutil
 import stat
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ import pytest
 from lidarcodec import renaming, whole_files
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.whole_files import drop_all, part_names, whole, written_whole
+from tests.command_line import COMMAND, environment
 
 SCANS = re.compile(r"\d+\.bin")
 
@@ -274,3 +278,15 @@ def test_a_name_that_is_too_long_is_refused_before_anything_is_written(tmp_path:
     with pytest.raises(SettingsError, match="the name is too long for the file system"), whole(tmp_path / ("x" * 256)):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_to_is_all_that_is_said(tmp_path: Path) -> None:
+    """Nothing was made there, and a second line said that it was left over."""
+    mount = f"mount -t tmpfs -o ro none {shlex.quote(str(tmp_path))}"
+    if not shutil.which("unshare") or subprocess.run(["unshare", "-rm", "sh", "-c", mount], check=False).returncode:
+        pytest.skip("needs a file system of its own (unshare -rm, mount)")
+    command = shlex.join([*COMMAND, "encode", "sim:road?frames=1", str(tmp_path / "a.mcap")])
+    words = ["unshare", "-rm", "sh", "-c", f"{mount} && {command}"]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment(), check=False)
+    assert done.returncode == 1
+    assert done.stderr == f"lidarcodec: cannot write {tmp_path / 'a.mcap'}: Read-only file system\n"

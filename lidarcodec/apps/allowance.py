@@ -24,13 +24,13 @@ class Allowance:
         self._lock = threading.Lock()
         self._left, self._at_s = float(burst), clock()
 
-    def take(self) -> float:
-        """0, and one is taken; else in how many seconds there will be one."""
+    def take(self, number: int = 1) -> float:
+        """0, and so many are taken; else in how many seconds they will be there, if they are not more than `burst`."""
         with self._lock:
             now = self._clock()
             self._left = min(float(self._burst), self._left + self._rate * (now - self._at_s))
             self._at_s = now
-            if self._left >= 1.0:
-                self._left -= 1.0
+            if self._left >= number:
+                self._left -= number
                 return 0.0
-            return (1.0 - self._left) / self._rate
+            return (number - self._left) / self._rate

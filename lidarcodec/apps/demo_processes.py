@@ -28,11 +28,8 @@ PAGE_PORT: Final = 8080
 START_S: Final = 60.0
 """Longest wait for the server to say where it is."""
 END_S: Final = 5.0
-NOT_FOR_THE_VEHICLE: Final = {
-    f"LIDARCODEC_{option}"
-    for option in ("LISTEN", "CONNECT", "ZENOH_CONFIG", "SENSOR", "RATE", "RECORD", "RECORD_AS", "RECORD_GB", "SET")
-} | {"LIDARCODEC_CODEC", "LIDARCODEC_HEALTH_FILE"}
-"""Options of `publish` that a user may have set for good; the demonstration says itself what its vehicle does."""
+NOT_FOR_THE_VEHICLE: Final = tuple(f"LIDARCODEC_{name}" for name in ("PUBLISH_", "LISTEN", "CONNECT", "ZENOH_CONFIG"))
+"""Variables that a user may have set for good; the demonstration says itself what its vehicle does."""
 ADDRESS: Final = re.compile(r"https?://[^ ]+")
 
 
@@ -48,7 +45,7 @@ def vehicle(
     source: str, name: str, meeting_port: int, words: list[str], complaints: IO[bytes]
 ) -> Iterator[subprocess.Popen[bytes]]:
     """The publisher. meeting_port: of loopback, where its system meets;  complaints: takes what it says on stderr"""
-    environment = {name: value for name, value in os.environ.items() if name not in NOT_FOR_THE_VEHICLE}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(NOT_FOR_THE_VEHICLE)}
     process = subprocess.Popen(
         # The page compares what was sent with the originals, which come only while somebody does.
         [*COMMAND, "publish", source, "--vehicle", name, "--original", *words],

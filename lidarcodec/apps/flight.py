@@ -1,7 +1,7 @@
 """Flight: which messages are under way, and whether the next one may go.
 
 Measured, nothing bounds latency better than one message in flight until its receiver reports arrival: it sees the
-buffers of every modem and router further along, which no setting of ours does (ECOSYSTEM 1.4). With a long round trip
+buffers of every modem and router further along, which no setting of ours does. With a long round trip
 one leaves the link idle, so the number is 1 + round(round-trip time / time to send one).
 
 Who is followed is told by `Followed`. A report counts once for each receiver and message, and only when the receiver

@@ -17,7 +17,8 @@ from lidarcodec.message import Message
 logger = logging.getLogger(__name__)
 
 REMEMBERED = 64
-"""Newest messages of a stream that are known again when they come once more."""
+"""Newest messages of a stream that are known again when they come once more. What is older than all of them is no
+message that was delayed: a path that replays what it carried would show the past as the present."""
 STREAMS = 8
 
 
@@ -33,7 +34,7 @@ class ReceiverStats:
 
     gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
     second_publisher: times that a stream came back after another one: two publishers have the same name
-    duplicates: messages that came again, and were dropped before they were decoded
+    duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
     clocks: how far the publisher's clock is from ours
     """
@@ -55,9 +56,11 @@ class ReceiverStats:
         return self._stream_id
 
     def repeated(self, message: Message) -> bool:
-        """Whether this message came before, and is one of the newest of its stream; counts it then."""
+        """Whether this message came before, or is older than the newest 64 of its stream; counts it then."""
         with self._lock:
-            known = message.frame_index in self._earlier.get(message.stream_id, ())
+            newest = self._earlier.get(message.stream_id, ())
+            known = message.frame_index in newest
+            known = known or (len(newest) == REMEMBERED and message.frame_index < min(newest))
             self.counts["duplicates"] += known
             return known
 
@@ -83,13 +86,14 @@ class ReceiverStats:
                 self._earlier.move_to_end(message.stream_id)
                 while len(self._earlier) > STREAMS:
                     self._earlier.popitem(last=False)
+                self._next_index = 0
             elif message.frame_index > self._next_index:
                 self.counts["gaps"] += 1
                 self.counts["missing"] += message.frame_index - self._next_index
             elif message.frame_index < self._next_index:
                 self.counts["out_of_order"] += 1
             self._earlier[message.stream_id].append(message.frame_index)
-            self._next_index = message.frame_index + message.frame_count
+            self._next_index = max(self._next_index, message.frame_index + message.frame_count)
             return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:

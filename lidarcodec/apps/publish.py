@@ -20,6 +20,7 @@ from typing import Any, Literal, Self
 from lidarcodec.apps.choosing import CodecChooser
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
+from lidarcodec.apps.ending import ended
 from lidarcodec.apps.flight import LIMIT_S, Flight
 from lidarcodec.apps.isolation import Isolate, Isolation
 from lidarcodec.apps.learning import SpareLearning
@@ -38,7 +39,7 @@ from lidarcodec.pipeline import StreamEncoder, check
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
-from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.units import FRAME_PACKETS
@@ -55,6 +56,8 @@ LAST_FRAME_S = 1.0
 STATUS_S = 1.0
 START_S = 1.0
 """How long `start` waits for the network: endpoints that cannot be used are known by then."""
+LAST_READ_S = 5.0
+"""How long it may take to read what the sensor has sent by the end: packets of 4.7 s wait at most. It is recorded."""
 JOIN_S = 10.0
 
 
@@ -93,7 +96,9 @@ class Publisher:
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
-        """Raises SettingsError or UnknownNameError when the settings, names or limits are not allowed."""
+        """Raises SettingsError or UnknownNameError when settings, names or limits are not allowed, and TransportError
+        for a configuration file that is none.
+        """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
         self._isolation = Isolation(isolate, self._worker_failed)
@@ -102,6 +107,7 @@ class Publisher:
         self._choosing = CodecChooser(1.0 / (live_rate * FRAME_PACKETS))
         self._encoder = StreamEncoder(self._choosing.codec_for(asked), make_encoder=self._isolation.make_encoder)
         self._own_transport = transport is None
+        self._certificates = certificates_of(endpoints)
         self._transport: Transport | None = None
         self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
         if callable(transport):
@@ -236,8 +242,11 @@ class Publisher:
         """End everything: threads, network, recording, source. Harmless when called twice."""
         self._stop.set()
         self._end()
-        self._feed.close()
         self._mailbox.close()
+        if self._recorder is not None:
+            self._feed.finish()
+            ended(self._threads[:1], LAST_READ_S)
+        self._feed.close()
         self._flight.wake()
         current = threading.current_thread()
         waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
@@ -276,6 +285,7 @@ class Publisher:
             worker=self._isolation.state(),
             worker_restarts=self._isolation.restarts,
             recording=None if self._recorder is None else self._recorder.state(),
+            certificate=None if self._certificates is None else self._certificates.told(),
             matching=self._sending.matching,
             ended=self._done.is_set(),
         )

@@ -126,6 +126,10 @@ class FrameFeed:
         if last is not None and not self._closed:
             self._leave(last, wait=wait)
 
+    def finish(self) -> None:
+        """Have `run` end behind what has come by now, or at once if the source is not live."""
+        self._paced.finish()
+
     def close(self) -> None:
         """End `run`; closes the source."""
         self._closed = True

@@ -82,6 +82,7 @@ class StatusBoard:
         worker: dict[str, Any] | None,
         worker_restarts: int,
         recording: dict[str, Any] | None,
+        certificate: dict[str, str] | None,
         matching: bool,
         ended: bool,
     ) -> dict[str, Any]:
@@ -143,6 +144,7 @@ class StatusBoard:
             "worker_restarts": worker_restarts,
             "source": dict(feed.counts),
             "recording": recording,
+            "certificate": certificate,
             "reports": reports,
         }
 

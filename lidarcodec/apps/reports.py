@@ -83,6 +83,7 @@ STATUS_FIELDS = frozenset(
         "worker_restarts",
         "source",
         "recording",
+        "certificate",
         "reports",
     )
 )

@@ -28,7 +28,7 @@ from lidarcodec.apps.udp_out import UdpOut
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.settings import valid_name
-from lidarcodec.transport import Endpoints, Transport, party_of
+from lidarcodec.transport import Endpoints, Transport, certificates_of, party_of
 from lidarcodec.transport.endpoints import Mode
 from lidarcodec.transport.keys import StreamKeys
 
@@ -103,7 +103,7 @@ class LiveStream:
     ) -> None:
         """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
-        party = party_of(endpoints)
+        party, self._certificates = party_of(endpoints), certificates_of(endpoints)
         own = receiver_name() if party is None else party.name
         self.receiver = valid_name(own if receiver is None else receiver, "receiver")
         self._newest, self._timeout_s, self._clock = newest, timeout_s, clock
@@ -114,6 +114,7 @@ class LiveStream:
         if clouds and self._recorder is not None:
             self._recorder.keep_clouds()
         self._interrupted = self._begun = False
+        self._shown: tuple[int | None, int] = None, 0
         self._listeners: list[Callable[[], object]] = []
         self._frames: Mailbox[Frame] = Mailbox(self._notify)
         self._receiver = Receiver(
@@ -239,6 +240,7 @@ class LiveStream:
             "rtt_ms": self._receiver.rtt_ms,
             "udp": None if self._udp is None else dict(self._udp.counts),
             "recording": None if self._recorder is None else self._recorder.state(),
+            "certificate": None if self._certificates is None else self._certificates.told(),
         }
 
     def interrupt(self) -> None:
@@ -263,7 +265,7 @@ class LiveStream:
         latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
         if self._clouds and self._recorder is not None:
             self._recorder.cloud(frame)
-        if not self._fresh.shows(latency_ms, self._clock.monotonic_s()):
+        if not self._fresh.shows(latency_ms, self._clock.monotonic_s()) or (self._newest and self._goes_back(frame)):
             self.stats.count("stale")
             return
         if self._newest:
@@ -275,6 +277,15 @@ class LiveStream:
             pass
         while not self._frames.put_wait(frame, TICK_S) and not self._frames.closed:
             pass
+
+    def _goes_back(self, frame: Frame) -> bool:
+        """Whether a later frame of the same stream was shown before: a path may mix up what it carries."""
+        message = self._receiver.decoded
+        stream_id = None if message is None else message.stream_id
+        if stream_id == self._shown[0] and frame.index < self._shown[1]:
+            return True
+        self._shown = stream_id, frame.index
+        return False
 
     def _keep(self, data: bytes) -> None:
         if self._recorder is not None:

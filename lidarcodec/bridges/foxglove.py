@@ -4,13 +4,13 @@
     its pose, if any  -> foxglove.FrameTransform -> /VEHICLE/SENSOR/pose
     once a second     -> JSON                    -> /VEHICLE/SENSOR/statistics
 
-Nothing is made of a stream that nobody looks at. What a slow viewer does not take gives way, oldest first.
+Nothing is made of a stream that nobody looks at. What a slow viewer does not take gives way, oldest first. Viewers
+come by a gate (gate.py), because Foxglove's server takes any number of them.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import threading
 import time
 from collections import Counter
@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from lidarcodec.apps.ending import ended
+from lidarcodec.bridges.gate import MAX_VIEWERS, Gate
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.bridges.viewer_log import ViewerLog
 from lidarcodec.errors import MissingExtraError, TransportError
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
+INSIDE: Final = "127.0.0.1"
+"""Where the server listens, for the gate."""
 WAITING: Final = 4
 """Messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
 EVERY_S: Final = 1.0
@@ -96,6 +99,7 @@ class FoxgloveBridge:
 
     port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames,
     `complaints` of the server about viewers: connections that broke, messages that were wrong
+    gate: takes viewers and counts them
     """
 
     def __init__(
@@ -108,8 +112,10 @@ class FoxgloveBridge:
         transport: Transport | None = None,
         until_end: bool = False,
         fill: bool | None = None,
+        max_viewers: int = MAX_VIEWERS,
     ) -> None:
         """host, port: where to listen; port 0 takes a free one
+        max_viewers: at once; half of them, rounded up, may be of one address
 
         fill: whether returns are made up between the columns of thinned frames, and marked; None: where a stream's
         purpose is not for programs
@@ -122,6 +128,7 @@ class FoxgloveBridge:
         self._foxglove = foxglove
         self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
         self.host, self.port, self._fill = host, port, fill
+        self.gate = Gate(host, port, max_viewers)
         self.counts: Counter[str] = Counter()
         self._counting = threading.Lock()
         self._viewer_log = ViewerLog(lambda: self._count(complaints=1))
@@ -136,21 +143,23 @@ class FoxgloveBridge:
 
         Raises TransportError if nothing can listen there.
         """
+        self.gate.listen()
         self._viewer_log.open()
         try:
             self._server = self._foxglove.start_server(
                 name="lidarcodec",
-                host=self.host,
-                port=self.port,
+                host=INSIDE,
+                port=0,
                 context=self._context,
                 message_backlog_size=WAITING * len(self._streams.keys),
             )
         except (RuntimeError, OSError, ValueError) as error:
             self._viewer_log.close()
-            reason = re.sub(r"^.*?bind port: | \(os error \d+\)$", "", str(error))
-            raise TransportError(f"cannot listen on {self.host}:{self.port}: {reason}; choose another port") from None
-        self.port = self._server.port
+            self.gate.close()
+            raise TransportError(f"Foxglove's server cannot listen on {INSIDE}: {error}") from None
+        self.port = self.gate.port
         self._channels = {key: _Channels(key, self._context) for key in self._streams.keys}
+        self.gate.open((INSIDE, self._server.port))
         self._streams.start()
         self._thread.start()
         return self
@@ -173,11 +182,12 @@ class FoxgloveBridge:
 
     def summary(self) -> dict[str, Any]:
         """Counts, where it listens, and how the streams are received."""
-        return {**self.counts, "url": self.url, "streams": self._streams.summary()}
+        return {**self.counts, **self.gate.counts, "url": self.url, "streams": self._streams.summary()}
 
     def close(self) -> None:
         """End everything, viewers' connections included; harmless when called twice."""
         self._stop.set()
+        self.gate.close()  # first: the server waits for viewers that do not read
         self._streams.close()
         ended([self._thread])
         for channels in self._channels.values():

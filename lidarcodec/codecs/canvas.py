@@ -2,7 +2,7 @@
 
 The lasers of one firing look up to 18 degrees apart, and each has a distance correction of its own. On the canvas each
 row is shifted so that a column is one direction, and the corrections are added, in whole range steps, so that all rows
-are on one scale (RESEARCH_CODING 2.1). A JPEG needs 0.8 bits a point less for it, lossless JPEG XL 0.15 to 0.5. All of
+are on one scale. A JPEG needs 0.8 bits a point less for it, lossless JPEG XL 0.15 to 0.5. All of
 it follows from the integer calibration table and two numbers sent with the image, so that it can be undone exactly.
 
 Rows then end at different columns: the corners, up to 113 columns of an HDL-64E, hold nothing and are holes like any

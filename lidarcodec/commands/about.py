@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import lidarcodec
+from lidarcodec.commands.options import variable
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.evaluation.bench import effective
 from lidarcodec.settings import StreamSettings
@@ -75,16 +76,17 @@ def _receive_buffer() -> str:
 
 
 def _settings() -> dict[str, str]:
-    pairs = os.environ.get("LIDARCODEC_SET", "").split()
+    set_, codec_ = (variable(["publish"], name) for name in ("--set", "--codec"))
+    pairs = os.environ.get(set_, "").split()
     named = {pair.partition("=")[0] for pair in pairs}
-    codec = os.environ.get("LIDARCODEC_CODEC")
+    codec = os.environ.get(codec_)
     values = effective(one_setting(codec, pairs))
     lines = {}
     for key, value in (values | values.pop("codec_settings")).items():
         if key in named:
-            origin = "LIDARCODEC_SET"
+            origin = set_
         elif key == "codec" and codec:
-            origin = "LIDARCODEC_CODEC"
+            origin = codec_
         else:
             origin = "default" if key in StreamSettings.model_fields else f"default of {values['codec']}"
         lines[key] = f"{value} ({origin})"

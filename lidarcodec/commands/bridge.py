@@ -98,6 +98,9 @@ def foxglove(
             "Default: not where a stream's purpose is localise or detect.",
         ),
     ] = None,
+    max_viewers: Annotated[
+        int, option("--max-viewers", min=1, max=1000, metavar="N", help="At once; half of them from one address.")
+    ] = 16,
     until_end: UntilEnd = False,
     connect: Connect = None,
     listen: Listen = None,
@@ -108,7 +111,10 @@ def foxglove(
     from lidarcodec.bridges.foxglove import FoxgloveBridge
 
     given = endpoints_of((connect or [], listen or [], zenoh_config))
-    _run(FoxgloveBridge(streams, host=host, port=port, endpoints=given, until_end=until_end, fill=fill), as_json)
+    bridge = FoxgloveBridge(
+        streams, host=host, port=port, endpoints=given, until_end=until_end, fill=fill, max_viewers=max_viewers
+    )
+    _run(bridge, as_json)
 
 
 def _domain(given: int | None) -> int:
@@ -142,4 +148,5 @@ def _run(bridge: Bridge, as_json: bool) -> None:
 def _line(summary: dict[str, Any]) -> str:
     """Where a bridge stands, in one line."""
     streams = ", ".join(f"{name} {one.get('frames', 0)} frames" for name, one in summary["streams"].items())
-    return f"{summary.get('clouds', 0)} clouds, {summary.get('unwatched', 0)} unwatched; {streams}"
+    refused = f", {summary['refused']} viewers refused" if summary.get("refused") else ""
+    return f"{summary.get('clouds', 0)} clouds, {summary.get('unwatched', 0)} unwatched{refused}; {streams}"

@@ -1,13 +1,50 @@
-"""An option of the command line, which is also a variable of the environment."""
+"""Options of the command line, each of which is also a variable of the environment.
+
+`serve --port` is LIDARCODEC_SERVE_PORT and `token create --role` LIDARCODEC_TOKEN_CREATE_ROLE. What means the same to
+every command has no command in its name.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Final
 
 import typer
+from typer.main import get_command
+
+COMMON: Final = ("CONNECT", "LISTEN", "ZENOH_CONFIG", "DATABASE_URL")
+"""Options whose variables go without the command."""
 
 
 def option(*names: str, **about: Any) -> Any:
-    """An option that can also be given as LIDARCODEC_<ITS NAME>."""
-    variable = names[0].split("/")[0].lstrip("-").replace("-", "_").upper()
-    return typer.Option(*names, envvar=f"LIDARCODEC_{variable}", **about)
+    """An option; `command_line` gives it its variable."""
+    return typer.Option(*names, **about)
+
+
+def variable(words: Sequence[str], name: str) -> str:
+    """The variable of an option.
+
+    >>> variable(["token", "create"], "--role"), variable(["serve"], "--database-url")
+    ('LIDARCODEC_TOKEN_CREATE_ROLE', 'LIDARCODEC_DATABASE_URL')
+    """
+    parts = [name.lstrip("-")] if _upper(name) in COMMON else [*words, name.lstrip("-")]
+    return "_".join(["LIDARCODEC", *map(_upper, parts)])
+
+
+def command_line(app: typer.Typer) -> Any:
+    """The command line of an app, with a variable for each option of each command."""
+    command = get_command(app)
+    _name(command, ())
+    return command
+
+
+def _name(command: Any, words: tuple[str, ...]) -> None:
+    for word, inner in getattr(command, "commands", {}).items():
+        _name(inner, (*words, word))
+    for one in command.params if words else ():
+        if one.param_type_name == "option":
+            one.envvar = variable(words, next(name for name in one.opts if name.startswith("--")))
+
+
+def _upper(word: str) -> str:
+    return word.lstrip("-").replace("-", "_").upper()

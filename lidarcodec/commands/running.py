@@ -15,8 +15,10 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.options import command_line
 from lidarcodec.commands.remaining import remember
 from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
+from lidarcodec.commands.zenoh_log import zenoh_log
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.whole_files import drop_all
 
@@ -43,7 +45,7 @@ def _complain(error: BaseException) -> int:
         text = " ".join(error.format_message().split()).rstrip(".")
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
         sys.stderr.write("lidarcodec: there is not enough memory for this: close other programs, or do it in parts\n")
         return FAILED
     known = isinstance(error, LidarCodecError | OSError)
@@ -87,7 +89,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
             sys.stdout.reconfigure(errors="backslashreplace")
     code = None
     try:
-        code = app(given, prog_name="lidarcodec", standalone_mode=False)
+        code = command_line(app)(given, prog_name="lidarcodec", standalone_mode=False)
         unprinted = _unprinted()
     except KeyboardInterrupt:
         return _stopped(given)
@@ -130,7 +132,7 @@ def keep_standard_output() -> None:
     """Keep standard output for what we print: the network library writes its log there, past Python."""
     _flush()
     ours = os.dup(1)
-    os.dup2(2, 1)
+    zenoh_log.begin()
     sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
     sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
 
@@ -156,5 +158,6 @@ def main(app: typer.Typer) -> NoReturn:
     if "zenoh" in sys.modules:
         # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
         # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        zenoh_log.end()
         os._exit(code)
     sys.exit(code)

@@ -93,14 +93,14 @@ def _run_here(load: Load) -> None:
 
 
 def _run_parts(load: Load, several: int) -> None:
-    """Parts of the swarm in processes of their own; one that ends early ends all."""
+    """Parts of the swarm in processes of their own. One that ends early ends all, and they end with this process."""
     begin, parts = load.first, []
     with stoppable() as stopped:
         try:
             for number in range(several):
                 size = (load.count - (begin - load.first)) // (several - number)
-                command = [sys.executable, "-P", "-m", "lidarcodec.cli", *load.words(size, begin)]
-                parts.append(subprocess.Popen(command, stdout=sys.stdout))
+                command = [sys.executable, "-P", "-m", "lidarcodec.commands.attached", *load.words(size, begin)]
+                parts.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=sys.stdout))
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):
                 time.sleep(TICK_S)

@@ -54,7 +54,7 @@ def bench(
     learn: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """The object that `lidarcodec bench --json` prints for one setting; its fields are in DESIGN 3.6.
+    """The object that `lidarcodec bench --json` prints for one setting.
 
     frames: how many, None for all; skip: frames left out before them; metrics: `all` adds error quantiles by range and
     the distances of the clouds (0.4 s a frame); learn: steps of training after each frame, of codecs that learn; what

@@ -1,4 +1,4 @@
-"""Sizes and errors of coded frames, added up frame by frame. Definitions: DESIGN 3.6, repeated in docs/evaluation.md.
+"""Sizes and errors of coded frames, added up frame by frame. Definitions: docs/evaluation.md.
 
 All bits of a message count: what is in no section of a plane (header, section heads, checksum, calibration, motion,
 weights, pose) is `header`. A point is a return of the original frame. Errors are along the ray, over returns that are

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import IO, Final, NamedTuple
 
 from lidarcodec import wire
@@ -17,6 +18,8 @@ from lidarcodec.recording.records import Channel, DamagedError, Record, Stored, 
 log = logging.getLogger(__name__)
 
 _MAX_CHANNELS: Final = 4096
+_MAX_STREAMS: Final = 4096
+"""Starts of a publisher that are told from each other; a hostile file may name a new one in each message."""
 _MAX_PLACES: Final = 1 << 20
 """Places to begin reading that are remembered: 130 MB."""
 
@@ -35,7 +38,8 @@ class RecordingReader:
     profile: what the file says it follows, such as `ros2`; empty for ours
     channels: those at the beginning, by id;  schemas: names of types, by id
     size: bytes of the file
-    counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches
+    counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches,
+        `mixed streams`: times that a stream came back behind another one, because two publishers had the same name
     """
 
     def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
@@ -65,8 +69,18 @@ class RecordingReader:
         start_ns: begins at the last key message at or before it, or at the first message if there is none before it
         topic: of the channel to read; by default the first one that holds messages
         """
+        streams: dict[int, None] = {}
+        last: int | None = None
         for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key):
-            yield stored.log_time, stored.data()
+            data = stored.data()
+            with suppress(DecodeError):  # a reader of messages says what is wrong with it
+                stream = wire.peek(data).stream_id
+                if stream != last and stream in streams:
+                    self._mixed()
+                if len(streams) < _MAX_STREAMS:
+                    streams[stream] = None
+                last = stream
+            yield stored.log_time, data
 
     def packets(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[Packet]:
         """Raw packets in the order in which they were recorded; with `start_ns` from the batch that holds it."""
@@ -249,6 +263,13 @@ class RecordingReader:
     def _damaged(self, error: Exception) -> None:
         self.counts["damaged"] += 1
         self._warn(f"{self._name} is damaged and a part of it left out: {error}")
+
+    def _mixed(self) -> None:
+        self.counts["mixed streams"] += 1
+        self._warn(
+            f"{self._name} holds two streams, one among the other: two publishers had the same name, and frames of "
+            "both come in turn"
+        )
 
     def _warn(self, text: str) -> None:
         if not self._warned:

@@ -13,8 +13,13 @@ def posed(frame: Frame, poses: Poses | None, shift_ns: int = 0) -> Frame:
 
     shift_ns: how much later the frame's stamps are than those of the source (a replay stamps anew).
     """
-    pose = None if poses is None else poses.at(frame.stamp_ns - shift_ns)
-    return frame if pose is None else frame.with_(pose=pose)
+    if poses is None:
+        return frame
+    pose = poses.at(frame.stamp_ns - shift_ns)
+    if pose is None:
+        poses.tell_unknown(frame.stamp_ns - shift_ns)
+        return frame
+    return frame.with_(pose=pose)
 
 
 def with_poses(frames: Iterable[Frame], poses: Poses | None) -> Iterator[Frame]:

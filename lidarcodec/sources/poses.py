@@ -46,6 +46,8 @@ class Poses:
     Raises SourceError if they are not that.
     """
 
+    _told = False
+
     def __init__(self, stamps_ns: npt.NDArray[np.int64], matrices: Matrix, *, relative: bool = False) -> None:
         if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != len(stamps_ns) or not len(stamps_ns):
             raise SourceError(f"poses are (F, 4, 4) with F times, not {matrices.shape} with {stamps_ns.shape}")
@@ -77,6 +79,18 @@ class Poses:
         position = self.positions[after - 1] + part * (self.positions[after] - self.positions[after - 1])
         return _matrix(position, _slerp(self.quaternions[after - 1], self.quaternions[after], part))
 
+    def tell_unknown(self, stamp_ns: int) -> None:
+        """Say, the first time, that none is known at a host time: a frame goes without."""
+        if not self._told:
+            self._told = True
+            first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
+            logger.warning(
+                "frames go without a pose where none is known, first that of %s: the poses are of %s to %s",
+                _time_text(stamp_ns),
+                first,
+                last,
+            )
+
     def starting(self, start_ns: int) -> Poses:
         """These poses; relative ones moved so that their time 0 is `start_ns`."""
         if not self.relative:
@@ -85,6 +99,10 @@ class Poses:
         moved.stamps_ns, moved.relative = self.stamps_ns + start_ns, False
         moved.positions, moved.quaternions = self.positions, self.quaternions
         return moved
+
+
+def _time_text(stamp_ns: int) -> str:
+    return str(np.datetime64(stamp_ns, "ns").astype("datetime64[ms]")) + " UTC"
 
 
 def read_poses(path: Path) -> Poses:

@@ -134,8 +134,9 @@ def _note(reader: RecordingReader, counts: Counter[str]) -> None:
     """Take over what the reader noticed."""
     if reader.counts["cut"]:
         counts["truncated"] = 1
-    if reader.counts["damaged"]:
-        counts["damaged"] = reader.counts["damaged"]
+    for name in ("damaged", "mixed streams"):
+        if reader.counts[name]:
+            counts[name] = reader.counts[name]
 
 
 def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: Frame | None) -> SensorModel:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from lidarcodec.settings import is_name
 from lidarcodec.transport.base import Transport
+from lidarcodec.transport.certificates import Certificates, certificates_in
 from lidarcodec.transport.endpoints import Endpoints, Party
 
 if TYPE_CHECKING:
     from threading import Event
 
-__all__ = ["Endpoints", "Party", "Transport", "open_transport", "party_of"]
+__all__ = ["Certificates", "Endpoints", "Party", "Transport", "certificates_of", "open_transport", "party_of"]
 
 
 def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = None) -> Transport:
@@ -31,6 +33,22 @@ def party_of(endpoints: Endpoints | None) -> Party | None:
     """
     if endpoints is None or endpoints.config is None:
         return None
-    from lidarcodec.transport.zenoh import party_in
+    from lidarcodec.transport.zenoh import options_in
 
-    return party_in(endpoints.config)
+    about = options_in(endpoints.config)("metadata")
+    ours = about.get("lidarcodec") if isinstance(about, dict) else None
+    if not isinstance(ours, dict) or not is_name(str(ours.get("name"))):
+        return None
+    return Party(str(ours.get("role")), str(ours["name"]))
+
+
+def certificates_of(endpoints: Endpoints | None) -> Certificates | None:
+    """The certificates in the configuration file of these endpoints; None without any.
+
+    Raises TransportError for a file that is no Zenoh configuration.
+    """
+    if endpoints is None or endpoints.config is None:
+        return None
+    from lidarcodec.transport.zenoh import options_in
+
+    return certificates_in(options_in(endpoints.config))

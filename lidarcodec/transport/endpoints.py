@@ -164,7 +164,7 @@ class Endpoints:
 def session_options(mode: Mode, listen: list[str], connect: list[str]) -> dict[str, Any]:
     """Configuration by path: only the given endpoints, no multicast, and connections that are tried for ever.
 
-    Shared memory stays off: at 150 kB it gains nothing and makes the first message 10 to 25 ms late (ECOSYSTEM 1.3).
+    Shared memory stays off: at 150 kB it gains nothing and makes the first message 10 to 25 ms late.
     """
     return {
         "mode": mode,

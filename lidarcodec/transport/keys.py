@@ -1,4 +1,4 @@
-"""The keys of a stream (DESIGN 3.4), and what matches what.
+"""The keys of a stream (docs/wire-format.md), and what matches what.
 
 >>> keys = StreamKeys("car-7", "roof")
 >>> keys.frame, keys.arrived("server")

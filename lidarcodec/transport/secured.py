@@ -16,7 +16,7 @@ from lidarcodec.transport.endpoints import OPEN_TIMEOUT_MS, Mode, session_option
 Role = Literal["router", "vehicle", "viewer", "operator"]
 SMALL_BUFFER = 65536
 """Bytes: what a router and a viewer let wait on a link, so that a slow viewer sees the newest frame and costs nobody
-else (ECOSYSTEM 1.4). It must stay above rate x round trip: enough for 10 Mbit/s at 50 ms."""
+else. It must stay above rate x round trip: enough for 10 Mbit/s at 50 ms."""
 TLS = "transport/link/tls"
 USERS = "transport/auth/usrpwd"
 

@@ -1,6 +1,6 @@
 """The network: a Zenoh session behind the transport contract. The only file that imports zenoh.
 
-What is done here, and why, was measured (ECOSYSTEM 1): frames come through a ring of one in a thread of the caller's
+What is done here was measured with Zenoh 1.x: frames come through a ring of one in a thread of the caller's
 own, because callbacks queue 256 of them silently; they leave with BLOCK_FIRST, which never blocks and never lets one
 slow client behind a router stop the others; receivers refuse what their own session sent; everything that is declared
 is given back, within a time limit.
@@ -19,7 +19,6 @@ from typing import Any, Self
 import zenoh
 
 from lidarcodec.errors import TransportError
-from lidarcodec.settings import is_name
 from lidarcodec.transport.base import (
     AliveHandler,
     Closeable,
@@ -31,8 +30,9 @@ from lidarcodec.transport.base import (
     QueryHandler,
     Sender,
 )
+from lidarcodec.transport.certificates import CertificateWatch, certificates_in
 from lidarcodec.transport.config_file import check_config_file
-from lidarcodec.transport.endpoints import Endpoints, Party
+from lidarcodec.transport.endpoints import Endpoints
 from lidarcodec.transport.keys import check_key
 from lidarcodec.transport.late_threads import CLOSING, let_late_threads_end_at_exit
 from lidarcodec.transport.meeting_point import MeetingPoint
@@ -162,8 +162,8 @@ class _Inbox(_Declared):
 class ZenohTransport:
     """One Zenoh session. Thread-safe."""
 
-    def __init__(self, session: zenoh.Session, meeting_point: MeetingPoint | None) -> None:
-        self._session, self._meeting_point = session, meeting_point
+    def __init__(self, session: zenoh.Session, meeting_point: MeetingPoint | None, watch: CertificateWatch) -> None:
+        self._session, self._meeting_point, self._watch = session, meeting_point, watch
         self._guard = Guard()
         self._lock = threading.Lock()
         self._declared: list[_Declared] = []
@@ -178,26 +178,20 @@ class ZenohTransport:
         let_late_threads_end_at_exit()
         base = None if endpoints.config is None else _read(endpoints.config)
         config = _config_of(endpoints.options(), base)
-        waits = json.loads(config.get_json("mode")) == "client"
+        client = json.loads(config.get_json("mode")) == "client"
         point = MeetingPoint(endpoints.loopback_port, lambda: _open(_config_of(endpoints.rendezvous_options())).close)
+        watch = CertificateWatch(certificates_in(_option_of(config)), str(endpoints.config))
         if endpoints.local:
             point.start()
-        told = False
-        while True:
-            try:
-                session = _open(config)
-                break
-            except TransportError as error:
-                if not waits or (base is not None and UNREACHABLE not in str(error)):
-                    point.close()
-                    raise
-                if not told:
-                    logger.warning("%s; trying again until it can be reached", error)
-                    told = True
-                if (stop or threading.Event()).wait(RETRY_S):
-                    raise TransportError("stopped before the network was reached") from None
+        watch.start()  # first: with a certificate that has ended, no session may ever be opened
+        try:
+            session = _open_at_last(config, stop, None if not client else "" if base is None else UNREACHABLE)
+        except TransportError:
+            point.close()
+            watch.close()
+            raise
         logger.info("session %s open as %s", session.zid(), endpoints.effective_mode)
-        transport = cls(session, point if endpoints.local else None)
+        transport = cls(session, point if endpoints.local else None, watch)
         if endpoints.local:
             point.watch(lambda: transport.connected)
         return transport
@@ -314,6 +308,7 @@ class ZenohTransport:
             _within_limit(self._session.close, "the session")
         if self._meeting_point is not None:
             self._meeting_point.close()
+        self._watch.close()
 
     def __enter__(self) -> Self:
         return self
@@ -352,16 +347,35 @@ def _read(path: Path) -> zenoh.Config:
         raise TransportError(f"{path} is no Zenoh configuration: {_reason(error)}") from None
 
 
-def party_in(path: Path) -> Party | None:
-    """Whom a configuration of `lidarcodec certs` is for; None in any other.
+def options_in(path: Path) -> Callable[[str], Any]:
+    """Function that gives the value at a path of a configuration, such as `metadata`; None where there is none.
 
     Raises TransportError when the file is no Zenoh configuration.
     """
-    about = json.loads(_read(path).get_json("metadata") or "null")
-    ours = about.get("lidarcodec") if isinstance(about, dict) else None
-    if not isinstance(ours, dict) or not is_name(str(ours.get("name"))):
-        return None
-    return Party(str(ours.get("role")), str(ours["name"]))
+    return _option_of(_read(path))
+
+
+def _option_of(config: zenoh.Config) -> Callable[[str], Any]:
+    return lambda path: json.loads(config.get_json(path) or "null")
+
+
+def _open_at_last(config: zenoh.Config, stop: threading.Event | None, waits_for: str | None) -> zenoh.Session:
+    """Open a session; try again until it can be, or `stop` is set, after errors that say `waits_for`.
+
+    Raises TransportError.
+    """
+    told = False
+    while True:
+        try:
+            return _open(config)
+        except TransportError as error:
+            if waits_for is None or waits_for not in str(error):
+                raise
+            if not told:
+                logger.warning("%s; trying again until it can be reached", error)
+                told = True
+            if (stop or threading.Event()).wait(RETRY_S):
+                raise TransportError("stopped before the network was reached") from None
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
@@ -372,4 +386,4 @@ def _open(config: zenoh.Config) -> zenoh.Session:
         raise TransportError(f"no Zenoh session: {_reason(error)}") from None
 
 
-__all__ = ["ZenohTransport", "party_in"]
+__all__ = ["ZenohTransport", "options_in"]

@@ -61,13 +61,15 @@ def note_of(file: Path) -> Path:
 
 
 def write_note(file: Path) -> None:
-    """Write the note; where it cannot be written, the database alone says so."""
+    """Write the note; where there is no room for its text an empty one does, and where none can be made, the database
+    alone says so."""
     note = note_of(file)
     try:
         if not note.exists():
             note.write_text(NOTE, encoding="utf-8")
     except OSError as error:
-        logger.warning("%s cannot be written: %s", note, error.strerror)
+        if not note.exists():
+            logger.warning("%s cannot be written: %s", note, error.strerror)
 
 
 def remove_note(file: Path) -> None:

@@ -82,7 +82,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             app,
             http=Door.of(inside, tls),
             ws=ViewerProtocol.of(held),
-            ws_per_message_deflate=False,  # what is sent is compressed already (ECOSYSTEM 5)
+            ws_per_message_deflate=False,  # what is sent is compressed already
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,
             h11_max_incomplete_event_size=MAX_HEADER_BYTES,

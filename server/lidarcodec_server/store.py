@@ -132,6 +132,7 @@ class Store:
                 self._enter(connection, None, who, "token-create", {"token": name, "role": role}, None, result="done")
         except _TakenError:
             raise SettingsError(f"there was a token '{name}' before: choose another name", "name") from None
+        self._write_note()
 
     def revoke_token(self, name: str, who: str = "") -> bool:
         """Make a token worthless. False if there is none of that name that still works."""
@@ -153,6 +154,7 @@ class Store:
         """Keep that tokens are needed from now on, whatever becomes of them."""
         with self._writing() as connection:
             self._need(connection)
+        self._write_note()
 
     def forget_needed(self, who: str) -> None:
         """Let everybody in again as long as no token is made; entered into the audit log."""
@@ -250,6 +252,9 @@ class Store:
     def _need(self, connection: Connection) -> None:
         if connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is None:
             connection.execute(sa.insert(facts).values(name=NEEDED, at_ns=time.time_ns()))
+
+    def _write_note(self) -> None:
+        """Afterwards: a token that could not be kept must close no server."""
         if self._file is not None:
             database_file.write_note(self._file)
 

@@ -233,6 +233,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "worker": or_null(record(pid=_any_count, state=_name, restarts=count, last_failure=_long)),
     "worker_restarts": count,
     "source": named(count),
+    "certificate": or_null(record(state=_name, until=_name)),
     "recording": or_null(record(file=_long, stopped=_long, counts=named(count))),
     "reports": _receivers,
 }

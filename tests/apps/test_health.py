@@ -95,7 +95,7 @@ def test_a_publisher_is_well_while_it_publishes_and_not_when_it_stands_still(tmp
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with start("publish", "sim:city", "--listen", endpoint, "--health-file", path) as publishing:
         assert eventually(lambda: path.exists() and run_here("health", "--health-file", path).returncode == 0, 60)
-        assert run("health", LIDARCODEC_HEALTH_FILE=str(path)).stdout == "well\n"
+        assert run("health", LIDARCODEC_HEALTH_HEALTH_FILE=str(path)).stdout == "well\n"
         publishing.send_signal(signal.SIGSTOP)
         late = json.loads(path.read_text())["monotonic_s"] + health.STALE_S + 1.0
         assert "said nothing" in complaints(health.read(path), late)[0]

@@ -8,14 +8,17 @@ import time
 
 import pytest
 
+from lidarcodec import wire
+from lidarcodec.apps.live_stats import REMEMBERED
 from lidarcodec.apps.publish import Publisher
 from lidarcodec.apps.reports import COUNTED
+from lidarcodec.apps.swarm_shared import encoded
 from lidarcodec.errors import SettingsError, TransportError, UnknownNameError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from tests.apps.in_memory import live, publisher
-from tests.apps.streams import Broken
+from tests.apps.streams import Broken, Loop
 from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
 
@@ -120,6 +123,43 @@ def test_every_field_of_status_and_report_is_documented(network):
         names -= {"errors", "udp", "recording"} & set(stream.summary())
     for name in names:
         assert f"`{name}`" in text or f"`{name.partition('_')[0]}_*`" in text, name
+
+
+@pytest.mark.parametrize("newest", [True, False])
+def test_a_path_that_repeats_the_past_does_not_show_it_as_the_present(network, newest):
+    """Messages of seconds ago were taken for a clock that was set, and each step back for frames that are missing."""
+    end = network.end()
+    inbox, again = end.inbox(KEYS.frame), end.sender(KEYS.frame, Priority.FRAMES)
+    settings = StreamSettings(codec="raw", framing="packets:8")
+    with publisher(network, settings=settings, rate=100.0) as car, live(network, newest=newest) as stream:
+        kept, indices, repeats = [], [], 0
+        while repeats < 5:
+            kept.append(inbox.receive())
+            indices.append(stream.next(30).index)
+            if len(kept) > 2 * REMEMBERED and len(kept) % 8 == 0:
+                again.put(kept[0])
+                repeats += 1
+        assert indices == sorted(indices)
+        assert eventually(lambda: stream.stats.counts["duplicates"] > 0)
+        assert stream.stats.counts["missing"] <= car.status()["frames"] + car.status()["replaced"]
+        assert stream.stats.counts["clocks_apart"] == 0
+    inbox.close()
+
+
+def test_a_live_view_does_not_go_back_to_a_frame_that_came_late(network):
+    source, settings = Loop(5), StreamSettings(codec="raw")
+    messages = [wire.pack(message) for message in encoded(source.sensor, list(source.packets()), settings)]
+    sender = network.end().sender(KEYS.frame, Priority.FRAMES)
+    with live(network, max_age_s=None) as stream:
+        assert eventually(lambda: sender.matching)
+        shown = []
+        for came, number in enumerate((0, 1, 3, 2, 4)):
+            sender.put(messages[number])
+            assert eventually(lambda came=came: stream.stats.counts["frames"] == came + 1)
+            if number != 2:
+                shown.append(stream.next(30).index)
+        assert shown == [0, 1, 3, 4]
+        assert [stream.stats.counts[name] for name in ("stale", "out_of_order", "missing")] == [1, 1, 1]
 
 
 @pytest.mark.parametrize("where", ["_frames_of", "stats", "_round_trips"], ids=["decode", "receive", "control"])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from pathlib import Path
+
 import pytest
 
 import lidarcodec
@@ -10,8 +13,9 @@ from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from tests.apps.streams import Loop
-from tests.command_line import run, the_one_line
+from tests.command_line import run, start, the_one_line
 from tests.transport.conftest import free_port
+from tests.transport.test_contract import eventually
 
 SETTINGS = StreamSettings(codec="pcodec", key_interval=3)
 FRAMES = 4
@@ -64,3 +68,26 @@ def test_a_source_that_cannot_be_opened_is_told_once_and_not_by_every_part():
     result = run("swarm", 3, "no-such-file.pcap", "--processes", 3)
     assert result.returncode == 1
     assert "no-such-file.pcap does not exist" in the_one_line(result)
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGKILL], ids=lambda number: number.name)
+def test_no_process_of_a_swarm_outlives_it(number):
+    """A terminal that was closed left processes that published for ever."""
+    words = ("swarm", "2", "sim:road", "--processes", "2", "--frames", "2", "--codec", "raw")
+    process = start(*words, variables={"LIDARCODEC_LOOPBACK_PORT": str(free_port())})
+    try:
+        assert eventually(lambda: len(children(process.pid)) == 2)
+        parts = children(process.pid)
+        process.send_signal(number)
+        assert process.wait(10) == -number
+        assert eventually(lambda: not any(Path(f"/proc/{part}").exists() for part in parts))
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def children(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children")
+    if not found.exists():
+        pytest.skip("needs a Linux that lists the children of a process")
+    return [int(word) for word in found.read_text().split()]

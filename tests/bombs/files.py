@@ -22,7 +22,7 @@ from lidarcodec.sources import open_source
 from lidarcodec.sources.kitti_points import find_scans, read_points
 from lidarcodec.sources.poses import read_poses
 from lidarcodec.training.annotation_folder import AnnotationFolder
-from lidarcodec.transport.zenoh import party_in
+from lidarcodec.transport.zenoh import options_in
 from lidarcodec.untrusted_npz import read_npy
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.listening import check_tls
@@ -269,8 +269,8 @@ BOMBS = {
     ),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),
     "config, no end": ("config", endless, read_config),
-    "zenoh, depth": ("zenoh", lambda f: text(f, "z.json5", "[" * 400_000), party_in),
-    "zenoh, not closed": ("zenoh", lambda f: text(f, "z.json5", "/*" * 400_000), party_in),
+    "zenoh, depth": ("zenoh", lambda f: text(f, "z.json5", "[" * 400_000), options_in),
+    "zenoh, not closed": ("zenoh", lambda f: text(f, "z.json5", "/*" * 400_000), options_in),
     "certificates, depth": (
         "certificates",
         lambda f: text(f, "deployment.json", "[" * 500_000),

@@ -113,7 +113,7 @@ def test_the_parts_find_each_other():
     server, database = SERVICES["server"]["environment"], SERVICES["database"]["environment"]
     url = make_url(server["LIDARCODEC_DATABASE_URL"])
     assert (url.host, url.username, url.database) == ("database", database["POSTGRES_USER"], database["POSTGRES_DB"])
-    assert server["LIDARCODEC_DATABASE_PASSWORD_FILE"] == database["POSTGRES_PASSWORD_FILE"]
+    assert server["LIDARCODEC_SERVE_DATABASE_PASSWORD_FILE"] == database["POSTGRES_PASSWORD_FILE"]
     router = re.match(r"tcp/(\w+):(\d+)", server["LIDARCODEC_CONNECT"])
     assert router[1] in SERVICES
     assert f":{router[2]}" in (ROOT / "packaging" / "zenoh-router.json5").read_text()

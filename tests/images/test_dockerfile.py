@@ -10,9 +10,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
 from lidarcodec.cli import app
+from lidarcodec.commands.options import command_line
 from tests.images.__main__ import BEGIN, END, written
 from tests.images.dockerfile import DOCKERFILE, ROOT, Ignored, context, copied, parse
 
@@ -35,7 +35,7 @@ def last(name, instruction):
 def parameters():
     """Options of every command, and the variables of the environment that stand for them."""
     found = {}
-    for name, command in get_command(app).commands.items():
+    for name, command in command_line(app).commands.items():
         found[name] = command
         for inner, nested in getattr(command, "commands", {}).items():
             found[f"{name} {inner}"] = nested

@@ -24,10 +24,10 @@ from tests.contracts import frames
 TENTH = 100_000_000
 
 
-def message(index: int, key: bool, size: int = 40, stamp_ns: int | None = None) -> bytes:
+def message(index: int, key: bool, size: int = 40, stamp_ns: int | None = None, stream: int = 9) -> bytes:
     """A message without meaning, of a tenth of a second."""
     stamp = 10**18 + index * TENTH if stamp_ns is None else stamp_ns
-    return wire.pack(Message(3, 9, index, stamp, key, 0, 0, (Section(1, bytes([index % 256]) * size),)))
+    return wire.pack(Message(3, stream, index, stamp, key, 0, 0, (Section(1, bytes([index % 256]) * size),)))
 
 
 def packet(number: int) -> Packet:
@@ -267,3 +267,15 @@ def test_frames_come_out_of_a_recording(name: str) -> None:
     for frame in came:
         range_ = sent[frame.index].range
         assert ((frame.range == range_) if exact else (frame.range > 0) == (range_ > 0)).all()
+
+
+def test_two_publishers_of_one_name_in_a_recording_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    """It was one drive that jumps between two towns, and nobody who opened it was told."""
+    restarted = [message(index % 5, index % 5 == 0, stream=1 + index // 5) for index in range(15)]
+    mixed = [message(index // 2, index < 2, stream=1 + index % 2) for index in range(10)]
+    for data, times in ((restarted, 0), (mixed, 8)):
+        reader = RecordingReader(io.BytesIO(recorded(data)))
+        assert len(list(reader.messages())) == len(data)
+        assert reader.counts["mixed streams"] == times
+        assert [record.message for record in caplog.records if "two publishers" in record.message][1:] == []
+    assert "two publishers had the same name" in caplog.text

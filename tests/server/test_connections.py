@@ -194,9 +194,9 @@ def test_idle_connections_of_one_host_do_not_stop_health_checks(tmp_path):
         tmp_path,
         free_port(),
         free_port(),
-        LIDARCODEC_MAX_CONNECTIONS="30",
-        LIDARCODEC_MAX_CONNECTIONS_A_HOST="20",
-        LIDARCODEC_RESERVED_CONNECTIONS="4",
+        LIDARCODEC_SERVE_MAX_CONNECTIONS="30",
+        LIDARCODEC_SERVE_MAX_CONNECTIONS_A_HOST="20",
+        LIDARCODEC_SERVE_RESERVED_CONNECTIONS="4",
     )
     with contextlib.ExitStack() as stack:
         stack.callback(server.kill)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
 import stat
+from functools import partial
 
 import pytest
 import sqlalchemy as sa
 
 from lidarcodec.errors import SettingsError
+from lidarcodec_server.database_file import note_of
 from lidarcodec_server.serve import check_open
 from lidarcodec_server.store import Store
 from lidarcodec_server.tables import facts, tokens
 from lidarcodec_server.tokens import TokenBook, create_token
+from tests.command_line import start
 from tests.faults.serving import Server
 from tests.server.conftest import until
 from tests.transport.conftest import free_port
@@ -81,6 +85,20 @@ def test_a_server_that_starts_without_the_tokens_that_there_were_lets_nobody_in(
     opened._due = 0.0
     assert opened.needed, "the next token closes it"
     store.close()
+
+
+def test_a_token_that_cannot_be_kept_closes_nothing(store, config):
+    """On a full disk: the first token was not made, and nobody got in any more, with or without one."""
+    limit = (4096, resource.RLIM_INFINITY)  # no room for what changes, as on a full disk
+    full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, limit)
+    words = ("token", "create", "ada", "--role", "operator", "--database-url", config.database_url)
+    process = start(*words, preexec_fn=full)
+    _, complaint = process.communicate(timeout=60)
+    assert process.returncode == 1, complaint
+    assert "disk" in complaint
+    assert store.tokens() == []
+    assert not TokenBook(store).needed
+    assert not note_of(store._file).exists()
 
 
 def test_revoked_tokens_open_nothing_unless_told_so_and_working_ones_never(store, config):

@@ -26,7 +26,8 @@ def test_a_server_behind_a_secured_router_lists_changes_shows_and_plays(tmp_path
     port, config = free_port(), tmp_path / "fleet"
     certs.run(config, ["localhost"], ["car-7"], [], ["server"], [], None, port, 30, None)
     router = Router(config=str(config / "router-localhost.json5"), listen=f"tls/localhost:{port}")
-    own = {"LIDARCODEC_ZENOH_CONFIG": str(config / "operator-server.json5"), "LIDARCODEC_RECORDINGS": str(tmp_path)}
+    zenoh = str(config / "operator-server.json5")
+    own = {"LIDARCODEC_ZENOH_CONFIG": zenoh, "LIDARCODEC_SERVE_RECORDINGS": str(tmp_path)}
     server = Server(tmp_path, free_port(), free_port(), **own)
     car = start("publish", "sim:road", "--zenoh-config", config / "vehicle-car-7.json5")
     try:

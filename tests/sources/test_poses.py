@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from lidarcodec.errors import SourceError
+from lidarcodec.sources.posed import posed
 from lidarcodec.sources.poses import Poses, read_poses
+from tests.contracts.frames import scene
 
 
 def turned(degrees: float, x: float = 0.0) -> np.ndarray:
@@ -125,3 +127,12 @@ def test_a_mirrored_or_unreadable_npz_is_refused(tmp_path):
             read_poses(tmp_path / "a.npz")
     with pytest.raises(SourceError, match="cannot read poses"):
         read_poses(tmp_path / "nothing.npz")
+
+
+def test_poses_of_another_time_are_told_once(caplog):
+    """A drive was encoded with the poses of another one: no frame had any, and nobody said so."""
+    poses = Poses(np.array([0, 10**9]), np.stack([np.eye(4)] * 2))
+    frame = scene(1)
+    assert [posed(frame, poses).pose for _ in range(3)] == [None] * 3
+    (record,) = caplog.records
+    assert "1970-01-01T00:00:00.000 UTC to 1970-01-01T00:00:01.000 UTC" in record.message

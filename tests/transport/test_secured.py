@@ -27,11 +27,11 @@ QUIET_S = 0.5
 """How long something forbidden has to stay away, after what is allowed came through on the same links."""
 
 
-def deployment(folder, auth="certificate", routers=("localhost",), vehicles=("car-7", "car-8"), port=None):
+def deployment(folder, auth="certificate", routers=("localhost",), vehicles=("car-7", "car-8"), port=None, days=365):
     """A folder of configurations, and the port in them."""
     port = port or free_port()
     people = (list(vehicles), ["anna", "ben"], ["olga"])
-    certs.run(folder, list(routers), *people, [], auth, port, 30, None)
+    certs.run(folder, list(routers), *people, [], auth, port, days, None)
     return port
 
 

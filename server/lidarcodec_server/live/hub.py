@@ -107,7 +107,7 @@ class LiveHub:
 
     @contextlib.asynccontextmanager
     async def viewing(self, keys: StreamKeys, viewer: Viewer, seat: Seat) -> AsyncIterator[Watch]:
-        """The same for a viewer, which gets what comes meanwhile. seat: the viewer's place; it may have to give way later
+        """The same for a viewer, which gets what comes meanwhile. seat: its place, which it may have to give up
 
         Raises TooManyViewersError, TransportError.
         """

@@ -20,6 +20,7 @@ from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.errors import SourceError, TransportError
 from lidarcodec.transport import Transport
 from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.live.holding import Hold
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.playback import Playback, PlayRequest
 from lidarcodec_server.live.shelf import BusyRecordingError, MissingRecordingError, Recording, Shelf, StorageError
@@ -180,22 +181,24 @@ class Recordings:
 
     async def remove(self, name: str) -> None:
         """Delete a recording. Raises MissingRecordingError, BusyRecordingError, StorageError."""
-        if name in self._playing or any(active.recording.id == name for active in self._active.values()):
+        if name in self._playing or self._runs(name):
             raise BusyRecordingError(f"recording {name} is being recorded or played: stop that first")
-        known = self._unwritten.pop(name, None)
+        known = self._unwritten.get(name)
         try:
             await self._in_thread(lambda: self.shelf.remove(name))
         except MissingRecordingError:  # its folder is gone already
             if known is None:
                 raise
+        self._unwritten.pop(name, None)
 
     async def play(self, name: str, request: PlayRequest) -> dict[str, Any]:
         """Play a recording as a stream of its own; what it is called.
 
-        Raises MissingRecordingError, BusyRecordingError, SettingsError, UnknownNameError, SourceError, TransportError.
+        Raises MissingRecordingError, BusyRecordingError, StorageError, SettingsError, UnknownNameError, SourceError,
+        TransportError.
         """
-        recording = await self.one(name)
-        if recording.state == "recording":
+        await self.one(name)
+        if self._runs(name):
             raise BusyRecordingError(f"recording {name} is still being made: stop it first")
         if name in self._playing:
             raise BusyRecordingError(f"recording {name} is being played: stop that first")
@@ -206,12 +209,17 @@ class Recordings:
             raise BusyRecordingError(f"a recording is played as {wanted.vehicle}/{wanted.sensor}: give another name")
         playback = self._playing[name] = Playback(request)
         try:
-            file = await self._in_thread(lambda: self.shelf.file(name))
-            await self._in_thread(lambda: self._begin(name, file, playback))
+            hold = await self._in_thread(lambda: self.shelf.hold(name))
+            try:
+                file = await self._in_thread(lambda: self.shelf.file(name))
+                await self._in_thread(lambda: self._begin(name, file, playback))
+            except BaseException:
+                hold.close()
+                raise
         except BaseException:
             self._playing.pop(name, None)
             raise
-        playback.task = self._loop.create_task(self._watch_playback(name, playback))
+        playback.task = self._loop.create_task(self._watch_playback(name, playback, hold))
         logger.info("recording %s is played as %s/%s", name, request.vehicle, request.sensor)
         return playback.state()
 
@@ -291,15 +299,20 @@ class Recordings:
         logger.info("%s: recording %s ended: %s", keys.prefix, ended.id, ended.reason or "stopped")
         return ended
 
-    async def _watch_playback(self, name: str, playback: Playback) -> None:
+    async def _watch_playback(self, name: str, playback: Playback, hold: Hold) -> None:
         try:
             while not playback.ended.is_set() and not playback.finished:
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(playback.ended.wait(), LOOK_S)
         finally:
             await self._in_thread(playback.stop)
+            hold.close()
             self._playing.pop(name, None)
             logger.info("recording %s is not played any more", name)
+
+    def _runs(self, name: str) -> bool:
+        """Whether this server is making a recording."""
+        return any(active.recording.id == name for active in self._active.values())
 
     def _lost(self, active: _Active) -> str | None:
         """What to say of a recording whose file was removed; the disk takes what is written all the same."""
@@ -318,6 +331,8 @@ class Recordings:
         except OSError as error:  # a full disk: it is told until the server ends, and is `interrupted` afterwards
             logger.error("the end of recording %s could not be noted: %s", ended.id, error)  # noqa: TRY400
             self._unwritten[ended.id] = ended
+        finally:
+            self.shelf.release(ended.id)
         return ended
 
     async def _in_thread(self, work: Callable[[], T]) -> T:

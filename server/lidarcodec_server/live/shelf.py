@@ -1,7 +1,8 @@
 """Shelf: the folder of recordings. What is in the folder is what there is: nothing else remembers them.
 
 Each recording is a folder of its own, named by its id, with one MCAP file and `about.json`, which says what the file
-does not. A recording without an end in it was interrupted; every whole message of it can still be read.
+does not. A recording without an end in it runs, here or in another server with this folder, as long as its lock is
+held. Otherwise it was interrupted; every whole message of it can still be read.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from lidarcodec.regular_files import check_regular, open_regular
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.untrusted_json import read_object
 from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.live.holding import Hold, held_alone
 
 logger = logging.getLogger(__name__)
 
@@ -30,6 +32,7 @@ ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
 ABOUT: Final = "about.json"
 MAX_ABOUT_BYTES: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
+ELSEWHERE: Final = "another server with this folder of recordings"
 
 
 class ShelfError(LidarCodecError):
@@ -52,7 +55,7 @@ class StorageError(ShelfError):
 class Recording:
     """What is known of a recording. Times in ns since the Unix epoch, ended_ns None while it runs or if unknown.
 
-    frames: None where nobody counted;  reason: why it ended
+    frames: None where nobody counted;  reason: why it ended, or which server it runs in if not in this one
     """
 
     id: str
@@ -90,15 +93,16 @@ class Recording:
             ended, started_ns = about.get("state") in ("complete", "failed"), _whole(about["started_ns"])
             if started_ns is None:
                 return None
+            elsewhere = not ended and held_alone(folder)
             return cls(
                 id=folder.name,
                 vehicle=keys.vehicle,
                 sensor=keys.sensor,
                 started_ns=started_ns,
-                state=about["state"] if ended else "interrupted",
+                state=about["state"] if ended else "recording" if elsewhere else "interrupted",
                 by=_text(about.get("by")),
                 ended_ns=_whole(about.get("ended_ns")),
-                reason=_text(about.get("reason")),
+                reason=f"{ELSEWHERE} is making it" if elsewhere else _text(about.get("reason")),
                 frames=_whole(about.get("frames")),
                 size_bytes=_size_of(folder),
             )
@@ -121,6 +125,7 @@ class Shelf:
     def __init__(self, folder: Path, *, max_total_bytes: int = 64 * 2**30, min_free_bytes: int = 256 * 2**20) -> None:
         self.folder, self.max_total_bytes, self.min_free_bytes = folder, max_total_bytes, min_free_bytes
         self._warnings = SparseLog(logger)
+        self._recorded: dict[str, Hold] = {}
 
     def recordings(self) -> list[Recording]:
         """All recordings, newest first."""
@@ -152,7 +157,7 @@ class Shelf:
         return files[0]
 
     def create(self, keys: StreamKeys, started_ns: int, by: str | None) -> Recording:
-        """A new recording's folder. Raises StorageError."""
+        """A new recording's folder, which is held until `release` or `remove`. Raises StorageError."""
         stamp = datetime.fromtimestamp(started_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
         made = Recording(f"{stamp}-{secrets.token_hex(3)}", keys.vehicle, keys.sensor, started_ns, "recording", by)
         try:
@@ -161,10 +166,27 @@ class Shelf:
             if full is not None:
                 raise StorageError(full)
             (self.folder / made.id).mkdir()
+            hold = Hold.of(self.folder / made.id, alone=True)  # nobody looks at it before it says what it is
+            if hold is not None:
+                self._recorded[made.id] = hold
             self.note(made)
         except OSError as error:
+            self.release(made.id)
             raise self._unusable(error) from None
         return made
+
+    def release(self, name: str) -> None:
+        """Nothing more is written to a recording that `create` made."""
+        hold = self._recorded.pop(name, None)
+        if hold is not None:
+            hold.close()
+
+    def hold(self, name: str) -> Hold:
+        """Keep a recording from being deleted, by any server, until it is closed.
+
+        Raises MissingRecordingError, BusyRecordingError, StorageError.
+        """
+        return self._hold(name, alone=False)
 
     def note(self, recording: Recording) -> None:
         """Write what is known of a recording, whole or not at all. Raises OSError."""
@@ -188,12 +210,27 @@ class Shelf:
         return "its file was removed from the folder of recordings while it ran"
 
     def remove(self, name: str) -> None:
-        """Delete a recording. Raises MissingRecordingError, StorageError."""
+        """Delete a recording. Raises MissingRecordingError, BusyRecordingError, StorageError."""
         folder = self.path(self.recording(name).id)
+        hold = self._recorded.pop(name, None) or self._hold(name, alone=True)
         try:
             shutil.rmtree(folder)
         except OSError as error:
             raise StorageError(f"cannot delete recording {name}: {error.strerror or error}") from None
+        finally:
+            hold.close()
+
+    def _hold(self, name: str, *, alone: bool) -> Hold:
+        try:
+            hold = Hold.of(self.path(name), alone=alone)
+        except FileNotFoundError:
+            raise MissingRecordingError(f"there is no recording {name}") from None
+        except OSError as error:
+            raise self._unusable(error) from None
+        if hold is None:
+            doing = "recorded or played" if alone else "recorded or deleted"
+            raise BusyRecordingError(f"recording {name} is being {doing} by {ELSEWHERE}: stop that there first")
+        return hold
 
     def full(self) -> str | None:
         """Why nothing more may be recorded; None while there is room. Raises OSError."""

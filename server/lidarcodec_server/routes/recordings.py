@@ -104,7 +104,10 @@ class PlayingAnswer(BaseModel):
 
 
 class RecordingAnswer(BaseModel):
-    """A recording. `interrupted`: the server ended while it ran; what came until then is there."""
+    """A recording. `recording`: it runs, in this server or in another one with this folder (`reason` says so then).
+
+    `interrupted`: its server ended while it ran; what came until then is there.
+    """
 
     id: str
     vehicle: str
@@ -112,7 +115,7 @@ class RecordingAnswer(BaseModel):
     started: datetime
     ended: datetime | None
     state: State
-    reason: str | None = Field(description="Why it ended, unless somebody stopped it.")
+    reason: str | None = Field(description="Why it ended, unless somebody stopped it; or which server makes it.")
     by: str | None = Field(description="Who started it.")
     size_bytes: int
     frames: int | None = Field(description="Null where nobody counted.")

@@ -23,7 +23,7 @@ MALFORMED = {
 @pytest.mark.timeout(120)
 def test_a_request_for_a_socket_that_is_none_keeps_no_connection(tmp_path):
     """Nor does it when its client went at once: otherwise a few hundred of them keep everybody out for good."""
-    server = Server(None, f"sqlite:///{tmp_path / 'server.db'}", LIDARCODEC_MAX_CONNECTIONS_A_HOST="4")
+    server = Server(None, f"sqlite:///{tmp_path / 'server.db'}", LIDARCODEC_SERVE_MAX_CONNECTIONS_A_HOST="4")
     address = "127.0.0.1", server.client.base_url.port
     try:
         assert eventually(lambda: server.get("/healthz"), 30)

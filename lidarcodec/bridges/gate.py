@@ -1,0 +1,235 @@
+"""Gate: where viewers connect. It counts them, and hands bytes on between each of them and a server on this machine.
+
+Foxglove's server takes any number of viewers, and keeps some frames for each that does not read. Here their number has
+a limit, and one that takes nothing is ended, so memory is bounded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import logging
+import os
+import socket
+import struct
+import threading
+from collections import Counter
+from typing import Final
+
+from lidarcodec.apps.allowance import Allowance
+from lidarcodec.apps.ending import ended
+from lidarcodec.errors import TransportError
+
+logger = logging.getLogger(__name__)
+
+MAX_VIEWERS: Final = 16
+BEGIN_S: Final = 10.0
+"""How long it may take until a viewer has asked for something and the server has answered."""
+LAG_S: Final = 20.0
+"""How long a viewer may leave what waits for it: half a megabyte here, and what the system keeps besides."""
+SENDS_AT_ONCE, SENDS_A_SECOND = 2**20, 1024
+"""Bytes that a viewer may send. What viewers ask for takes a few kB; the server keeps halves of messages of 64 MB."""
+_GONE_S: Final = 40.0
+"""After what time the system ends a connection of a viewer whose machine is gone."""
+_NOTHING_MORE: Final = struct.pack("ii", 1, 0)
+"""What makes the system forget what it keeps of a connection when that is closed."""
+END_S: Final = 1.0
+"""How long the last bytes of a connection may take."""
+_TICK_S: Final = 0.2
+_QUEUE: Final = 64
+_AT_ONCE: Final = 256 * 1024
+"""Bytes that are handed on at once."""
+_FROM_SERVER, _TO_VIEWER = 256 * 1024, 1024 * 1024
+"""Bytes that the system keeps of a connection. Few from the server: in there old frames give way to new ones."""
+_FULL: Final = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+_V6_NETWORK: Final = 64
+"""Bits of an IPv6 address that tell one network from another; whoever has one has all addresses in it."""
+
+
+class Gate:
+    """Takes viewers from `open` to `close`, in a thread of its own.
+
+    port: where it listens, once it does
+    counts: `viewers` that were let in, `refused` ones, and those that were `ended`, because they read too slowly, asked
+    for nothing or sent too much
+    """
+
+    def __init__(self, host: str, port: int, most: int = MAX_VIEWERS) -> None:
+        """most: viewers at once; half of them, rounded up, may be of one address."""
+        self.host, self.port, self.most = host, port, most
+        self.counts: Counter[str] = Counter()
+        self._listener: socket.socket | None = None
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._networks: Counter[str] = Counter()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._said: set[str] = set()
+
+    def listen(self) -> None:
+        """Take the port; viewers wait until `open`.
+
+        Raises TransportError if nothing can listen there.
+        """
+        try:
+            family, *_, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)[0]
+            self._listener = socket.create_server(address[:2], family=family, backlog=_QUEUE)
+        except (OSError, UnicodeError) as error:
+            reason = str(error)
+            if isinstance(error, socket.gaierror):
+                reason = "there is no such host"
+            elif isinstance(error, OSError) and error.errno is not None:
+                reason = os.strerror(error.errno)
+            raise TransportError(f"cannot listen on {self.host}:{self.port}: {reason}; choose another port") from None
+        self.port = self._listener.getsockname()[1]
+
+    def open(self, server: tuple[str, int]) -> None:
+        """Let viewers in. server: its address and port"""
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve(server)), name="bridge gate", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Cut off all viewers and take no more; harmless when called twice."""
+        self._stop.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            ended([thread])
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            listener.close()
+
+    async def _serve(self, server: tuple[str, int]) -> None:
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await self._take(server, reader, writer)
+
+        taking = await asyncio.start_server(take, sock=self._listener, limit=_AT_ONCE, backlog=_QUEUE)
+        while not self._stop.is_set():
+            await asyncio.sleep(_TICK_S)
+        taking.close()  # and the loop ends the tasks of all viewers
+
+    async def _take(self, server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """A viewer, from its coming to its going."""
+        address = (writer.get_extra_info("peername") or ("?",))[0]
+        network = network_of(address)
+        try:
+            why = self._full(network)
+            if why is not None:
+                self._say("refused", address, why)
+                writer.write(_FULL)
+                await _closed(writer)
+                return
+            self.counts["viewers"] += 1
+            self._networks[network] += 1
+            try:
+                await _hand_on(server, reader, writer)
+            except _EndError as error:
+                self._say("ended", address, str(error))
+                writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NOTHING_MORE)
+            finally:
+                self._networks[network] -= 1
+        except (OSError, asyncio.CancelledError):  # it has gone, or the bridge ends; asyncio cannot do with the latter
+            pass
+        finally:
+            writer.transport.abort()
+
+    def _full(self, network: str) -> str | None:
+        """Why there is no room for a viewer of a network; None if there is."""
+        share = (self.most + 1) // 2
+        if self._networks.total() >= self.most:
+            return f"{self.most} viewers are there, as many as are allowed"
+        if self._networks[network] >= share:
+            return f"{share} viewers are there from its address, half of those that are allowed"
+        return None
+
+    def _say(self, what: str, address: str, why: str) -> None:
+        """Count what became of a viewer; log the first one."""
+        self.counts[what] += 1
+        if what not in self._said:
+            self._said.add(what)
+            logger.warning("%s a viewer at %s: %s (further ones are only counted)", what, address, why)
+
+
+class _EndError(Exception):
+    """A viewer has to go."""
+
+
+async def _hand_on(server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Hand bytes on between a viewer and the server until one of them ends. Raises _EndError, OSError."""
+    outer: socket.socket = writer.get_extra_info("socket")
+    outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_VIEWER)
+    outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_GONE_S * 1000))
+    inner = socket.socket()
+    inner.setblocking(False)
+    inner.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _FROM_SERVER)  # connecting tells the server how much
+    try:
+        await asyncio.wait_for(asyncio.get_running_loop().sock_connect(inner, server), BEGIN_S)
+        answers, questions = await asyncio.open_connection(sock=inner, limit=_AT_ONCE)
+    except BaseException:
+        inner.close()
+        raise
+    ways = [asyncio.create_task(_ask(reader, questions)), asyncio.create_task(_answer(answers, writer))]
+    try:
+        done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        for way in done:
+            way.result()
+        await _closed(writer)
+    finally:
+        questions.transport.abort()
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+
+
+async def _ask(viewer: asyncio.StreamReader, server: asyncio.StreamWriter) -> None:
+    """Hand on what a viewer sends, until it ends. Raises _EndError, OSError."""
+    allowed = Allowance(SENDS_A_SECOND, SENDS_AT_ONCE)
+    while data := await viewer.read(_AT_ONCE):
+        if allowed.take(len(data)):
+            raise _EndError(f"it sent more than {SENDS_AT_ONCE} bytes, and {SENDS_A_SECOND} a second besides")
+        await _send(server, data)
+
+
+async def _answer(server: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
+    """Hand on what the server sends, until it ends. Raises _EndError, OSError."""
+    try:
+        async with asyncio.timeout(BEGIN_S):
+            data = await server.read(_AT_ONCE)
+    except TimeoutError:
+        raise _EndError(f"it asked for nothing within {BEGIN_S:g} s") from None
+    while data:
+        await _send(viewer, data)
+        data = await server.read(_AT_ONCE)
+
+
+async def _send(to: asyncio.StreamWriter, data: bytes) -> None:
+    to.write(data)
+    try:
+        async with asyncio.timeout(LAG_S):
+            await to.drain()
+    except TimeoutError:
+        raise _EndError(f"it took too little of what was sent within {LAG_S:g} s") from None
+
+
+async def _closed(writer: asyncio.StreamWriter) -> None:
+    """Close a connection once its last bytes are sent, if that does not take long."""
+    writer.close()
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(writer.wait_closed(), END_S)
+
+
+def network_of(address: str) -> str:
+    """Whose addresses count as one: those of an IPv6 network.
+
+    >>> network_of("10.0.0.1"), network_of("2001:db8::1")
+    ('10.0.0.1', '2001:db8::/64')
+    """
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if found.version == 4:
+        return address
+    mapped = found.ipv4_mapped
+    return str(mapped) if mapped is not None else str(ipaddress.ip_network((found, _V6_NETWORK), strict=False))
