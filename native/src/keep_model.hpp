@@ -87,15 +87,6 @@ class RowsAbove {
   static constexpr std::uint8_t kOldest = 63, kLately = 3;
   static constexpr std::size_t kAround = 16;
 
-  // Of every direction, the least or the most of what was there and one more. By pointers: compilers make vectors of them
-  // with all checks of a sanitizer, too.
-  static void least_of(std::uint8_t* found, const std::uint8_t* more) {
-    for (std::size_t i = 0; i < kDirections; ++i) found[i] = more[i] < found[i] ? more[i] : found[i];
-  }
-  static void most_of(std::uint8_t* found, const std::uint8_t* more) {
-    for (std::size_t i = 0; i < kDirections; ++i) found[i] = more[i] > found[i] ? more[i] : found[i];
-  }
-
   void look() {
     // The turn with both its ends repeated, so that windows need not wrap.
     std::array<std::uint8_t, kDirections + 2 * kAround> age, level;
@@ -105,13 +96,14 @@ class RowsAbove {
       level[i] = age[i] <= kLately ? static_cast<std::uint8_t>(direction_level(direction)) : std::uint8_t{0};
     }
     std::array<std::uint8_t, kDirections> two, eight, finest;
-    two.fill(kOldest);
-    eight.fill(kOldest);
+    for (std::size_t i = 0; i < kDirections; ++i) two[i] = eight[i] = kOldest;
     finest.fill(0);
     for (std::size_t d = 0; d <= 2 * kAround; ++d) {
-      most_of(finest.data(), level.data() + d);
-      if (d >= kAround - 8 && d <= kAround + 8) least_of(eight.data(), age.data() + d);
-      if (d >= kAround - 2 && d <= kAround + 2) least_of(two.data(), age.data() + d);
+      for (std::size_t i = 0; i < kDirections; ++i) finest[i] = std::max(finest[i], level[i + d]);
+      if (d >= kAround - 8 && d <= kAround + 8)
+        for (std::size_t i = 0; i < kDirections; ++i) eight[i] = std::min(eight[i], age[i + d]);
+      if (d >= kAround - 2 && d <= kAround + 2)
+        for (std::size_t i = 0; i < kDirections; ++i) two[i] = std::min(two[i], age[i + d]);
     }
     std::uint32_t lately = 0;
     for (std::size_t d = 0; d < 2 * kAround; ++d) lately += age[d] <= kLately;
