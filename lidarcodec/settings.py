@@ -52,7 +52,7 @@ class StreamSettings(BaseModel):
     codec_settings: dict[str, Any] = Field(default_factory=dict)
     """The codec's own settings."""
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
-    """Largest error of any range, in metres; 0 is lossless, null the codec's default."""
+    """Largest error of any range, in metres, at most 20; 0 is lossless, null the codec's default."""
     target_kbps: float | Literal["auto"] | None = None
     """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
     path carries."""

@@ -56,6 +56,14 @@ def test_every_setting_has_its_heading_and_no_other():
     assert set(StreamSettings.model_fields) == headings("settings.md") - {"Settings"}
 
 
+def test_the_largest_value_of_every_setting_is_said():
+    text = (DOCS / "settings.md").read_text()
+    for name, field in StreamSettings.model_fields.items():
+        section = text.partition(f"\n### {name}\n")[2].partition("\n### ")[0]
+        for limit in (getattr(one, "le", None) for one in field.metadata):
+            assert limit is None or re.search(rf"\bto {limit:,g}\b", section), f"{name}: at most {limit:,g}"
+
+
 def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
     found = headings("codecs.md")
     text = (DOCS / "codecs.md").read_text()

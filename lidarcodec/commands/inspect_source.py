@@ -12,14 +12,18 @@ from lidarcodec.assembly import Assembler
 from lidarcodec.commands.explain import time_text
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.sources import is_endless
+from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.sensors import StatusReader
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
+from lidarcodec.sources.spec import parse
 from lidarcodec.units import FRAME_PACKETS
 
 LOOK_PACKETS = 10 * FRAME_PACKETS
 """How much is read of a source that has no end."""
+QUIET_S = 10.0
+"""How long a live source may send nothing, unless its option `idle` says otherwise: to look is no reason to wait on."""
 ROLE_LETTERS = {
     Role.IRREGULAR: "?",
     Role.UPPER_OPENS: "U",
@@ -63,12 +67,13 @@ class _Totals:
 def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     """What a source holds; all of it is read, or ten frames of one that has no end.
 
-    Raises SourceError, PacketError or CalibrationError.
+    Raises SourceError, also if nothing comes from a live one, PacketError or CalibrationError.
     """
     limit = LOOK_PACKETS if is_endless(spec) else None
+    quiet_s = parse(spec).number("idle", 0.0, 1e9) or QUIET_S
     totals, status = _Totals(), StatusReader()
     packets = positions = 0
-    with open_source(spec, calibration=calibration) as source, progress("reading packets", limit) as tick:
+    with open_source(_limited(spec), calibration=calibration) as source, progress("reading packets", limit) as tick:
         sensor = source.sensor
         assembler = Assembler(sensor)
         for packet in source.packets():
@@ -87,6 +92,12 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         if last is not None:
             totals.add(last, int(np.count_nonzero(last.fired)) * 32)
         noticed = source.counts + assembler.counts
+        if source.live and not packets + positions:
+            besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))
+            raise SourceError(
+                f"{source.label}: nothing came within {quiet_s:g} s{besides}: is the sensor on, and does it send here? "
+                "?idle=60 waits for 60 s"
+            )
         label, fidelity = source.label, getattr(source, "fidelity", None)
     del noticed["packets"], noticed["frames"], noticed["position packets"]
     duration_s = (totals.last_ns - (totals.first_ns or 0)) * 1e-9
@@ -113,6 +124,14 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     if fidelity is not None:
         found["fidelity"] = [one.rounded() for one in fidelity]
     return found
+
+
+def _limited(spec: str) -> str:
+    """The same source with a limit of silence, if it is a live one without."""
+    parsed = parse(spec)
+    if parsed.scheme != "udp" or "idle" in parsed.options:
+        return spec
+    return f"{spec}{'&' if '?' in spec else '?'}idle={QUIET_S:g}"
 
 
 def _return_mode(status: StatusReader, layouts: Counter[str]) -> str:

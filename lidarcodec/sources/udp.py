@@ -37,6 +37,8 @@ TAKE_S: Final = 0.2
 """Longest wait in native code, so that an interrupt of the main thread is seen."""
 REFUSED_PACKETS: Final = 64
 """So many packets of another sensor, and none of an HDL-64E, end the source."""
+SAY_S: Final = 5.0
+"""After so long without a first packet a warning says that it is waited for."""
 WAIT_S: Final = 2.0
 """A little more than the 1.2 s (4160 packets) in which the table comes round."""
 
@@ -129,7 +131,7 @@ class UdpSource(PacketSource):
 
         Raises PacketError if another sensor sends here and no HDL-64E, SourceError if the socket fails.
         """
-        heard = time.monotonic()
+        heard, told = time.monotonic(), False
         while not self.closed:
             if not self._held:
                 self._pump(TAKE_S if self._idle_s is None else min(TAKE_S, self._idle_s))
@@ -139,7 +141,7 @@ class UdpSource(PacketSource):
                     if self._last_ns is not None and packet.stamp_ns > self._last_ns:
                         return
                     yield packet
-                heard = time.monotonic()
+                heard, told = time.monotonic(), True
             elif self._receiver.holding():
                 heard = time.monotonic()
             elif self._last_ns is not None:
@@ -147,6 +149,9 @@ class UdpSource(PacketSource):
             elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
                 logger.info("%s: nothing for %g s", self.label, self._idle_s)
                 return
+            elif not told and time.monotonic() - heard >= SAY_S:
+                told = True
+                self._say_silent()
 
     def finish(self) -> None:
         """End `packets` behind what has come by now. Waits for nothing, so a signal handler may call it."""
@@ -160,6 +165,11 @@ class UdpSource(PacketSource):
         self._senders.close()
         if self._positions is not None:
             self._positions.close()
+
+    def _say_silent(self) -> None:
+        limit_s = self._idle_s
+        until = "until Ctrl-C (?idle=60 gives up after 60 s)" if limit_s is None else f"for up to {limit_s:g} s"
+        logger.warning("%s: nothing has come in %g s; waiting %s", self.label, SAY_S, until)
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
         """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""

@@ -7,6 +7,7 @@ to keep everybody else out.
 from __future__ import annotations
 
 import asyncio
+from http import HTTPStatus
 from typing import Any, NamedTuple
 
 import h11
@@ -18,9 +19,11 @@ RESERVED_S = 2.0
 """The same as `request_s`, for a connection in one of the reserved places."""
 
 
-MAX_INCOMPLETE_BYTES = 16 * 1024
+MAX_HEAD_BYTES = 16 * 1024
+"""Of a request up to its body, and of what may follow a body in chunks."""
 MAX_HEADERS = 100
 """Header fields of a request; a browser sends twenty."""
+TOO_LARGE = 431
 CHUNKS, CHUNK_BYTES = 64, 64
 """Chunks that a body may have, and one more for each so many bytes: to parse one takes as long as to take 10 kB."""
 LATE_BYTES = 1024 * 1024
@@ -29,10 +32,14 @@ LATE_BYTES = 1024 * 1024
 
 class Parser(h11.Connection):
     """Refuses requests that are made of many small parts, which take long to parse, and such of which a proxy in front
-    may read another end."""
+    may read another end.
 
-    def __init__(self, most_bytes: int) -> None:
-        super().__init__(h11.SERVER, most_bytes)
+    refused: with which status it did
+    """
+
+    def __init__(self) -> None:
+        super().__init__(h11.SERVER, MAX_HEAD_BYTES)  # which is looked at while a head is not there as a whole
+        self.refused = 400
         self._chunks = self._bytes = 0
 
     def next_event(self) -> Any:
@@ -40,11 +47,20 @@ class Parser(h11.Connection):
 
         Raises h11.RemoteProtocolError for one with too many.
         """
+        try:
+            return self._checked(len(self._receive_buffer))
+        except h11.RemoteProtocolError as error:
+            self.refused = error.error_status_hint
+            raise
+
+    def _checked(self, waiting: int) -> Any:
         event = super().next_event()
+        if isinstance(event, h11.Request | h11.EndOfMessage):
+            taken = waiting - len(self._receive_buffer)
+            if taken > MAX_HEAD_BYTES or len(event.headers) > MAX_HEADERS:
+                raise h11.RemoteProtocolError("the head is too large", TOO_LARGE)
         if isinstance(event, h11.Request):
             self._chunks = self._bytes = 0
-            if len(event.headers) > MAX_HEADERS:
-                raise h11.RemoteProtocolError(f"more than {MAX_HEADERS} header fields", 431)
             if {b"content-length", b"transfer-encoding"} <= {name for name, _ in event.headers}:
                 raise h11.RemoteProtocolError("a body of two lengths")
         elif isinstance(event, h11.Data):
@@ -84,7 +100,7 @@ class RequestProtocol(H11Protocol):
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__(*values, **named)
-        self.conn = Parser(self.config.h11_max_incomplete_event_size or MAX_INCOMPLETE_BYTES)
+        self.conn: Parser = Parser()
 
     @classmethod
     def of(cls, held: Connections, times: Times) -> type[RequestProtocol]:
@@ -130,14 +146,32 @@ class RequestProtocol(H11Protocol):
         super().handle_websocket_upgrade(event)
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse what is no request, unless an answer is under way."""
-        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
-            super().send_400_response(msg)
-            if self.cycle is not None:
-                self.cycle.disconnected = True  # the application, if it is at work, answers nobody
-                self.cycle.message_event.set()
-        else:
+        """Refuse what is no request, or too large a one, unless an answer is under way."""
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
             self.transport.abort()
+            return
+        if self.conn.refused == TOO_LARGE:
+            status, text = (
+                TOO_LARGE,
+                f"The head of a request has at most {MAX_HEAD_BYTES // 1024} KiB and {MAX_HEADERS} fields.",
+            )
+        else:
+            status, text = 400, msg
+        headers = [
+            ("content-type", "text/plain; charset=utf-8"),
+            ("connection", "close"),
+            ("content-length", str(len(text))),
+        ]
+        for part in (
+            h11.Response(status_code=status, headers=headers, reason=HTTPStatus(status).phrase),
+            h11.Data(data=text.encode()),
+            h11.EndOfMessage(),
+        ):
+            self.transport.write(self.conn.send(part))
+        self.transport.close()
+        if self.cycle is not None:
+            self.cycle.disconnected = True  # the application, if it is at work, answers nobody
+            self.cycle.message_event.set()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""

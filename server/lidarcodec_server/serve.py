@@ -27,7 +27,6 @@ from lidarcodec_server.tokens import TokenBook
 
 logger = logging.getLogger(__name__)
 
-MAX_HEADER_BYTES = 16 * 1024
 WAITING_MESSAGES = 8
 """WebSocket messages of one client that wait to be read; then it is not read from."""
 OTHER_FILES = 256
@@ -85,7 +84,6 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             ws_per_message_deflate=False,  # what is sent is compressed already
             ws_max_size=config.max_message_bytes,
             ws_max_queue=WAITING_MESSAGES,
-            h11_max_incomplete_event_size=MAX_HEADER_BYTES,
             timeout_keep_alive=config.keep_alive_s,  # type: ignore[arg-type] # (any number of seconds will do)
             timeout_graceful_shutdown=LINGER_S,
             lifespan="on",

@@ -204,6 +204,23 @@ def test_an_idle_time_limit_ends_it():
         assert len(list(source.packets())) == 1
 
 
+def test_that_nothing_comes_is_said_once_and_for_how_long_it_is_waited(monkeypatch, caplog):
+    """Every command that reads a live sensor waited without a word."""
+    monkeypatch.setattr(udp, "SAY_S", 0.3)
+    with open_source("udp://127.0.0.1:0?wait=0&idle=1.2") as source:
+        assert list(source.packets()) == []
+        (said,) = [line for line in caplog.messages if "nothing has come" in line]
+        assert f"port {source.address[1]}" in said
+        assert "1.2 s" in said
+    caplog.clear()
+    with open_source("udp://127.0.0.1:0?wait=0") as source, sending(source) as send:
+        threading.Timer(1.0, send, PAYLOADS).start()
+        assert len(take(source, 500)) == 500
+    (said,) = [line for line in caplog.messages if "nothing has come" in line]
+    assert "Ctrl-C" in said
+    assert "?idle=" in said
+
+
 def test_a_multicast_group_is_joined():
     with (
         open_source("udp://239.255.77.7:0?wait=0&interface=127.0.0.1") as source,

@@ -1,0 +1,58 @@
+"""`info` of a live sensor: what it sends, or within a limit of time that nothing comes."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from lidarcodec.commands import inspect_source
+from tests import packets as made
+from tests.command_line import run_here, the_one_line
+
+
+def free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def test_where_nothing_comes_it_ends_and_says_so(monkeypatch):
+    """It waited without end and without a word."""
+    monkeypatch.setattr(inspect_source, "QUIET_S", 1.0)
+    port = free_udp_port()
+    began = time.monotonic()
+    done = run_here("info", f"udp://127.0.0.1:{port}?wait=0")
+    assert time.monotonic() - began < 30
+    assert done.returncode == 1
+    line = the_one_line(done)
+    assert f"UDP 127.0.0.1 port {port}: nothing came within 1 s" in line
+    assert "?idle=" in line
+    assert "within 0.5 s" in the_one_line(run_here("info", f"udp://127.0.0.1:{port}?wait=0&idle=0.5"))
+
+
+@pytest.mark.parametrize("count", [500, 4000])
+def test_what_a_sensor_sends_is_shown_though_it_falls_silent(monkeypatch, count):
+    monkeypatch.setattr(inspect_source, "QUIET_S", 2.0)
+    port = free_udp_port()
+    packets = made.turning(count)
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
+            sensor.bind(("127.0.0.1", 0))
+            while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+                time.sleep(0.02)
+            for packet in packets:
+                sensor.sendto(packet.payload, ("127.0.0.1", port))
+                time.sleep(0.0002)
+
+    sending = threading.Thread(target=send, daemon=True)
+    sending.start()
+    done = run_here("info", f"udp://127.0.0.1:{port}?wait=0", "--json")
+    sending.join(30)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["packets"] == min(count, inspect_source.LOOK_PACKETS)
