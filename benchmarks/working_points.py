@@ -1,6 +1,6 @@
 """What each working point of a codec costs and shows: the table from which the rate control makes its operating curves.
 
-    python -m benchmarks.working_points [--codecs riddle,pcodec] [--frames 6] [--steps 10 | --steps none] [--write]
+    python -m benchmarks.working_points [--codecs riddle,pcodec] [--frames 3] [--steps 10 | --steps none] [--write]
 
 A working point is a step of the lattice of columns, a value of the codec's knob and a number of intensity levels. For
 each codec it measures, over frames of the training drives (0013, sfnd, 0001) and a simulated town, in bits per return
@@ -44,7 +44,7 @@ DRIVES: Final = (
     ("sim:city?seed=3&frames=20", 5),
 )
 STEPS: Final = (1, 2, 3, 4, 6, 8, 10, 12, 16, 24)
-BOUNDS_M: Final = (0.0, 0.002, 0.004, 0.008, 0.012, 0.02, 0.03, 0.045, 0.065, 0.1, 0.14, 0.2, 0.3)
+BOUNDS_M: Final = (0.0, 0.002, 0.008, 0.02, 0.045, 0.1, 0.2, 0.3)
 QUALITIES: Final = (3, 5, 10, 20, 35, 50, 65, 80, 90, 95, 98, 100)
 CRFS: Final = (48, 42, 36, 32, 28, 24, 20, 16, 12, 8, 4, 0)
 LEVELS: Final = (0, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96, 128, 256)
@@ -52,6 +52,8 @@ ROWS: Final = ("range_bits", "rest_bits", "chamfer_m", "rmse_m")
 """What an entry has of each step, but for intensity."""
 Row = dict[str, Any]
 Floats = npt.NDArray[np.float64]
+FREE: Final = ("predictive", "riddle")
+"""Codecs that choose values within a bound by what they cost, so that their distances are their own."""
 WARM: Final = 2
 """Frames at the beginning that teach a codec and are not counted."""
 
@@ -129,8 +131,11 @@ def sizes_of(settings: StreamSettings, frames: list[Frame]) -> tuple[dict[str, f
     return bits, out
 
 
-def measured(codec: str, step: int, sets: list[list[Frame]], known: Row | None) -> Row:
-    """What is known of a step but for intensity. known: of another codec with a bound, whose distances are the same."""
+def measured(codec: str, step: int, sets: list[list[Frame]], clouds: list[list[Cloud]], known: Row | None) -> Row:
+    """What is known of a step but for intensity.
+
+    clouds: of the frames that are counted;  known: of another codec that rounds, whose distances are the same
+    """
     values = values_of(codec)
     knob = table.codec(codec).knob
     assert knob is not None
@@ -140,14 +145,14 @@ def measured(codec: str, step: int, sets: list[list[Frame]], known: Row | None) 
     for place, value in enumerate(values):
         settings = knob.with_value(StreamSettings(codec=codec, intensity="off"), value)
         far, squares, count = [], 0.0, 0
-        for frames in sets:
+        for frames, originals in zip(sets, clouds, strict=True):
             bits, decoded = coded(codec, step, settings, frames)
             ranges[place] += bits["range"] / points
             rest += bits["rest"] / points / len(values)
             if known is not None:
                 continue
-            for frame, back in zip(frames[WARM:], decoded[WARM:], strict=True):
-                far.append(chamfer(Cloud(xyz_of(frame.cloud())), filled(back)))
+            for frame, cloud, back in zip(frames[WARM:], originals, decoded[WARM:], strict=True):
+                far.append(chamfer(cloud, filled(back)))
                 both = (frame.range > 0) & (back.range > 0)
                 off = frame.range[both].astype(np.int64) - back.range[both]
                 squares, count = squares + float(np.dot(off, off)), count + len(off)
@@ -189,13 +194,14 @@ def main() -> None:
     """Measure and print; with --write, keep."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--codecs", default=",".join(name for name in table.names() if table.codec(name).knob))
-    parser.add_argument("--frames", type=int, default=6, help="frames of each drive that are counted")
+    parser.add_argument("--frames", type=int, default=3, help="frames of each drive that are counted")
     parser.add_argument("--steps", default=",".join(map(str, STEPS)), help="whose ranges are measured, or `none`")
     parser.add_argument("--write", action="store_true", help="keep the result")
     args = parser.parse_args()
     sets = drives(args.frames)
     entries: dict[str, Any] = json.loads(OUT.read_text()) if OUT.exists() else {}
     counted = [frame for frames in sets for frame in frames[WARM:]]
+    clouds = [[Cloud(xyz_of(frame.cloud())) for frame in frames[WARM:]] for frames in sets]
     shades: dict[bool, Intensities] = {}
     steps = [] if args.steps == "none" else [int(step) for step in args.steps.split(",")]
     fresh: dict[int, Row] = {}
@@ -203,14 +209,15 @@ def main() -> None:
         grouped = codec == "zstd"
         if grouped not in shades:
             shades[grouped] = intensities(counted, STEPS, LEVELS, grouped=grouped)
-        rows = rows_of(entries[codec]) if codec in entries else {}
+        same = codec in entries and entries[codec]["values"] == list(values_of(codec))
+        rows = rows_of(entries[codec]) if same else {}
         for step in steps:
-            known = fresh.get(step) if table.codec(codec).bounded else None
-            rows[step] = measured(codec, step, sets, known)
-            if table.codec(codec).bounded:
+            rounds = table.codec(codec).bounded and codec not in FREE
+            rows[step] = measured(codec, step, sets, clouds, fresh.get(step) if rounds else None)
+            if rounds:
                 fresh[step] = rows[step]
         if set(rows) != set(STEPS):
-            raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured")
+            raise SystemExit(f"{codec}: steps {sorted(set(STEPS) - set(rows))} were never measured at these values")
         entries[codec] = entry_of(codec, rows) | of_intensity(shades[grouped])
         if args.write:
             OUT.write_text(table_text(entries))

@@ -1,9 +1,10 @@
-"""Returns made up by a receiver between columns that were sent, where the surface goes on.
+"""Returns made up by a receiver between columns that were sent.
 
 Between two returns a and b of one row whose ranges differ by at most 0.25 m and 1/20 of the nearer one, the inverse of
 the range is interpolated. That is exact for a straight line across the beams, as a wall or the road is: in the plane of
-the beams a line is 1/r = A cos(phi) + B sin(phi), and nearly straight over so small an angle. All in whole
-numbers, so that every decoder makes up the same.
+the beams a line is 1/r = A cos(phi) + B sin(phi), and nearly straight over so small an angle. Elsewhere, and beside a
+hole, a surface ends somewhere between the two columns, so each return stands for the half of the gap that is next to
+it; the middle column stays empty. All in whole numbers, so that every decoder makes up the same.
 
 >>> between(np.array([1000]), np.array([1000]), 1, 4).tolist()
 [1000]
@@ -41,10 +42,17 @@ def between(a: Whole, b: Whole, place: Whole | int, gap: Whole | int) -> npt.NDA
     return made
 
 
+def _nearest(a: Whole, b: Whole, place: int, gap: Whole) -> npt.NDArray[np.int64]:
+    """What stands `place` columns behind `a` where `b` is `gap` columns further on: the nearer one; 0 midway."""
+    nearest: npt.NDArray[np.int64] = np.where(2 * place < gap, a, np.where(2 * place > gap, b, 0))
+    return nearest
+
+
 def filled(frame: Frame) -> Frame:
     """The frame with returns made up between the columns of its lattice, marked in `filled`; others as they are.
 
-    Intensities are straight between their neighbours, rounded down. Cost: 3 ms for a turn of an HDL-64E.
+    Intensities are straight between two returns of one surface, rounded down, else that of the return which is
+    repeated. Cost: 5 ms for a turn of an HDL-64E.
     """
     columns = frame.lattice
     if columns is None or len(columns) < 2 or frame.filled is not None:
@@ -55,16 +63,17 @@ def filled(frame: Frame) -> Frame:
     shades = frame.intensity[:, columns].astype(np.int64)
     a, b = known[:, :-1], known[:, 1:]
     near = np.minimum(a, b)
-    one_surface = (near > 0) & (np.abs(a - b) <= JUMP_STEPS + near // JUMP_SHARE) & (gaps <= WIDEST)
+    one_surface = (near > 0) & (np.abs(a - b) <= JUMP_STEPS + near // JUMP_SHARE)
     wide, shade = frame.range.copy(), frame.intensity.copy()
     marked = np.zeros((LASERS, frame.width), np.bool_)
     for place in range(1, int(min(gaps.max(), WIDEST))):
-        rows, at = np.nonzero(one_surface & (place < gaps))
-        gap = gaps[at]
-        into = places[at] + place
-        wide[rows, into] = between(a[rows, at], b[rows, at], place, gap)
-        shade[rows, into] = (shades[rows, at] * (gap - place) + shades[rows, at + 1] * place) // gap
-        marked[rows, into] = True
+        inside = np.flatnonzero((place < gaps) & (gaps <= WIDEST))
+        gap, into = gaps[inside], places[inside] + place
+        left, right, line = a[:, inside], b[:, inside], one_surface[:, inside]
+        made = np.where(line, between(left, right, place, gap), _nearest(left, right, place, gap))
+        left, right = shades[:, inside], shades[:, inside + 1]
+        tone = np.where(line, (left * (gap - place) + right * place) // gap, _nearest(left, right, place, gap))
+        wide[:, into], shade[:, into], marked[:, into] = made, np.where(made > 0, tone, 0), made > 0
     return frame.with_(range=wide, intensity=shade, filled=marked)
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
-from lidarcodec.filling import JUMP_SHARE, JUMP_STEPS, between, filled, measured_only
+from lidarcodec.filling import JUMP_STEPS, between, filled, measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import Lattice, columns_of, expanded, lattice_of, on_lattice, phase_of, thinned
 from lidarcodec.message import SectionType
@@ -158,26 +158,43 @@ def wall(width: int = 200) -> Frame:
     angle = np.radians(np.arange(base.width) * 0.17)
     away = np.rint(5000 / np.cos(angle - 0.3)).astype(np.uint16)
     ranges = np.broadcast_to(away, base.range.shape).copy()
-    ranges[:, 90:92] = 2000
+    ranges[:, 88:90] = 2000
     return base.with_(range=ranges, intensity=np.full(base.range.shape, 40, np.uint8))
 
 
-def test_a_wall_is_filled_in_to_the_millimetre_and_an_edge_is_not() -> None:
+def test_a_wall_is_filled_in_to_the_millimetre_and_a_pole_before_it_stays_a_pole() -> None:
+    """A viewer sees no holes beside edges, and nothing that hangs in the air between two surfaces."""
     frame = wall()
     sent = expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side))
     back = filled(sent)
     assert back.filled is not None
     assert back.filled.sum() > 0.8 * frame.range.size
-    off = np.abs(back.range.astype(int) - frame.range)[back.filled]
-    flat = np.abs(frame.range.astype(int) - 2000)[back.filled] > 0
-    assert off[flat].max() <= 2
-    columns = sent.lattice
-    for left, right in pairwise(columns):
-        if 90 in (left, right) or 91 in (left, right):
-            assert not back.filled[:, left + 1 : right].any(), "between the pole and the wall nobody knows"
+    off = np.abs(back.range.astype(int) - frame.range)
+    assert 88 in sent.lattice
+    for left, right in pairwise(sent.lattice):
+        if 88 in (left, right):
+            made = back.range[:, left + 1 : right]
+            assert right - left == 8
+            assert np.all(made[:, :3] == frame.range[:, [left]])
+            assert np.all(made[:, 4:] == frame.range[:, [right]])
+            assert not made[:, 3].any(), "midway nobody knows"
+        else:
+            assert off[:, left:right].max() <= 2
     assert np.array_equal(measured_only(back).range, sent.range)
     assert filled(back) is back
-    assert JUMP_SHARE == 20
+
+
+def test_beside_a_hole_a_return_stands_for_half_of_the_gap() -> None:
+    frame = wall().with_(range=np.full(wall().range.shape, 3000, np.uint16))
+    ranges = frame.range.copy()
+    ranges[:, 80:] = 0
+    frame = frame.with_(range=ranges, intensity=np.where(ranges > 0, np.uint8(40), np.uint8(0)))
+    back = filled(expanded(thinned(on_lattice(frame, 8)), Lattice(frame.width, lattice_of(frame, 8), frame.side)))
+    last = int(back.lattice[back.lattice < 80].max())
+    assert np.all(back.range[:, : last + 4] == 3000)
+    assert np.all(back.intensity[:, : last + 4] == 40)
+    assert not back.range[:, last + 4 :].any()
+    assert not back.intensity[:, last + 4 :].any()
 
 
 def test_a_filled_frame_is_sent_as_it_was_measured() -> None:

@@ -30,17 +30,22 @@ class RateKnob:
     values: from the coarsest, which takes fewest bits, to the finest
     renewal: how often a message that refers to none before takes what it otherwise would, before it is measured; such a
         message is the price of turning the knob. None: messages refer to none anyway
+    beside: names and values of other settings of the codec with which it shows more at a bitrate than with its
+        defaults; not with the purpose `localise`, whose working points were measured without
     """
 
     setting: str
     values: tuple[float, ...]
     renewal: float | None = None
+    beside: tuple[tuple[str, str], ...] = ()
 
     def with_value(self, settings: StreamSettings, value: float) -> StreamSettings:
-        """The settings with the knob at a value."""
+        """The settings with the knob at a value, and with what goes beside it where the settings leave it open."""
         if self.setting == BOUND:
             return settings.model_copy(update={BOUND: value})
-        return settings.model_copy(update={"codec_settings": {**settings.codec_settings, self.setting: value}})
+        beside = {} if settings.purpose == "localise" else dict(self.beside)
+        own = {**beside, **settings.codec_settings, self.setting: value}
+        return settings.model_copy(update={"codec_settings": own})
 
     def places(self, values: Sequence[float]) -> list[float]:
         """Values on the scale on which the logarithm of the bits is nearly straight; ascending from the coarsest."""
@@ -64,12 +69,14 @@ def bound_knob() -> RateKnob:
     return RateKnob(BOUND, _bounds())
 
 
-def quality_knob() -> RateKnob:
+def quality_knob(**beside: str) -> RateKnob:
     """The knob of a codec with a `quality` from 1 to 100 of its own: in quarters below 5, where a step of 1 is much."""
-    return RateKnob("quality", (*(quarters / 4 for quarters in range(4, 20)), *range(5, 101)))
+    values = (*(quarters / 4 for quarters in range(4, 20)), *range(5, 101))
+    return RateKnob("quality", values, beside=tuple(beside.items()))
 
 
-def crf_knob(renewal: float) -> RateKnob:
+def crf_knob(renewal: float, **beside: str) -> RateKnob:
     """The knob of a video: x264's `crf`, from 51 to 0."""
     count = round((COARSEST_CRF - FINEST_CRF) / CRF_STEP)
-    return RateKnob(CRF, tuple(COARSEST_CRF - CRF_STEP * step for step in range(count + 1)), renewal)
+    values = tuple(COARSEST_CRF - CRF_STEP * step for step in range(count + 1))
+    return RateKnob(CRF, values, renewal, tuple(beside.items()))

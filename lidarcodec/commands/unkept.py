@@ -27,9 +27,9 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
     """Say what live recordings left out. recordings: their last state (`BackgroundRecorder.state`) by stream, None for
     a stream that was not recorded.
 
-    Raises SourceError, behind all warnings, where one stopped before its stream did.
+    Raises SourceError, behind all warnings, where one stopped before its stream did or files of it were removed.
     """
-    stopped = []
+    lacking = []
     for stream, state in recordings.items():
         if state is None:
             continue
@@ -39,9 +39,11 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
                 "%s: %d messages or batches of packets were not recorded: the disk was too slow", stream, dropped
             )
         if state["stopped"]:
-            stopped.append(f"{stream}: {state['stopped']}")
-    if stopped:
-        raise SourceError(f"the recording stopped before the stream did: {'; '.join(stopped)}")
+            lacking.append(f"{stream}: {state['stopped']}")
+        if removed := state["counts"].get("removed files", 0):
+            lacking.append(f"{stream}: {removed} of its files were removed while they were written")
+    if lacking:
+        raise SourceError(f"not all of the stream was recorded: {'; '.join(lacking)}")
 
 
 def positions_in(frame: Frame) -> int:

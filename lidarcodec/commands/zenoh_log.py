@@ -87,7 +87,7 @@ class ZenohLog:
 
 def _pass_on(reading: int) -> None:
     sparse = Sparse()
-    with open(reading, "rb") as lines:
+    with os.fdopen(reading, "rb") as lines:
         while line := lines.readline(MAX_LINE):
             _write(sparse.passed(_COLOURS.sub("", line.decode(errors="replace").rstrip("\n"))))
     for rest in sparse.rest():

@@ -84,6 +84,7 @@ class RotatingRecorder:
         Raises DecodeError for bytes that are no message.
         """
         header = wire.peek(data)
+        self._look_after_file()
         if header.key and (self._writer is None or self._size_with(len(data)) > self.max_file_bytes):
             self._begin(header.stamp_ns, len(data))
         if self._writer is None and self.stopped is None:
@@ -97,6 +98,7 @@ class RotatingRecorder:
         """Records a batch of raw packets; whether it did. Any batch may begin a file."""
         if not packets:
             return True
+        self._look_after_file()
         size = sum(len(packet.payload) + 8 for packet in packets)
         if self._writer is None or self._size_with(size) > self.max_file_bytes:
             self._begin(packets[0].stamp_ns, size)
@@ -112,6 +114,7 @@ class RotatingRecorder:
 
     def close(self) -> None:
         """Ends the current file; harmless when called twice."""
+        self._look_after_file()
         self._guarded(self._end)
 
     @property
@@ -124,6 +127,15 @@ class RotatingRecorder:
         name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
         found = [path for path in self.folder.iterdir() if name.fullmatch(path.name)]
         return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+    def _look_after_file(self) -> None:
+        """Lets go of a file that somebody has removed: the disk would take what is written into it all the same."""
+        file = self._file
+        if file is None or os.fstat(file.fileno()).st_nlink or Path(file.name).exists():
+            return
+        self.counts["removed files"] += 1
+        log.error("%s was removed while it was being written: what it held is lost", file.name)
+        self._guarded(self._end)
 
     def _size_with(self, more: int) -> int:
         """Bytes that the current file will have when a message of `more` bytes is added and it is closed."""

@@ -1,7 +1,6 @@
-// Any bytes as intensities, and any intensities there and back, as they are and reduced to few values. The input's first bytes say width, firings and sensor.
+// Any bytes as intensities, and any intensities there and back. The input's first bytes say width, firings and sensor.
 #include <algorithm>
 #include <cstdlib>
-#include <set>
 #include <vector>
 
 #include "error.hpp"
@@ -9,7 +8,6 @@
 #include "fuzz_input.hpp"
 #include "intensity_coder.hpp"
 #include "intensity_symbols.hpp"
-#include "intensity_choice.hpp"
 #include "rangecoder.hpp"
 
 using lidarcodec::kMaskRows;
@@ -49,7 +47,7 @@ Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t t
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   FuzzInput input(data, size);
-  const std::size_t width = input.below(48);
+  const std::size_t width = input.below(13);  // wider ones take longer and show nothing else
   const std::uint8_t pattern = input.byte(), holes = input.byte(), turned = input.byte(), kind = input.byte();
   const std::uint8_t levels = input.byte(), split = input.byte();
   const std::uint32_t turn = input.below(65536);  // 0: found from the returns
@@ -69,15 +67,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes image(returns.size());
     for (std::size_t i = 0; i < image.size(); ++i) image[i] = rest[i % rest.size()];
     check_round_trip(image, returns, geometry, turn);
-    const std::size_t few = std::clamp<std::size_t>(levels, 2, 255);
-    const Bytes chosen = lidarcodec::choose_levels(image.data(), returns.data(), geometry, few);
-    std::set<std::uint8_t> values;
-    for (std::size_t i = 0; i < chosen.size(); ++i) {
-      if (returns[i] != 0) values.insert(chosen[i]);
-      if (returns[i] == 0 && chosen[i] != 0) std::abort();
-    }
-    if (values.size() > few) std::abort();
-    check_round_trip(chosen, returns, geometry, turn);
   }
   return 0;
 }

@@ -29,3 +29,15 @@ def test_a_knob_goes_from_coarse_to_fine_and_fits_the_codec(name: str) -> None:
         settings = knob.with_value(StreamSettings(codec=name, target_kbps=2000), value)
         table.check(settings)
         own_settings(chosen.settings, settings)
+
+
+@pytest.mark.parametrize("name", ["jpeg", "h264"])
+def test_a_target_takes_the_samples_that_show_most_and_what_is_set_stays(name: str) -> None:
+    knob = table.codec(name).knob
+    assert knob is not None
+    settings = StreamSettings(codec=name, target_kbps=1000)
+    assert knob.with_value(settings, 20.0).codec_settings == {"mapping": "log", knob.setting: 20.0}
+    own = settings.changed(codec_settings={"mapping": "sqrt"})
+    assert knob.with_value(own, 20.0).codec_settings == {"mapping": "sqrt", knob.setting: 20.0}
+    localise = settings.changed(purpose="localise")
+    assert "mapping" not in knob.with_value(localise, 20.0).codec_settings, "its working points were measured without"

@@ -9,12 +9,14 @@ from __future__ import annotations
 import random
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import LidarCodecError, MissingReferenceError
+from lidarcodec.filling import filled
+from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
 from tests.fuzz.corpus import Stream
@@ -25,7 +27,9 @@ CASES = 24
 _MENDED = 0.4
 """How often a valid message follows a damaged one that refers to another; a third as often where none does."""
 _DEEPEST = 6
-"""Valid messages that a chain may begin with."""
+"""Valid messages that most chains begin with at most."""
+_ANYWHERE = 0.25
+"""How often a chain begins with any message of its stream, after those that this one needs."""
 
 
 class Outcome(NamedTuple):
@@ -58,7 +62,7 @@ class Chain:
         parts = self.stream.parts
         others = [section for message in parts for section in message.sections]
         decoder = StreamDecoder()
-        at = self._led_to(decoder, rng.randrange(min(len(parts), _DEEPEST)))
+        at = self._led_to(decoder, self._start(rng, _DEEPEST))
         for _ in range(CASES):
             message = parts[at]
             inter = message.needs is not None
@@ -69,13 +73,18 @@ class Chain:
             if rng.random() > (_MENDED if inter else _MENDED / 3):
                 continue
             goes_on = self._follows(decoder, at) and at + 1 < len(parts)
-            at = at + 1 if goes_on else self._led_to(decoder, rng.randrange(min(len(parts), 3)))
+            at = at + 1 if goes_on else self._led_to(decoder, self._start(rng, 3))
 
-    def _led_to(self, decoder: StreamDecoder, count: int) -> int:
-        """So many, once a decoder has read so many valid messages from the first one on."""
-        for at in range(count):
-            self._follows(decoder, at)
-        return count
+    def _start(self, rng: random.Random, deepest: int) -> int:
+        """The number of a message to begin with: one of the first ones, or any."""
+        count = len(self.stream.parts)
+        return rng.randrange(count if rng.random() < _ANYWHERE else min(count, deepest))
+
+    def _led_to(self, decoder: StreamDecoder, at: int) -> int:
+        """The message's number, once a decoder has read the valid ones that it needs."""
+        for before in needed(self.stream.parts, at):
+            self._follows(decoder, before)
+        return at
 
     def _follows(self, decoder: StreamDecoder, at: int) -> bool:
         """Whether a valid message is decoded. One that refers to another may be refused: that one was damaged."""
@@ -103,10 +112,22 @@ class Chain:
         return Outcome(kind, inter, time.process_time() - began, _peak_kib() - before, foreign)
 
 
+def needed(parts: Sequence[Message], at: int) -> list[int]:
+    """Numbers of the messages that one needs, in order: those it refers to, and the key message of its calibration."""
+    found = []
+    while (needs := parts[at].needs) is not None:
+        at = next(before for before in reversed(range(at)) if parts[before].frame_index == needs)
+        found.append(at)
+    if not parts[at].key:
+        found.append(next(before for before in reversed(range(at)) if parts[before].key))
+    return found[::-1]
+
+
 def decode_all(decoder: StreamDecoder, data: bytes) -> None:
     """Everything a receiver does with the bytes of a message."""
     for frame in decoder.decode(unpack(data)):
         frame.cloud()
+        filled(frame).cloud()
         if frame.side is not None:
             packets_of(frame)
 

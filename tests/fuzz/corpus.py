@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcodec.codecs import table
 from lidarcodec.codecs.riddle_learner import Offer
 from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, weights_of
 from lidarcodec.codecs.riddle_update import update_of
@@ -31,59 +30,24 @@ from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack
-from tests.fuzz import extremes, native_seeds
-
-PLAIN: dict[str, dict[str, Any]] = {name: {"codec": name} for name in table.names()}
-"""Each codec as it is by default."""
-
-MORE: dict[str, dict[str, Any]] = {
-    "zstd bounded": {"codec": "zstd", "max_error_m": 0.05, "intensity": "off"},
-    "pcodec 1 cm": {"codec": "pcodec", "max_error_m": 0.01, "intensity": "levels=16"},
-    "png bounded": {"codec": "png", "max_error_m": 20.0, "intensity": "levels=2"},
-    "jxl effort 3": {"codec": "jxl", "codec_settings": {"effort": 3}, "intensity": "levels=256"},
-    "riddle effort 1": {"codec": "riddle", "codec_settings": {"effort": 1}, "intensity": "levels=3"},
-    "riddle effort 3": {"codec": "riddle", "max_error_m": 0.02, "codec_settings": {"effort": 3}},
-    "riddle effort 4": {"codec": "riddle", "codec_settings": {"effort": 4}, "intensity": "off"},
-    "riddle alone": {"codec": "riddle", "codec_settings": {"memory": False}, "max_error_m": 0.25},
-    "predictive motion": {"codec": "predictive", "codec_settings": {"motion": True, "effort": 2}},
-    "predictive bounded": {"codec": "predictive", "max_error_m": 0.05, "intensity": "levels=128"},
-}
-"""Other settings, each of which another part of a message follows."""
-
-REDUCED: dict[str, dict[str, Any]] = {
-    "raw columns": {"codec": "raw", "reduction": "columns:4"},
-    "zstd random": {"codec": "zstd", "reduction": "random", "keep_fraction": 0.1},
-    "pcodec voxel": {"codec": "pcodec", "reduction": "voxel", "keep_fraction": 0.3},
-    "png random": {"codec": "png", "reduction": "random", "keep_fraction": 0.5},
-    "jxl columns": {"codec": "jxl", "reduction": "columns:2"},
-    "jpeg columns": {"codec": "jpeg", "reduction": "columns:3"},
-    "jpeg-layered random": {"codec": "jpeg-layered", "reduction": "random", "keep_fraction": 0.4},
-    "h264 columns": {"codec": "h264", "reduction": "columns:2"},
-    "h264-log voxel": {"codec": "h264-log", "reduction": "voxel", "keep_fraction": 0.5},
-    "riddle columns": {"codec": "riddle", "reduction": "columns:4"},
-    "predictive random": {"codec": "predictive", "reduction": "random", "keep_points": 60},
-}
+from tests.fuzz import configurations, extremes, native_seeds
 
 
 class Stream(NamedTuple):
     """Messages of one stream, the first of them a key message, as bytes and as their parts.
 
-    name, codec, size: a configuration; reduced: whether returns were left out; weights: whether networks are sent
+    name, size: a configuration
     """
 
     name: str
-    codec: str
     size: str
-    reduced: bool
-    weights: bool
     messages: tuple[bytes, ...]
     parts: tuple[Message, ...]
 
     @classmethod
     def of(cls, plan: Plan, messages: tuple[bytes, ...]) -> Stream:
         """The stream of a configuration, of its messages."""
-        codec = plan.settings.get("codec", "riddle")
-        return cls(plan.name, codec, plan.size, plan.reduced, plan.weights, messages, tuple(map(unpack, messages)))
+        return cls(plan.name, plan.size, messages, tuple(map(unpack, messages)))
 
 
 class Plan(NamedTuple):
@@ -93,24 +57,68 @@ class Plan(NamedTuple):
     settings: dict[str, Any]
     size: str
     share: float
-    reduced: bool = False
     weights: bool = False
 
+    @property
+    def reduced(self) -> bool:
+        """Whether returns were left out of frames of all columns."""
+        return self.name in configurations.REDUCED
 
-SHARES = {"extremes": 4.0, "tiny": 6.0, "slab": 1.0, "full-size": 0.2, "still": 0.7, "widest": 0.03}
+    @property
+    def thinned(self) -> bool:
+        """Whether columns were left out."""
+        return self.name in configurations.THINNED
+
+    @property
+    def free(self) -> bool:
+        """Whether ranges are free within a bound."""
+        bounded = self.settings["codec"] in ("riddle", "predictive") and "max_error_m" in self.settings
+        return bounded and self.settings.get("shape") != "rounded"
+
+    @property
+    def few(self) -> bool:
+        """Whether intensities have few values."""
+        return self.settings.get("intensity", "auto").partition("=")[0] in ("levels", "error")
+
+    @property
+    def aimed(self) -> bool:
+        """Whether there is a target bitrate."""
+        return "target_kbps" in self.settings
+
+
+SHARES = {
+    "extremes": 4.0,
+    "tiny": 6.0,
+    "slab": 1.0,
+    "full-size": 0.2,
+    "still": 0.7,
+    "positions": 2.0,
+    "widest": 0.03,
+}
 _FAR_NS = 2**62
+_SOME = ("extremes", "tiny", "slab", "full-size")
+_OF: tuple[tuple[configurations.Named, float, tuple[str, ...]], ...] = (
+    (configurations.PLAIN, 1, tuple(SHARES)),
+    (configurations.MORE, 1 / 2, ("extremes", "tiny", "full-size")),
+    (configurations.FEW, 1 / 2, ("extremes", "slab")),
+    (configurations.FREE, 1, _SOME),
+    (configurations.ROUNDED, 1 / 2, _SOME),
+    (configurations.REDUCED, 1 / 2, ("extremes", "slab", "full-size")),
+    (configurations.THINNED, 3 / 4, ("extremes", "slab", "positions", "full-size")),
+    (configurations.AIMED, 1, ("slab", "full-size")),
+    (configurations.WEIGHTS, 1 / 4, ("tiny", "slab", "full-size")),
+)
+"""Configurations, how much of a size's share each gets, and in which sizes it is made."""
 
 
 def plans() -> list[Plan]:
     """All configurations."""
-    made = [Plan(name, given, size, SHARES[size]) for name, given in PLAIN.items() for size in extremes.SIZES]
-    for name, given in MORE.items():
-        made += [Plan(name, given, size, SHARES[size] / 2) for size in ("extremes", "tiny", "full-size")]
-    for name, given in REDUCED.items():
-        made += [Plan(name, given, size, SHARES[size] / 2, reduced=True) for size in ("extremes", "slab", "full-size")]
-    for name in ("riddle own weights", "riddle updates"):
-        made += [Plan(name, {}, size, SHARES[size] / 4, weights=True) for size in ("tiny", "slab", "full-size")]
-    return made
+    return [
+        Plan(name, given, size, SHARES[size] * part, weights=of is configurations.WEIGHTS)
+        for of, part, sizes in _OF
+        for name, given in of.items()
+        for size in sizes
+    ]
 
 
 def _coded(settings: dict[str, Any], made: list[Frame]) -> tuple[bytes, ...]:
@@ -149,34 +157,32 @@ def _other_nets() -> tuple[Net, Net]:
     return nets[0], nets[1]
 
 
-def _with_weights(made: list[Frame]) -> tuple[bytes, ...]:
+def _with_weights(settings: dict[str, Any], made: list[Frame]) -> tuple[bytes, ...]:
     """A stream whose key message brings a weight file."""
     with tempfile.TemporaryDirectory(prefix="lidarcodec-fuzz-") as folder:
         path = Path(folder) / "own.lcrw"
         path.write_bytes(pack_weights(_other_nets(), {"trained on": "nothing"}))
-        return _coded({"codec": "riddle", "codec_settings": {"weights": str(path)}}, made)
+        return _coded({**settings, "codec_settings": {"weights": str(path)}}, made)
 
 
-def _with_updates(made: list[Frame]) -> tuple[bytes, ...]:
+def _with_updates(settings: dict[str, Any], made: list[Frame]) -> tuple[bytes, ...]:
     """A stream whose second message brings an update of weights, and a key message at its end that brings it again."""
     base = weights_of("")
     update = update_of(base, _other_nets(), (5, 6, 6, 5))
     offer = Offer(update.weights, native_nets(networks_of(update.weights, 2)), update, 0.0)
-    encoder = StreamEncoder(settings_from({"codec": "riddle", "key_interval": 100_000}), stream_id=1)
+    encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
     encoder._encoder._learner = _Taught(offer, (base.name, 0, True))  # type: ignore[attr-defined]
     messages = [message for frame in made for message in encoder.encode(frame, key=frame.index == made[0].index)]
     again = made[-1].with_(index=made[-1].index + 1)
     return tuple(map(pack, messages + encoder.encode(again, key=True)))
 
 
-_SPECIAL = {"riddle own weights": _with_weights, "riddle updates": _with_updates}
-
-
 def stream(plan: Plan, seed: int) -> Stream:
     """The stream of a configuration."""
-    made = extremes.SIZES[plan.size](seed)
-    messages = _SPECIAL[plan.name](made) if plan.name in _SPECIAL else _coded(plan.settings, made)
-    return Stream.of(plan, messages)
+    coded = _coded
+    if plan.weights:
+        coded = _with_updates if "updates" in plan.name else _with_weights
+    return Stream.of(plan, coded(plan.settings, extremes.SIZES[plan.size](seed)))
 
 
 def main() -> None:

@@ -1,6 +1,8 @@
-"""The table of a long run of damaged messages (`tests.fuzz.campaign`), by configuration and in all.
+"""The table of long runs of damaged messages (`tests.fuzz.campaign`), by configuration and in all.
 
-python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
+    python -m tests.fuzz.counts build/fuzz/campaign --write docs/robustness.md
+
+Several folders are counted together: each core can have a run of its own, with a seed of its own.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from tests.fuzz.campaign import Counts
@@ -21,6 +23,7 @@ _SHORT = {
     "TruncatedError": "truncated",
     "SectionError": "section",
 }
+Chosen = list[tuple[Plan, Counts]]
 _HEAD = ("configuration", "cases", "refer to another", *_SHORT.values(), "others", "slowest, ms", "memory, MiB")
 
 
@@ -44,29 +47,55 @@ def _joined(parts: Iterable[Counts]) -> Counts:
     return whole
 
 
-def _groups(chosen: dict[str, tuple[Plan, Counts]]) -> Iterable[tuple[str, Counts]]:
-    """What a reader asks first: sizes, reduced frames, weights, and all."""
-    for size in dict.fromkeys(plan.size for plan, _ in chosen.values()):
-        yield f"**all of {size}**", _joined(counts for plan, counts in chosen.values() if plan.size == size)
-    yield "**all reduced**", _joined(counts for plan, counts in chosen.values() if plan.reduced)
-    yield "**all with weights**", _joined(counts for plan, counts in chosen.values() if plan.weights)
-    yield "**all**", _joined(counts for _, counts in chosen.values())
+_KINDS: dict[str, Callable[[Plan], bool]] = {
+    "free ranges": lambda plan: plan.free,
+    "fewer columns": lambda plan: plan.thinned,
+    "fewer returns": lambda plan: plan.reduced,
+    "few intensities": lambda plan: plan.few,
+    "a target bitrate": lambda plan: plan.aimed,
+    "weights": lambda plan: plan.weights,
+}
 
 
-def tables(state: Path) -> str:
-    """The tables of a run's folder, and what broke a rule."""
-    values = json.loads((state / "state.json").read_text())
+def _groups(chosen: Chosen) -> Iterable[tuple[str, Counts]]:
+    """What a reader asks first: sizes, kinds, and all."""
+    for size in dict.fromkeys(plan.size for plan, _ in chosen):
+        yield f"**all of {size}**", _joined(counts for plan, counts in chosen if plan.size == size)
+    for name, has in _KINDS.items():
+        yield f"**all with {name}**", _joined(counts for plan, counts in chosen if has(plan))
+    yield "**all**", _joined(counts for _, counts in chosen)
+
+
+def _by_name(chosen: Chosen) -> Iterable[tuple[str, Counts]]:
+    """Configurations, each in all of its sizes."""
+    for name in dict.fromkeys(plan.name for plan, _ in chosen):
+        yield name, _joined(counts for plan, counts in chosen if plan.name == name)
+
+
+def _read(states: Iterable[Path]) -> tuple[list[int], Chosen]:
+    """Seeds of the runs in some folders, and their counts by configuration."""
     known = {f"{plan.name}, {plan.size}": plan for plan in plans()}
-    chosen = {
-        name: (known[name], Counts(**counts))
-        for name, counts in values["configurations"].items()
-        if name in known and counts["cases"]
-    }
+    seeds, found = [], {name: Counts() for name in known}
+    for state in states:
+        values = json.loads((state / "state.json").read_text())
+        seeds.append(values["seed"])
+        for name, counts in values["configurations"].items():
+            if name in known:
+                found[name].join(Counts(**counts))
+    return seeds, [(known[name], counts) for name, counts in found.items() if counts.cases]
+
+
+def tables(*states: Path) -> str:
+    """The tables of the runs in some folders, their cases together, and what broke a rule."""
+    seeds, chosen = _read(states)
+    if len(set(seeds)) < len(seeds):
+        raise SystemExit("two runs of one seed are the same cases: name runs of different seeds")
     head = _line(_HEAD) + _line(["---"] + ["---:"] * (len(_HEAD) - 1))
-    found = [why for _, counts in chosen.values() for why in counts.found]
-    text = f"Seed {values['seed']}. Slowest: time of the processor; memory: beyond what was held before.\n\n"
+    found = [why for _, counts in chosen for why in counts.found]
+    text = f"Seeds {' and '.join(map(str, seeds))}. " if len(seeds) > 1 else f"Seed {seeds[0]}. "
+    text += "Slowest: time of the processor; memory: beyond what was held before.\n\n"
     text += head + "".join(_row(name, counts) for name, counts in _groups(chosen))
-    text += "\nBy configuration:\n\n" + head + "".join(_row(name, counts) for name, (_, counts) in chosen.items())
+    text += "\nBy configuration, all sizes together:\n\n" + head + "".join(_row(*of) for of in _by_name(chosen))
     if not found:
         return f"{text}\nNothing broke a rule.\n"
     return f"{text}\nAgainst a rule:\n\n" + "".join(f"- {why}\n" for why in found)
@@ -87,10 +116,10 @@ def written(page: str, text: str) -> str:
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("state", type=Path, nargs="?", default=Path("build/fuzz/campaign"))
+    parser.add_argument("states", type=Path, nargs="*", default=[Path("build/fuzz/campaign")], metavar="STATE")
     parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args()
-    text = tables(options.state)
+    text = tables(*options.states)
     if options.write is None:
         print(text)
     else:

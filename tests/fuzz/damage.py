@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from lidarcodec._native import crc32c
+from lidarcodec.codecs import table
 from lidarcodec.codecs.calibrations import encode_calibration
 from lidarcodec.codecs.riddle_shelf import weights_of
 from lidarcodec.codecs.riddle_update import applied, is_update
@@ -26,48 +27,14 @@ from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 from lidarcodec.wire import pack
 from lidarcodec.wire.header import MAX_FRAMES
-from tests.fuzz.mutations import EXTREMES
+from tests.fuzz.inside import damaged_lattice, damaged_positions
+from tests.fuzz.mutations import wounded
 
 CODECS = 11
-_NEAR = 64
-"""Bytes at the beginning of a section that are damaged as often as all the rest: there it says how much there is."""
+_KIND_AT = {table.codec_id("riddle"): 11, table.codec_id("predictive"): 2}
+"""Where ranges by contexts say of which kind they are: behind the step, and in `riddle` behind the networks."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _SAYS = re.compile(r"gives weights ([0-9a-f]{16}) and says")
-
-
-def wounded(data: bytes, rng: random.Random) -> bytes:
-    """The bytes with one to eight wounds, half of them near the beginning."""
-    out = bytearray(data)
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        if not out:
-            return rng.randbytes(rng.randrange(40))
-        at = rng.randrange(min(len(out), _NEAR)) if rng.random() < 0.5 else rng.randrange(len(out))
-        match rng.randrange(10):
-            case 0:
-                out[at] ^= 1 << rng.randrange(8)
-            case 1:
-                size = rng.randrange(1, 9)
-                out[at : at + size] = rng.randbytes(size)
-            case 2:
-                del out[at:]
-            case 3:
-                del out[at : at + rng.choice((1, 2, 4, 64, 1000))]
-            case 4:
-                out[at:at] = rng.randbytes(rng.choice((1, 2, 4, 64)))
-            case 5:
-                size = rng.choice((8, 64, 1024))
-                out[at : at + size] = bytes(len(out[at : at + size]))
-            case 6:
-                size = rng.choice((1, 2, 4, 8))
-                out[at : at + size] = (rng.choice(EXTREMES) % 256**size).to_bytes(size, "little")
-            case 7:
-                size, other = rng.choice((4, 32, 512)), rng.randrange(len(out))
-                out[at : at + size] = out[other : other + size]
-            case 8:
-                out[at : at + 64] = b"\xff" * len(out[at : at + 64])
-            case _:
-                out[at] = (out[at] + rng.choice((1, 255))) & 255
-    return bytes(out)
 
 
 def damaged(message: Message, others: Sequence[Section], rng: random.Random) -> bytes:
@@ -75,7 +42,7 @@ def damaged(message: Message, others: Sequence[Section], rng: random.Random) -> 
     sections, fields = list(message.sections), {}
     if (kind := rng.random()) < 0.8:
         for _ in range(rng.choice((1, 1, 2))):
-            _harm(sections, others, rng)
+            _harm(sections, others, message.codec, rng)
     if kind > 0.7:
         fields = _other_fields(message, rng)
     try:
@@ -84,7 +51,7 @@ def damaged(message: Message, others: Sequence[Section], rng: random.Random) -> 
         return pack(replace(message, sections=tuple(sections)))
 
 
-def _harm(sections: list[Section], others: Sequence[Section], rng: random.Random) -> None:
+def _harm(sections: list[Section], others: Sequence[Section], codec: int, rng: random.Random) -> None:
     if not sections:
         return
     at = rng.randrange(len(sections))
@@ -95,25 +62,46 @@ def _harm(sections: list[Section], others: Sequence[Section], rng: random.Random
         case 1:
             sections.append(section)
         case 2:
-            sections[at] = section._replace(type=rng.randrange(12), ordinal=rng.choice((0, 0, 1, 7, 63, 255)))
+            sections[at] = section._replace(
+                type=rng.randrange(max(SectionType) + 2), ordinal=rng.choice((0, 0, 1, 7, 63, 255))
+            )
         case 3:
             sections[at] = section._replace(data=rng.choice(others).data)
         case 4:
             sections.append(rng.choice(others))
         case _:
-            sections[at] = section._replace(data=_sealed(section, sections, rng))
+            sections[at] = section._replace(data=_sealed(section, sections, codec, rng))
 
 
-def _sealed(section: Section, sections: list[Section], rng: random.Random) -> bytes:
+def _sealed(section: Section, sections: list[Section], codec: int, rng: random.Random) -> bytes:
     """A section's bytes, damaged, with the checksums and names that they carry made right; now and then not all."""
     if section.type == SectionType.CALIBRATION and rng.random() < 0.3:
         return encode_calibration(_wild_sensor(rng), key=True, plain=rng.random() < 0.5)
+    if section.type == SectionType.LATTICE and rng.random() < 0.7:
+        return damaged_lattice(section.data, rng)
+    if section.type == SectionType.POSITION and rng.random() < 0.7:
+        return damaged_positions(section.data, rng)
+    if section.type == SectionType.RANGE and codec in _KIND_AT and rng.random() < 0.3:
+        return _of_another_kind(section.data, _KIND_AT[codec], rng)
     data = wounded(section.data, rng)
     if section.type == SectionType.WEIGHTS and rng.random() < 0.9:
         return _with_names(data, sections, rng)
     if section.type == SectionType.RANGE and (begins := section.data[:16].find(_PNG)) >= 0:
         return data[:begins] + _with_png_checksums(data[begins:])
     return data
+
+
+def _of_another_kind(data: bytes, at: int, rng: random.Random) -> bytes:
+    """Ranges by contexts that say that they are free and are not, or the other way round, of another step, or both."""
+    if len(data) <= at:
+        return wounded(data, rng)
+    out = bytearray(data)
+    if (both := rng.random()) < 0.7:
+        kind = out[at]
+        out[at] = (kind + rng.choice((4, -4, 4, -4, 64, -64, 1, -1, 6, -6))) & 255
+    if both > 0.5:
+        out[:2] = rng.choice((0, 1, 2, 3, 5, 7, 51, 4999, 65533, 65535, rng.randrange(65536))).to_bytes(2, "little")
+    return bytes(out) if rng.random() < 0.7 else wounded(bytes(out), rng)
 
 
 def _wild_sensor(rng: random.Random) -> SensorModel:

@@ -18,8 +18,9 @@ from lidarcodec.pipeline import frames_of
 from lidarcodec.sensor_model import Calibration
 from lidarcodec.side import Position, Role, SideInfo
 from lidarcodec.sources import open_source
-from lidarcodec.units import BLOCKS_PER_PACKET, LASERS, MAX_COLUMNS, MAX_PACKETS, MAX_POSITION_BYTES
+from lidarcodec.units import BLOCKS_PER_PACKET, LASERS, MAX_COLUMNS, MAX_PACKETS, MAX_POSITION_BYTES, MAX_POSITIONS
 from tests.contracts import frames
+from tests.positions import of_frame, payload
 
 
 def _constant(base: Frame, value: int, intensity: int) -> dict[str, Any]:
@@ -89,6 +90,21 @@ def still(seed: int, packets: int) -> list[Frame]:
     )
 
 
+def positions(seed: int) -> list[Frame]:
+    """Frames with position packets: as a sensor sends them, of odd sizes, the largest, many small ones, none."""
+    rng = np.random.default_rng(seed)
+    sizes = ((MAX_POSITION_BYTES, 0, 1), (MAX_POSITION_BYTES,) * 30, (), (0,) * MAX_POSITIONS)
+    made = []
+    for index, of in enumerate(sizes):
+        frame = frames.scene(2, seed=seed, index=index)
+        assert frame.side is not None
+        some = tuple(Position(k * 2 // len(of), 1000 * k, rng.bytes(size)) for k, size in enumerate(of))
+        sent = tuple(Position(k // 20, 1000 * k, payload(frame.stamp_ns + 1000 * k)) for k in range(40))
+        odd = of_frame(2, every=1)
+        made += [frame.with_(side=replace(frame.side, positions=each)) for each in (sent, odd, some)]
+    return _numbered(made)
+
+
 @cache
 def driven(packets: int, count: int, skip: int = 0) -> list[Frame]:
     """Frames of a simulated drive, `packets` in each."""
@@ -136,6 +152,7 @@ SIZES: dict[str, Frames] = {
     "slab": lambda seed: driven(29, 3, 31 * seed % 90),
     "full-size": lambda seed: driven(348, 3),
     "still": lambda seed: still(seed, 12),
+    "positions": positions,
     "widest": widest,
 }
 """How to make the frames of a stream, by their size."""

@@ -100,7 +100,7 @@ def keeps(rng: np.random.Generator) -> Iterator[bytes]:
 
 def intensities(rng: np.random.Generator) -> Iterator[bytes]:
     """For fuzz_intensity."""
-    for width, pattern, turned, mixed in _ways(47):
+    for width, pattern, turned, mixed in _ways(12):
         of, kind = Geometry.of(width, pattern, turned, mixed=mixed), 4 if mixed else 0
         for holes in (0, 100, 255):
             returns = of.returns(holes)
@@ -110,26 +110,104 @@ def intensities(rng: np.random.Generator) -> Iterator[bytes]:
                 yield struct.pack(">H6BH", width, pattern, holes, turned, kind, 0, 0, 0) + section
 
 
+def levels(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_levels, which takes intensities as they are: few and many, in any number of levels."""
+    for width, pattern, turned, mixed in _ways(12):
+        for count in (2, 3, 16, 64, 65, 255):
+            kind = 4 * mixed + (rng.integers(0, 2) if width % 2 else 0)
+            head = struct.pack(">H7B", width, pattern, 30, turned, kind, count, 40, 100)
+            yield head + rng.choice(rng.integers(0, 256, count), 150).astype(np.uint8).tobytes()
+
+
+class Coded(NamedTuple):
+    """How ranges are coded: their step, whether something is expected, quickly, freely, and as a slab."""
+
+    step: int
+    expects: bool = False
+    quick: bool = False
+    free: bool = False
+    slab: bool = False
+
+
+_CODED = (
+    Coded(1),
+    Coded(1, expects=True),
+    Coded(63, quick=True),
+    Coded(63, expects=True, free=True),
+    Coded(5, quick=True, free=True, slab=True),
+)
+_FREE = tuple(Coded(step, bool(n & 1), bool(n & 2), True, bool(n & 4)) for step in (3, 63) for n in range(8))
+_EXPECTS, _SLAB, _MIXED = 16, 64, 4
+
+
+def _images(shape: tuple[int, ...], rng: np.random.Generator) -> tuple[npt.NDArray[np.int64], ...]:
+    """Ranges of all kinds: the farthest, the nearest, surfaces, noise."""
+    smooth = 3000 + 40 * np.arange(LASERS)[:, None] + rng.integers(0, 9, shape)
+    return np.full(shape, 65535), np.ones(shape, np.int64), smooth, rng.integers(1, 65536, shape)
+
+
+def _guesses(shape: tuple[int, ...]) -> npt.NDArray[np.uint16]:
+    """What the harnesses expect."""
+    i = np.arange(shape[0] * shape[1], dtype=np.uint64)
+    known = np.where(i % np.uint64(5) != 0, i * np.uint64(40503) >> np.uint64(7), 0).astype(np.uint16)
+    return known.reshape(shape)
+
+
+def _section(of: Geometry, returns: Mask, image: npt.NDArray[np.int64], how: Coded, turned: int, known: int) -> bytes:
+    """A section of ranges, all but its step. known: columns on the left that a slab goes on from."""
+    level = (turned * np.arange(LASERS) % 1001).astype(np.int32)
+    guesses = _guesses(returns.shape)
+    coded = np.where(returns, image, 0).astype(np.uint16)
+    coded[:, :known] = guesses[:, :known] | 1
+    expected = guesses if how.expects else np.zeros((LASERS, 0), np.uint16)
+    sent = np.zeros(returns.shape, np.uint16) if how.free else None
+    past = known if how.slab else _WHOLE
+    given = (coded, returns, how.step, level, *of, 0, 0, expected, past, None, how.quick, sent)
+    return fast.NativePredictiveCoder().encode(*given)
+
+
 def ranges(rng: np.random.Generator) -> Iterator[bytes]:
-    """For fuzz_predictive: without networks, with and without something expected, whole frames and quick ones."""
+    """For fuzz_predictive: without networks, something expected or not, rounded and free, frames and slabs."""
     for width, pattern, turned, mixed in _ways(19):
         of = Geometry.of(width, pattern, turned, mixed=mixed)
-        level = (turned * np.arange(LASERS) % 1001).astype(np.int32)
         for holes in (0, 100):
             returns = of.returns(holes)
-            i = np.arange(returns.size, dtype=np.uint64)
-            guesses = np.where(i % np.uint64(5) != 0, i * np.uint64(40503) >> np.uint64(7), 0).astype(np.uint16)
-            smooth = 3000 + 40 * np.arange(LASERS)[:, None] + rng.integers(0, 9, returns.shape)
-            noise = rng.integers(1, 65536, returns.shape)
-            for image in (np.full(returns.shape, 65535), np.ones(returns.shape), smooth, noise):
-                coded = np.where(returns, image, 0).astype(np.uint16)
-                for step, expects, quick in ((1, False, False), (1, True, False), (63, False, True)):
-                    kind = (4 if mixed else 0) + (16 if expects else 0)
-                    expected = guesses.reshape(returns.shape) if expects else np.zeros((LASERS, 0), np.uint16)
-                    given = (coded, returns, step, level, *of, 0, 0, expected, _WHOLE, None, quick)
-                    section = fast.NativePredictiveCoder().encode(*given)
-                    head = struct.pack(">H4BHB", width, pattern, holes, turned, kind, 0, step // 2)
-                    yield head + section
+            for image in _images(returns.shape, rng):
+                for how in _CODED:
+                    known = holes % (width + 1) if how.slab else 0
+                    kind = _MIXED * mixed + _EXPECTS * how.expects + _SLAB * how.slab
+                    head = struct.pack(">H4BHB", width, pattern, holes, turned, kind, 0, how.step // 2)
+                    yield head + _section(of, returns, image, how, turned, known)
+
+
+def free_ranges(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_free: whole sections of every kind without networks, and images."""
+    whole_section = 2
+    for width, pattern, turned, mixed in _ways(6):
+        if not width:
+            continue
+        of = Geometry.of(width, pattern, turned, mixed=mixed)
+        rows = (1, 0x81, 255)[width % 3]
+        returns = of.returns(0) & (rows >> np.arange(LASERS) % 8 & 1).astype(np.bool_)[:, None]
+        for image in _images(returns.shape, rng):
+            for how in _FREE:
+                known = 3 % (width + 1) if how.slab else 0
+                kind = _MIXED * mixed + _EXPECTS * how.expects + _SLAB * how.slab + 128 * how.quick
+                head = struct.pack(
+                    ">8BHB",
+                    width - 1,
+                    pattern,
+                    rows,
+                    0,
+                    turned,
+                    kind,
+                    4 * known + whole_section,
+                    0,
+                    0,
+                    how.step // 2 - 1,
+                )
+                yield head + _section(of, returns, image, how, turned, known)
+        yield struct.pack(">8BHB", width - 1, pattern, 0x24, 30, turned, _MIXED * mixed, 0, 2, 0, 24) + rng.bytes(99)
 
 
 def azimuths(_: np.random.Generator) -> Iterator[bytes]:
@@ -177,7 +255,9 @@ HARNESSES = {
     "fuzz_mask": masks,
     "fuzz_keep": keeps,
     "fuzz_intensity": intensities,
+    "fuzz_levels": levels,
     "fuzz_predictive": ranges,
+    "fuzz_free": free_ranges,
     "fuzz_azimuth": azimuths,
     "fuzz_numbers": numbers,
     "fuzz_assembly": packets,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,31 @@ def test_files_are_changed_at_key_messages_and_the_oldest_go(tmp_path: Path) -> 
         indices += [header.frame_index for header in headers]
     assert indices == list(range(indices[0], 200)), "what is left is the newest, without a gap"
     assert recorder.stopped is None
+
+
+@pytest.mark.parametrize("kind", ["messages", "packets"])
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_a_file_that_is_removed_is_told_and_another_one_begins(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str, what: str
+) -> None:
+    """All that followed went into a file that nobody could open, and nobody was told."""
+    folder = tmp_path / "kept"
+    recorder = RotatingRecorder(folder, "truck", "roof")
+    for index, data in enumerate(drive(10, 2)):
+        if kind == "messages":
+            recorder.write(data)
+        else:
+            recorder.write_packets([packet(index)])
+        if index == 3:
+            next(folder.iterdir()).unlink() if what == "file" else shutil.rmtree(folder)
+    recorder.close()
+    (path,) = recorder.files()
+    with path.open("rb") as file:
+        reader = RecordingReader(file)
+        assert len(list(reader.messages() if kind == "messages" else reader.packets())) == 6
+    assert recorder.counts["removed files"] == 1
+    assert "what it held is lost" in caplog.text
+    path.unlink()
 
 
 def test_a_recorder_waits_for_a_key_message(tmp_path: Path) -> None:

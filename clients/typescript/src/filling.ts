@@ -1,7 +1,8 @@
-/** Returns made up between columns that were sent, where the surface goes on: the rule of lidarcodec/filling.py.
+/** Returns made up between columns that were sent: the rule of lidarcodec/filling.py.
  *
- * Between two returns of a row on one surface the inverse of the range is interpolated, in whole numbers, so that every
- * decoder makes up the same. They are marked, and never counted as measured. */
+ * Between two returns of a row on one surface the inverse of the range is interpolated. Elsewhere each return stands for
+ * the half of the gap that is next to it, and the middle column stays empty. All in whole numbers, so that every decoder
+ * makes up the same. They are marked, and never counted as measured. */
 
 import type { Frame } from "./decoder.js";
 import type { Lattice } from "./lattice.js";
@@ -25,15 +26,20 @@ export function fill(range: Uint16Array, intensity: Uint8Array | null, { width, 
       const gap = right - left;
       const [a, b] = [range[left], range[right]];
       const near = Math.min(a, b);
-      if (gap < 2 || gap > WIDEST || near === 0 || Math.abs(a - b) > JUMP + Math.floor(near / SHARE)) continue;
+      if (gap < 2 || gap > WIDEST) continue;
+      const surface = near > 0 && Math.abs(a - b) <= JUMP + Math.floor(near / SHARE);
       for (let place = 1; place < gap; place++) {
+        const nearest = 2 * place < gap ? left : right;
+        if (!surface && (2 * place === gap || range[nearest] === 0)) continue;
         const weighted = b * (gap - place) + a * place;
-        range[left + place] = Math.floor((2 * a * b * gap + weighted) / (2 * weighted));
+        range[left + place] = surface ? Math.floor((2 * a * b * gap + weighted) / (2 * weighted)) : range[nearest];
         if (intensity)
-          intensity[left + place] = Math.floor((intensity[left] * (gap - place) + intensity[right] * place) / gap);
+          intensity[left + place] = surface
+            ? Math.floor((intensity[left] * (gap - place) + intensity[right] * place) / gap)
+            : intensity[nearest];
         made[left + place] = 1;
+        count++;
       }
-      count += gap - 1;
     }
   return [made, count];
 }

@@ -34,7 +34,7 @@ export interface DecoderOptions {
   /** Where the server has weights of codec riddle, by name; by default the page's own server. */
   readonly weights?: string;
   readonly token?: string | undefined;
-  /** Whether returns are made up between the columns that were sent, where the surface goes on. */
+  /** Whether returns are made up between the columns that were sent. */
   readonly fill?: boolean;
 }
 

@@ -17,7 +17,7 @@ export interface ViewOptions {
   compare: boolean;
   /** Decode messages in the page instead of on the server. */
   decodeInBrowser: boolean;
-  /** Make up points between the columns that were sent, where the surface goes on. */
+  /** Make up points between the columns that were sent. */
   fillGaps: boolean;
 }
 
