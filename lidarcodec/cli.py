@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from typer import Option
 
 from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
@@ -33,7 +34,6 @@ from lidarcodec.commands.arguments import (
 from lidarcodec.commands.convert_command import convert
 from lidarcodec.commands.ending import FAILED, WRONG_USAGE
 from lidarcodec.commands.join import join
-from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.commands.running import keep_standard_output
 from lidarcodec.errors import SettingsError
@@ -59,8 +59,8 @@ app.add_typer(bridge.app, name="bridge")
 @app.callback()
 def _common(
     context: typer.Context,
-    debug: Annotated[bool, _option("--debug", help="Show the traceback of an error.")] = False,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and end.", is_eager=True)] = False,
+    debug: Annotated[bool, Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[bool, Option("--version", help="Print the version and end.", is_eager=True)] = False,
 ) -> None:
     del debug  # main() looks for it, wherever it stands
     if version:
@@ -77,7 +77,7 @@ def _common(
 def info(
     source: Annotated[str | None, typer.Argument(metavar="[SOURCE]", show_default=False)] = None,
     message: Annotated[
-        int | None, _option("--message", min=0, metavar="N", help="Dump message N of a recording.")
+        int | None, Option("--message", min=0, metavar="N", help="Dump message N of a recording.")
     ] = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
@@ -137,7 +137,7 @@ def verify(
     source: Source,
     calibration: CalibrationFile = None,
     allow_part: Annotated[
-        bool, _option("--allow-part", help="The recording may hold only a part of its source; say which.")
+        bool, Option("--allow-part", help="The recording may hold only a part of its source; say which.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -151,19 +151,19 @@ def verify(
 @app.command()
 def annotate(
     source: Source,
-    out: Annotated[Path, _option("--out", metavar="DIR", show_default=False, help="Folder; taken up if begun.")],
+    out: Annotated[Path, Option("--out", metavar="DIR", show_default=False, help="Folder; taken up if begun.")],
     poses: PosesFile = None,
     refine: Annotated[
         bool | None,
-        _option("--refine/--no-refine", show_default=False, help="Align poses with the map; of files: yes."),
+        Option("--refine/--no-refine", show_default=False, help="Align poses with the map; of files: yes."),
     ] = None,
-    odometry: Annotated[str | None, _option("--odometry", metavar="NAME", help="auto, small_gicp or kiss-icp.")] = None,
-    ground: Annotated[str, _option("--ground", metavar="NAME", help="ransac or patchwork.")] = "ransac",
-    share: Annotated[float, _option("--share", help="Of all returns, those to be labelled high.")] = 1 / 12,
-    every: Annotated[int, _option("--every", metavar="N", help="The map is of every N-th scan.")] = 5,
-    travel: Annotated[float, _option("--travel", metavar="M", help="Least way between poses that count.")] = 0.5,
-    label_every: Annotated[int, _option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
-    workers: Annotated[int, _option("--workers", min=1, metavar="N", help="Processes to work in.")] = 1,
+    odometry: Annotated[str | None, Option("--odometry", metavar="NAME", help="auto, small_gicp or kiss-icp.")] = None,
+    ground: Annotated[str, Option("--ground", metavar="NAME", help="ransac or patchwork.")] = "ransac",
+    share: Annotated[float, Option("--share", help="Of all returns, those to be labelled high.")] = 1 / 12,
+    every: Annotated[int, Option("--every", metavar="N", help="The map is of every N-th scan.")] = 5,
+    travel: Annotated[float, Option("--travel", metavar="M", help="Least way between poses that count.")] = 0.5,
+    label_every: Annotated[int, Option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
+    workers: Annotated[int, Option("--workers", min=1, metavar="N", help="Processes to work in.")] = 1,
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
@@ -179,10 +179,10 @@ def annotate(
 @app.command()
 def bench(
     source: Source,
-    codec: Annotated[str | None, _option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,
+    codec: Annotated[str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,
     pairs: Annotated[
         list[str] | None,
-        _option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable: all combinations."),
+        Option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable: all combinations."),
     ] = None,
     reduction: ReductionName = None,
     keep_points: KeepPoints = None,
@@ -191,18 +191,16 @@ def bench(
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
-    plot: Annotated[
-        Path | None, _option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")
-    ] = None,
+    plot: Annotated[Path | None, Option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")] = None,
     metrics: Annotated[
-        str, _option("--metrics", metavar="usual|all", help="`all`: also errors by range, Chamfer, D1, D2 (slower).")
+        str, Option("--metrics", metavar="usual|all", help="`all`: also errors by range, Chamfer, D1, D2 (slower).")
     ] = "usual",
     curve: Annotated[
         bool,
-        _option("--curve", help="Every codec over its own knob; with --metrics all over target bitrates."),
+        Option("--curve", help="Every codec over its own knob; with --metrics all over target bitrates."),
     ] = False,
     peers: Annotated[
-        bool, _option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
+        bool, Option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
     ] = False,
     learn: LearnSteps = 0,
     force: Force = False,
@@ -237,12 +235,12 @@ def publish(
         str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, sim:...")
     ] = None,
     vehicle: Annotated[
-        str | None, _option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, else vehicle.")
+        str | None, Option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, else vehicle.")
     ] = None,
-    sensor: Annotated[str | None, _option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
+    sensor: Annotated[str | None, Option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
     link: Annotated[
         str | None,
-        _option(
+        Option(
             "--link",
             metavar="1mbit|2mbit|5mbit|lan",
             help="Purpose, codec and target bitrate for such a link; what is given beside it wins.",
@@ -255,37 +253,35 @@ def publish(
     keep_fraction: KeepFraction = None,
     rate: Annotated[
         str | None,
-        _option("--rate", metavar="HZ|max", help="Frames a second of a recorded source (default 10), or every one."),
+        Option("--rate", metavar="HZ|max", help="Frames a second of a recorded source (default 10), or every one."),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
-    record: Annotated[
-        Path | None, _option("--record", metavar="DIR", help="Keep everything, whatever is sent.")
-    ] = None,
+    record: Annotated[Path | None, Option("--record", metavar="DIR", help="Keep everything, whatever is sent.")] = None,
     record_as: Annotated[
-        str | None, _option("--record-as", metavar="packets|lossless", help="In which form; default: packets.")
+        str | None, Option("--record-as", metavar="packets|lossless", help="In which form; default: packets.")
     ] = None,
     record_gb: Annotated[
         float | None,
-        _option("--record-gb", min=0.001, max=1e6, metavar="N", help="Size of DIR (8); the oldest files go first."),
+        Option("--record-gb", min=0.001, max=1e6, metavar="N", help="Size of DIR (8); the oldest files go first."),
     ] = None,
     calibration: CalibrationFile = None,
     poses: Annotated[
         Path | None,
-        _option("--poses", metavar="FILE|source", help="As for encode; source: those it has itself."),
+        Option("--poses", metavar="FILE|source", help="As for encode; source: those it has itself."),
     ] = None,
     original: Annotated[
-        bool, _option("--original", help="Send the originals, too, to programs on this machine that compare.")
+        bool, Option("--original", help="Send the originals, too, to programs on this machine that compare.")
     ] = False,
     config: Annotated[
-        Path | None, _option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
+        Path | None, Option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
     ] = None,
     health_file: Annotated[
-        Path | None, _option("--health-file", metavar="FILE", help="Say there once a second how it goes, for `health`.")
+        Path | None, Option("--health-file", metavar="FILE", help="Say there once a second how it goes, for `health`.")
     ] = None,
     weights_dir: Annotated[
-        Path | None, _option("--weights-dir", metavar="DIR", help="Own weights of `riddle`, which settings may name.")
+        Path | None, Option("--weights-dir", metavar="DIR", help="Own weights of `riddle`, which settings may name.")
     ] = None,
 ) -> None:
     """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
@@ -323,15 +319,15 @@ def subscribe(
         str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
     ] = "lidarcodec/v1/vehicle/lidar",
     udp: Annotated[
-        str | None, _option("--udp", metavar="HOST:PORT", help="Send the decoded packets on, as the sensor would.")
+        str | None, Option("--udp", metavar="HOST:PORT", help="Send the decoded packets on, as the sensor would.")
     ] = None,
-    record: Annotated[Path | None, _option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
+    record: Annotated[Path | None, Option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
     with_clouds: WithClouds = False,
     frames: FrameCount = None,
-    until_end: Annotated[bool, _option("--until-end", help="Stop when the publisher has gone.")] = False,
+    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher has gone.")] = False,
     receiver: Annotated[
         str | None,
-        _option("--receiver", metavar="NAME", help="Name under which it reports. Default: that in --zenoh-config."),
+        Option("--receiver", metavar="NAME", help="Name under which it reports. Default: that in --zenoh-config."),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
@@ -357,15 +353,15 @@ app.command()(fleet.health)
 @app.command()
 def demo(
     seconds: Annotated[
-        float | None, _option("--seconds", min=1, metavar="N", help="How long: on a terminal until Ctrl-C, else 20.")
+        float | None, Option("--seconds", min=1, metavar="N", help="How long: on a terminal until Ctrl-C, else 20.")
     ] = None,
-    source: Annotated[str, _option("--source", metavar="SOURCE", help="What the vehicle sees.")] = "sim:city",
+    source: Annotated[str, Option("--source", metavar="SOURCE", help="What the vehicle sees.")] = "sim:city",
     codec: CodecName = None,
     pairs: Pairs = None,
     calibration: CalibrationFile = None,
-    no_browser: Annotated[bool, _option("--no-browser", help="Only say where the page is.")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Only say where the page is.")] = False,
     port: Annotated[
-        int | None, _option("--port", min=1, max=65535, metavar="P", help="Of the page: 8080, or one that is free.")
+        int | None, Option("--port", min=1, max=65535, metavar="P", help="Of the page: 8080, or one that is free.")
     ] = None,
 ) -> None:
     """Drive through a simulated town, live on a page in the browser: a vehicle, a server, and a summary at the end."""

@@ -44,7 +44,7 @@ _FROM_SERVER, _TO_VIEWER = 256 * 1024, 1024 * 1024
 """Bytes that the system keeps of a connection. Few from the server: in there old frames give way to new ones."""
 _FULL: Final = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 _V6_NETWORK: Final = 64
-"""Bits of an IPv6 address that tell one network from another; whoever has one has all addresses in it."""
+"""Bits of an IPv6 address that tell one network from another. A host may take any address in its network."""
 
 
 class Gate:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import AsJson, Connect, Listen, ZenohConfig
 from lidarcodec.commands.endpoints import endpoints_of
-from lidarcodec.commands.options import option
 from lidarcodec.commands.running import keep_standard_output
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError
@@ -25,7 +25,7 @@ EVERY_S = 1.0
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 StreamNames = Annotated[list[str], typer.Argument(metavar="VEHICLE/SENSOR...", show_default=False)]
-UntilEnd = Annotated[bool, option("--until-end", help="Stop when the publishers have gone.")]
+UntilEnd = Annotated[bool, Option("--until-end", help="Stop when the publishers have gone.")]
 
 
 class Bridge(Protocol):
@@ -47,26 +47,26 @@ def ros2(
     streams: StreamNames,
     ros_connect: Annotated[
         list[str] | None,
-        option("--ros-connect", metavar="ENDPOINT", help="The router of ROS 2; default: tcp/127.0.0.1:7447."),
+        Option("--ros-connect", metavar="ENDPOINT", help="The router of ROS 2; default: tcp/127.0.0.1:7447."),
     ] = None,
     ros_config: Annotated[
-        Path | None, option("--ros-config", metavar="FILE", help="A Zenoh configuration for that side, as it is.")
+        Path | None, Option("--ros-config", metavar="FILE", help="A Zenoh configuration for that side, as it is.")
     ] = None,
     domain: Annotated[
-        int | None, option("--domain", min=0, max=232, metavar="N", help="Default: $ROS_DOMAIN_ID, else 0.")
+        int | None, Option("--domain", min=0, max=232, metavar="N", help="Default: $ROS_DOMAIN_ID, else 0.")
     ] = None,
     topic: Annotated[
-        str | None, option("--topic", metavar="NAME", help="Of one stream; default: /VEHICLE/SENSOR/points.")
+        str | None, Option("--topic", metavar="NAME", help="Of one stream; default: /VEHICLE/SENSOR/points.")
     ] = None,
     frame_id: Annotated[
-        str | None, option("--frame-id", metavar="NAME", help="Of one stream; default: VEHICLE/SENSOR.")
+        str | None, Option("--frame-id", metavar="NAME", help="Of one stream; default: VEHICLE/SENSOR.")
     ] = None,
-    world: Annotated[str, option("--world", metavar="NAME", help="The frame of the poses.")] = "map",
-    tf: Annotated[bool, option("--tf/--no-tf", help="Publish poses on /tf, where streams have them.")] = True,
+    world: Annotated[str, Option("--world", metavar="NAME", help="The frame of the poses.")] = "map",
+    tf: Annotated[bool, Option("--tf/--no-tf", help="Publish poses on /tf, where streams have them.")] = True,
     fill: Annotated[
-        bool, option("--fill/--no-fill", help="Fill gaps between columns that were sent, marked in a field `filled`.")
+        bool, Option("--fill/--no-fill", help="Fill gaps between columns that were sent, marked in a field `filled`.")
     ] = False,
-    type_hash: Annotated[bool, option("--type-hash/--no-type-hash", help="Without: for ROS 2 Humble.")] = True,
+    type_hash: Annotated[bool, Option("--type-hash/--no-type-hash", help="Without: for ROS 2 Humble.")] = True,
     until_end: UntilEnd = False,
     connect: Connect = None,
     listen: Listen = None,
@@ -88,18 +88,18 @@ def ros2(
 @app.command()
 def foxglove(
     streams: StreamNames,
-    host: Annotated[str, option("--host", metavar="H", help="Where to listen.")] = "127.0.0.1",
-    port: Annotated[int, option("--port", min=0, max=65535, metavar="P", help="0 takes a free one.")] = 8765,
+    host: Annotated[str, Option("--host", metavar="H", help="Where to listen.")] = "127.0.0.1",
+    port: Annotated[int, Option("--port", min=0, max=65535, metavar="P", help="0 takes a free one.")] = 8765,
     fill: Annotated[
         bool | None,
-        option(
+        Option(
             "--fill/--no-fill",
             help="Fill gaps between columns that were sent, marked in a field `filled`. "
             "Default: not where a stream's purpose is localise or detect.",
         ),
     ] = None,
     max_viewers: Annotated[
-        int, option("--max-viewers", min=1, max=1000, metavar="N", help="At once; half of them from one address.")
+        int, Option("--max-viewers", min=1, max=1000, metavar="N", help="At once; half of them from one address.")
     ] = 16,
     until_end: UntilEnd = False,
     connect: Connect = None,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import (
     AllowMissed,
@@ -19,7 +20,6 @@ from lidarcodec.commands.arguments import (
     Source,
     WithClouds,
 )
-from lidarcodec.commands.options import option as _option
 
 
 def convert(
@@ -27,18 +27,16 @@ def convert(
     out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False, help=".pcap .mcap, or a folder: rosbag2")],
     to: Annotated[
         str | None,
-        _option(
-            "--to", metavar="FORM", help="pcap, recording, packets (bare ones, .mcap) or rosbag; else as OUT ends."
-        ),
+        Option("--to", metavar="FORM", help="pcap, recording, packets (bare ones, .mcap) or rosbag; else as OUT ends."),
     ] = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     with_clouds: WithClouds = False,
     topic: Annotated[
-        str | None, _option("--topic", metavar="NAME", help="Of a rosbag's packets; default: /velodyne_packets.")
+        str | None, Option("--topic", metavar="NAME", help="Of a rosbag's packets; default: /velodyne_packets.")
     ] = None,
     frame_id: Annotated[
-        str | None, _option("--frame-id", metavar="NAME", help="Of a rosbag's messages; default: velodyne.")
+        str | None, Option("--frame-id", metavar="NAME", help="Of a rosbag's messages; default: velodyne.")
     ] = None,
     allow_missed: AllowMissed = False,
     force: Force = False,

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
-from lidarcodec.commands.options import option as _option
 from lidarcodec.commands.running import keep_standard_output
 
 
@@ -16,23 +16,23 @@ def swarm(
     count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
     source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
     vehicle_prefix: Annotated[
-        str, _option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
+        str, Option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
     ] = "car",
     codec: CodecName = None,
     pairs: Pairs = None,
-    rate: Annotated[float, _option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
-    frames: Annotated[int, _option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
+    rate: Annotated[float, Option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
+    frames: Annotated[int, Option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
     shared: Annotated[
-        bool, _option("--shared", help="Encode once and send that for all: little load here, all of it there.")
+        bool, Option("--shared", help="Encode once and send that for all: little load here, all of it there.")
     ] = False,
     processes: Annotated[
-        int | None, _option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
+        int | None, Option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
     ] = None,
-    seconds: Annotated[float | None, _option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
+    seconds: Annotated[float | None, Option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
-    first: Annotated[int, _option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
+    first: Annotated[int, Option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
 ) -> None:
     """Publish as many vehicles at once, to load a network, a router or a server."""
     from lidarcodec.commands import swarm as command
@@ -46,27 +46,27 @@ def swarm(
 def certs(
     folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
     router: Annotated[
-        list[str] | None, _option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
+        list[str] | None, Option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
     ] = None,
     vehicle: Annotated[
         list[str] | None,
-        _option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
+        Option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
     ] = None,
-    viewer: Annotated[list[str] | None, _option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
+    viewer: Annotated[list[str] | None, Option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
     operator: Annotated[
-        list[str] | None, _option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
+        list[str] | None, Option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
     ] = None,
     remove: Annotated[
-        list[str] | None, _option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
+        list[str] | None, Option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
     ] = None,
     auth: Annotated[
         str | None,
-        _option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
+        Option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
     ] = None,
-    port: Annotated[int | None, _option("--port", min=1, max=65535, help="Default: 7447.")] = None,
-    days: Annotated[int, _option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
+    port: Annotated[int | None, Option("--port", min=1, max=65535, help="Default: 7447.")] = None,
+    days: Annotated[int, Option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
     installed: Annotated[
-        Path | None, _option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
+        Path | None, Option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
     ] = None,
 ) -> None:
     """Make or extend a secured deployment: an authority, and one Zenoh configuration for each machine and person."""
@@ -78,74 +78,74 @@ def certs(
 
 
 def serve(
-    host: Annotated[str | None, _option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
-    port: Annotated[int | None, _option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
+    host: Annotated[str | None, Option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
+    port: Annotated[int | None, Option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
     database_url: Annotated[
-        str | None, _option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
+        str | None, Option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
     ] = None,
     database_password_file: DatabasePassword = None,
-    tls_certificate: Annotated[Path | None, _option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
-    tls_key: Annotated[Path | None, _option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
+    tls_certificate: Annotated[Path | None, Option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
+    tls_key: Annotated[Path | None, Option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
     insecure: Annotated[
-        bool, _option("--insecure", help="Listen beyond this machine although there is no token.")
+        bool, Option("--insecure", help="Listen beyond this machine although there is no token.")
     ] = False,
     open_again: Annotated[
-        bool, _option("--open", help="Let everybody in again, where tokens were needed and none works any more.")
+        bool, Option("--open", help="Let everybody in again, where tokens were needed and none works any more.")
     ] = False,
-    metrics_open: Annotated[bool, _option("--metrics-open", help="Answer /metrics without a token.")] = False,
-    max_streams: Annotated[int | None, _option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    metrics_open: Annotated[bool, Option("--metrics-open", help="Answer /metrics without a token.")] = False,
+    max_streams: Annotated[int | None, Option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
     max_sensors: Annotated[
-        int | None, _option("--max-sensors", min=1, metavar="N", help="Streams of one vehicle. Default: 16.")
+        int | None, Option("--max-sensors", min=1, metavar="N", help="Streams of one vehicle. Default: 16.")
     ] = None,
     max_viewers: Annotated[
-        int | None, _option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
+        int | None, Option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
     ] = None,
     max_viewers_a_client: Annotated[
         int | None,
-        _option(
+        Option(
             "--max-viewers-a-client", min=1, metavar="N", help="Those of one client (token, or address); default: 32."
         ),
     ] = None,
     max_viewers_a_host: Annotated[
-        int | None, _option("--max-viewers-a-host", min=1, metavar="N", help="Those of one address; default: 48.")
+        int | None, Option("--max-viewers-a-host", min=1, metavar="N", help="Those of one address; default: 48.")
     ] = None,
     max_connections: Annotated[
-        int | None, _option("--max-connections", min=1, metavar="N", help="Of all hosts at once; default: 1000.")
+        int | None, Option("--max-connections", min=1, metavar="N", help="Of all hosts at once; default: 1000.")
     ] = None,
     max_connections_a_host: Annotated[
-        int | None, _option("--max-connections-a-host", min=1, metavar="N", help="Of one host; default: 200.")
+        int | None, Option("--max-connections-a-host", min=1, metavar="N", help="Of one host; default: 200.")
     ] = None,
     reserved_connections: Annotated[
         int | None,
-        _option(
+        Option(
             "--reserved-connections", min=1, metavar="N", help="More, for health checks and operators; default: 16."
         ),
     ] = None,
     max_requests_a_host: Annotated[
         int | None,
-        _option("--max-requests-a-host", min=1, metavar="N", help="Of one host, worked on at once; default: 16."),
+        Option("--max-requests-a-host", min=1, metavar="N", help="Of one host, worked on at once; default: 16."),
     ] = None,
     proxy: Annotated[
         list[str] | None,
-        _option("--proxy", metavar="ADDRESS", help="A reverse proxy, which has no limits of one host. Repeatable."),
+        Option("--proxy", metavar="ADDRESS", help="A reverse proxy, which has no limits of one host. Repeatable."),
     ] = None,
     request_seconds: Annotated[
         float | None,
-        _option("--request-seconds", min=0.1, metavar="N", help="For a request's headers, and its body; default: 10."),
+        Option("--request-seconds", min=0.1, metavar="N", help="For a request's headers, and its body; default: 10."),
     ] = None,
     keep_alive_seconds: Annotated[
-        float | None, _option("--keep-alive-seconds", min=0.1, metavar="N", help="Between requests; default: 5.")
+        float | None, Option("--keep-alive-seconds", min=0.1, metavar="N", help="Between requests; default: 5.")
     ] = None,
     read_seconds: Annotated[
         float | None,
-        _option("--read-seconds", min=0.1, metavar="N", help="How long an answer may stay unread; default: 30."),
+        Option("--read-seconds", min=0.1, metavar="N", help="How long an answer may stay unread; default: 30."),
     ] = None,
     recordings: Annotated[
-        Path | None, _option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
+        Path | None, Option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
     ] = None,
     recordings_gb: Annotated[
         float | None,
-        _option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
+        Option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
@@ -173,10 +173,10 @@ def serve(
 
 def health(
     health_file: Annotated[
-        Path | None, _option("--health-file", metavar="FILE", help="That of `publish --health-file`.")
+        Path | None, Option("--health-file", metavar="FILE", help="That of `publish --health-file`.")
     ] = None,
     url: Annotated[
-        str | None, _option("--url", metavar="URL", help="Of a server, such as http://127.0.0.1:8080.")
+        str | None, Option("--url", metavar="URL", help="Of a server, such as http://127.0.0.1:8080.")
     ] = None,
 ) -> None:
     """Say whether a publisher or a server of this machine is well: exit code 0, or 1 and what is not."""

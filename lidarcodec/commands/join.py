@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import Force
-from lidarcodec.commands.options import option
 
 
 def join(
@@ -16,7 +16,7 @@ def join(
         list[Path], typer.Argument(metavar="PART...", show_default=False, help="In order: all .mcap, or .pcap")
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False)],
-    allow_gap: Annotated[bool, option("--allow-gap", help="Also join parts between which frames are missing.")] = False,
+    allow_gap: Annotated[bool, Option("--allow-gap", help="Also join parts between which frames are missing.")] = False,
     force: Force = False,
 ) -> None:
     """Put parts of a drive together: recordings (.mcap) or captures (.pcap), every message and packet as it is."""

@@ -1,4 +1,4 @@
-"""Options of the command line, each of which is also a variable of the environment.
+"""The command line, each of whose options is also a variable of the environment.
 
 `serve --port` is LIDARCODEC_SERVE_PORT and `token create --role` LIDARCODEC_TOKEN_CREATE_ROLE. What means the same to
 every command has no command in its name.
@@ -14,11 +14,6 @@ from typer.main import get_command
 
 COMMON: Final = ("CONNECT", "LISTEN", "ZENOH_CONFIG", "DATABASE_URL")
 """Options whose variables go without the command."""
-
-
-def option(*names: str, **about: Any) -> Any:
-    """An option; `command_line` gives it its variable."""
-    return typer.Option(*names, **about)
 
 
 def variable(words: Sequence[str], name: str) -> str:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from lidarcodec.commands.options import option
+from typer import Option
 
 ReductionName = Annotated[
-    str | None, option("--reduction", metavar="NAME", help="Which returns are sent: all (default), voxel, ...")
+    str | None, Option("--reduction", metavar="NAME", help="Which returns are sent: all (default), voxel, ...")
 ]
-KeepPoints = Annotated[str | None, option("--keep-points", metavar="N", help="How many returns of a frame stay.")]
-KeepFraction = Annotated[str | None, option("--keep-fraction", metavar="X", help="Or which share of them, up to 1.")]
+KeepPoints = Annotated[str | None, Option("--keep-points", metavar="N", help="How many returns of a frame stay.")]
+KeepFraction = Annotated[str | None, Option("--keep-fraction", metavar="X", help="Or which share of them, up to 1.")]
 
 
 def reduced(

@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import DatabasePassword
-from lidarcodec.commands.options import option
 from lidarcodec.commands.server_extra import server_config, server_module
 from lidarcodec.errors import SettingsError
 
 app = typer.Typer(help="Make, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
 
 Database = Annotated[
-    str | None, option("--database-url", metavar="URL", help="The server's database; default: as `serve` has it.")
+    str | None, Option("--database-url", metavar="URL", help="The server's database; default: as `serve` has it.")
 ]
 Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 
@@ -28,7 +28,7 @@ Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 def create(
     name: Name,
     role: Annotated[
-        str, option("--role", metavar="viewer|operator", help="A viewer looks, an operator changes.")
+        str, Option("--role", metavar="viewer|operator", help="A viewer looks, an operator changes.")
     ] = "viewer",
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
@@ -48,7 +48,7 @@ def create(
 def show(
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
-    as_json: Annotated[bool, option("--json", help="Print JSON.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the tokens; never what they are."""
     store = _store(database_url, database_password_file)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import Force
-from lidarcodec.commands.options import option
 from lidarcodec.commands.progress import progress
 from lidarcodec.errors import SettingsError
 from lidarcodec.training import training_module
@@ -19,26 +19,26 @@ Drives = Annotated[
     list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives that `annotate` has labelled.")
 ]
 Out = Annotated[
-    Path, option("--out", metavar="FILE", show_default=False, help="The checkpoint; resumed if it is there.")
+    Path, Option("--out", metavar="FILE", show_default=False, help="The checkpoint; resumed if it is there.")
 ]
 Test = Annotated[
-    list[Path] | None, option("--test", metavar="DIR", help="Measure on this drive at the end. Repeatable.")
+    list[Path] | None, Option("--test", metavar="DIR", help="Measure on this drive at the end. Repeatable.")
 ]
-Seed = Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")]
-Device = Annotated[str, option("--device", metavar="NAME", help="auto, cpu, cuda, cuda:1 ...")]
-Threads = Annotated[int, option("--threads", min=1, metavar="N", help="Of the CPU.")]
-Every = Annotated[int, option("--every", min=1, metavar="N", help="Every N-th labelled frame.")]
-Seconds = Annotated[float | None, option("--seconds", min=1.0, metavar="S", help="Stop after so long, to go on later.")]
+Seed = Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")]
+Device = Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda, cuda:1 ...")]
+Threads = Annotated[int, Option("--threads", min=1, metavar="N", help="Of the CPU.")]
+Every = Annotated[int, Option("--every", min=1, metavar="N", help="Every N-th labelled frame.")]
+Seconds = Annotated[float | None, Option("--seconds", min=1.0, metavar="S", help="Stop after so long, to go on later.")]
 
 
 def poconet(
     drives: Drives,
     out: Out,
     test: Test = None,
-    epochs: Annotated[int, option("--epochs", min=1, metavar="N")] = 30,
-    batch: Annotated[int, option("--batch", min=1, metavar="N", help="Scans in a step.")] = 1,
+    epochs: Annotated[int, Option("--epochs", min=1, metavar="N")] = 30,
+    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Scans in a step.")] = 1,
     points: Annotated[
-        int | None, option("--points", min=512, metavar="N", help="Of a scan; default: 122880 on a GPU, else 8192.")
+        int | None, Option("--points", min=512, metavar="N", help="Of a scan; default: 122880 on a GPU, else 8192.")
     ] = None,
     every: Every = 1,
     seconds: Seconds = None,
@@ -61,13 +61,13 @@ def scores(
     drives: Drives,
     out: Out,
     onnx: Annotated[
-        Path | None, option("--onnx", metavar="FILE", help="Also write the network as `poconet` reads it.")
+        Path | None, Option("--onnx", metavar="FILE", help="Also write the network as `poconet` reads it.")
     ] = None,
-    note: Annotated[str, option("--note", help="What the ONNX file says that it was trained on.")] = "unknown drives",
-    licence: Annotated[str, option("--licence", help="What it says of the licence of its weights.")] = "unknown",
+    note: Annotated[str, Option("--note", help="What the ONNX file says that it was trained on.")] = "unknown drives",
+    licence: Annotated[str, Option("--licence", help="What it says of the licence of its weights.")] = "unknown",
     force: Force = False,
     test: Test = None,
-    steps: Annotated[int, option("--steps", min=1, metavar="N")] = 1300,
+    steps: Annotated[int, Option("--steps", min=1, metavar="N")] = 1300,
     every: Every = 1,
     seconds: Seconds = None,
     seed: Seed = 1,

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from lidarcodec.commands.arguments import Force
-from lidarcodec.commands.options import option
 from lidarcodec.errors import SettingsError
 from lidarcodec.whole_files import check_free
 
@@ -19,27 +19,27 @@ def riddle(
     sources: Names = None,
     out: Annotated[
         Path,
-        option("--out", metavar="FILE", show_default=False, help="The weight file; FILE.run beside it is resumed."),
+        Option("--out", metavar="FILE", show_default=False, help="The weight file; FILE.run beside it is resumed."),
     ] = ...,  # type: ignore[assignment]
     holdout: Annotated[
         list[str] | None,
-        option("--holdout", metavar="SOURCE", help="A drive to measure on, never learned. Repeatable."),
+        Option("--holdout", metavar="SOURCE", help="A drive to measure on, never learned. Repeatable."),
     ] = None,
     scans: Annotated[
-        list[str] | None, option("--scans", metavar="SOURCE", help="Scans that do not follow each other. Repeatable.")
+        list[str] | None, Option("--scans", metavar="SOURCE", help="Scans that do not follow each other. Repeatable.")
     ] = None,
     simulated: Annotated[
-        int, option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
+        int, Option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
     ] = 0,
     begin: Annotated[
-        str | None, option("--begin", metavar="package|FILE", help="Go on from the package's weights, or a file's.")
+        str | None, Option("--begin", metavar="package|FILE", help="Go on from the package's weights, or a file's.")
     ] = None,
     beside: Annotated[
-        bool, option("--beside", help="Also learn beside what contexts say, of the drives coded with --begin.")
+        bool, Option("--beside", help="Also learn beside what contexts say, of the drives coded with --begin.")
     ] = False,
     tiles: Annotated[
         float | None,
-        option(
+        Option(
             "--tiles",
             metavar="SHARE",
             show_default="0.3 to 0.6, by network",
@@ -47,36 +47,36 @@ def riddle(
         ),
     ] = None,
     size: Annotated[
-        str, option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
+        str, Option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
     kind: Annotated[
-        str, option("--kind", metavar="NAME[,NAME]", help="alone: for key frames; expecting: for all others.")
+        str, Option("--kind", metavar="NAME[,NAME]", help="alone: for key frames; expecting: for all others.")
     ] = "alone,expecting",
-    steps: Annotated[int, option("--steps", min=1, metavar="N", help="Steps of each network.")] = 8000,
-    batch: Annotated[int, option("--batch", min=1, metavar="N", help="Returns in a step.")] = 8192,
-    seed: Annotated[int, option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same networks.")] = 1,
+    steps: Annotated[int, Option("--steps", min=1, metavar="N", help="Steps of each network.")] = 8000,
+    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Returns in a step.")] = 8192,
+    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same networks.")] = 1,
     frames: Annotated[
-        int | None, option("--frames", min=1, metavar="N", help="At most N frames of each source.")
+        int | None, Option("--frames", min=1, metavar="N", help="At most N frames of each source.")
     ] = None,
-    framing: Annotated[str, option("--framing", help="How frames are cut, as the stream will have it.")] = "packets",
+    framing: Annotated[str, Option("--framing", help="How frames are cut, as the stream will have it.")] = "packets",
     frame_rows: Annotated[
-        int, option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame at each step.")
+        int, Option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame at each step.")
     ] = 5000,
-    passes: Annotated[int, option("--passes", min=1, metavar="N", help="Go N times through each source.")] = 1,
+    passes: Annotated[int, Option("--passes", min=1, metavar="N", help="Go N times through each source.")] = 1,
     units: Annotated[
         str,
-        option("--units", metavar="auto|varied|own", help="Also learn other units of the sensor; auto: if simulated."),
+        Option("--units", metavar="auto|varied|own", help="Also learn other units of the sensor; auto: if simulated."),
     ] = "auto",
     precision: Annotated[
-        str, option("--precision", metavar="float32|mixed", help="mixed: bfloat16 first, for processors that have it.")
+        str, Option("--precision", metavar="float32|mixed", help="mixed: bfloat16 first, for processors that have it.")
     ] = "float32",
-    device: Annotated[str, option("--device", metavar="NAME", help="auto, cpu, cuda, ...")] = "auto",
-    threads: Annotated[int, option("--threads", min=1, metavar="N", help="Of the CPU.")] = 1,
+    device: Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda, ...")] = "auto",
+    threads: Annotated[int, Option("--threads", min=1, metavar="N", help="Of the CPU.")] = 1,
     licence: Annotated[
-        str | None, option("--licence", metavar="TEXT", help="Of the data, written into the file.")
+        str | None, Option("--licence", metavar="TEXT", help="Of the data, written into the file.")
     ] = None,
     force: Force = False,
-    date: Annotated[str | None, option("--date", metavar="TEXT", help="Written into the file.")] = None,
+    date: Annotated[str | None, Option("--date", metavar="TEXT", help="Written into the file.")] = None,
 ) -> None:
     """Train the networks of codec riddle; the same command again goes on where it was stopped."""
     from lidarcodec.commands.sources import check_finite, check_not_input, identity

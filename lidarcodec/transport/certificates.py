@@ -1,6 +1,7 @@
-"""When the certificates of a Zenoh configuration end. Whoever refuses one that has ended tells only its own log.
+"""When the certificates of a Zenoh configuration end. A party that refuses one says so only in its own log.
 
-Only the validity is read, from the DER of X.509 (RFC 5280, 4.1). Nothing here decides who is believed.
+Only the validity is read, from the DER of X.509 (RFC 5280, 4.1). The code is our own, because `cryptography` comes with
+the server and a vehicle may lack it. Nothing here decides who is believed.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ class Certificates:
         when, here = f"{state.until:%Y-%m-%d %H:%M} UTC", f"the clock of this machine says {now:%Y-%m-%d %H:%M} UTC"
         renew = "renew it with `lidarcodec certs`"
         if state.name == "ended":
-            return f"the {what} in {source} ended on {when}: connections are refused, as only the others know; {renew}"
+            return f"the {what} in {source} ended on {when}: others refuse its connections; {renew}"
         if state.name == "not yet valid":
-            return f"the certificates in {source} are not valid yet, because {here}: set it, or nobody is believed"
+            return f"the certificates in {source} are not valid yet: {here}; set it, until then connections are refused"
         if state.name == "ends soon":
             return f"the {what} in {source} ends on {when}, in {(state.until - now).days} days; {renew}"
         return None
