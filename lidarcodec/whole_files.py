@@ -72,6 +72,7 @@ class Whole:
         self.kept: Path | None = None
         self.straight = _straight(path)
         self._hidden: set[Path] = set()
+        self._identities: dict[Path, tuple[int, int]] = {}
         self._force, self._contents, self._private, self._sync = force, contents, private, sync
         self._companions: list[tuple[Callable[[Path], Path], Path]] = []
         self._as_part = False
@@ -129,6 +130,7 @@ class Whole:
                     beside.mkdir(0o700)
                 else:
                     os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+                self._identities[beside] = _identity(beside)
             except FileExistsError:
                 self._hidden.discard(beside)
             except OSError as error:
@@ -137,7 +139,12 @@ class Whole:
                 return beside
 
     def _finish(self, beside: Path) -> None:
-        """Have its bytes on disk, and its readers those that new files have."""
+        """Have its bytes on disk, and its readers those that new files have.
+
+        Raises SourceError if another program put something else in its place.
+        """
+        if _identity(beside) != self._identities[beside]:
+            raise SourceError(f"{beside} was replaced by another program: {self.path} was not written")
         files = [beside]
         if beside.is_dir():
             files = [path for path in beside.iterdir() if path.is_file()] + files
@@ -347,6 +354,12 @@ def _straight(path: Path) -> bool:
     except OSError:
         return False
     return kind in (stat.S_IFIFO, stat.S_IFCHR)
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """Device and inode, which stay the same as long as it is the same file or folder."""
+    found = os.lstat(path)
+    return found.st_dev, found.st_ino
 
 
 def _remove(path: Path) -> None:

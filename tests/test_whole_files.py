@@ -290,3 +290,20 @@ def test_a_folder_that_cannot_be_written_to_is_all_that_is_said(tmp_path: Path) 
     done = subprocess.run(words, capture_output=True, text=True, env=environment(), check=False)
     assert done.returncode == 1
     assert done.stderr == f"lidarcodec: cannot write {tmp_path / 'a.mcap'}: Read-only file system\n"
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_what_another_program_puts_in_the_place_of_an_output_is_not_kept_as_ours(tmp_path: Path, folder: bool) -> None:
+    path = tmp_path / "drive"
+
+    def exchanged() -> None:
+        with whole(path, contents=SCANS if folder else None) as output:
+            output.beside.rename(tmp_path / "ours")
+            if folder:
+                output.beside.mkdir()
+            else:
+                output.beside.write_text("theirs")
+
+    with pytest.raises(SourceError, match="replaced by another program"):
+        exchanged()
+    assert not path.exists()

@@ -43,3 +43,22 @@ class Freshness:
         if self._old_since is None:
             self._old_since = now_s
         return self._patient and now_s - self._old_since >= PATIENCE_S
+
+
+class Forward:
+    """Keeps a live view from going back: a path may send a message once more, or change the order of messages.
+
+    >>> view = Forward()
+    >>> [view.goes_back(stream_id, index) for stream_id, index in ((7, 10), (7, 11), (7, 3), (7, 12), (8, 0))]
+    [False, False, True, False, False]
+    """
+
+    def __init__(self) -> None:
+        self._newest: tuple[int | None, int] = None, 0
+
+    def goes_back(self, stream_id: int | None, index: int) -> bool:
+        """Whether a later frame of the same stream came before this one, which must not be shown then."""
+        if stream_id == self._newest[0] and index < self._newest[1]:
+            return True
+        self._newest = stream_id, index
+        return False

@@ -108,6 +108,11 @@ class BackgroundRecorder:
         self._recorded.close()
         self._sent.close()
 
+    @property
+    def writing(self) -> bool:
+        """Whether the disk still has to take something; may stay so behind `close`, when the disk is slow."""
+        return self._thread.is_alive()
+
     def _put(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
         with self._condition:
             if self._closed:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
-from lidarcodec.apps.freshness import Freshness, MaxAge
+from lidarcodec.apps.freshness import Forward, Freshness, MaxAge
 from lidarcodec.apps.isolation import Isolate
 from lidarcodec.apps.live_stats import ReceiverStats
 from lidarcodec.apps.mailbox import Mailbox
@@ -114,7 +114,7 @@ class LiveStream:
         if clouds and self._recorder is not None:
             self._recorder.keep_clouds()
         self._interrupted = self._begun = False
-        self._shown: tuple[int | None, int] = None, 0
+        self._forward = Forward()
         self._listeners: list[Callable[[], object]] = []
         self._frames: Mailbox[Frame] = Mailbox(self._notify)
         self._receiver = Receiver(
@@ -281,11 +281,7 @@ class LiveStream:
     def _goes_back(self, frame: Frame) -> bool:
         """Whether a later frame of the same stream was shown before: a path may mix up what it carries."""
         message = self._receiver.decoded
-        stream_id = None if message is None else message.stream_id
-        if stream_id == self._shown[0] and frame.index < self._shown[1]:
-            return True
-        self._shown = stream_id, frame.index
-        return False
+        return self._forward.goes_back(None if message is None else message.stream_id, frame.index)
 
     def _keep(self, data: bytes) -> None:
         if self._recorder is not None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import json
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +16,7 @@ from typer import Option
 
 from lidarcodec.commands.arguments import DatabasePassword
 from lidarcodec.commands.server_extra import server_config, server_module
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 
 app = typer.Typer(help="Make, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -37,9 +39,14 @@ def create(
     store = _store(database_url, database_password_file, create=True)
     try:
         token = server_module("tokens").create_token(store, name, role, _who())
+        unprinted = _print(token)
+        if unprinted is not None:  # nobody has it: it must not stay valid
+            store.revoke_token(name, _who())
+            raise SourceError(
+                f"the token cannot be printed ({unprinted}), so it was revoked: try again with another name"
+            )
     finally:
         store.close()
-    print(token)
     if sys.stderr.isatty():
         sys.stderr.write("This is shown once; only a digest of it is kept.\n")
 
@@ -73,6 +80,19 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
             raise SettingsError(f"there is no token '{name}' that works", "name")
     finally:
         store.close()
+
+
+def _print(token: str) -> str | None:
+    """Print a token at once; why that cannot be done, None if it was."""
+    if sys.stdout is None:  # the caller closed it (`>&-`)
+        return "standard output is closed"
+    try:
+        print(token, flush=True)
+    except OSError as error:
+        with contextlib.suppress(OSError):  # else the interpreter tries again at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return error.strerror or str(error)
+    return None
 
 
 def _store(url: str | None, password: Path | None, *, create: bool = False) -> Any:

@@ -69,7 +69,7 @@ def best_form(values: Series, modulus: int = 0) -> Fit:
 
 
 def best_period(types: npt.NDArray[np.uint8], longest: int) -> int:
-    """Period, 1 to `longest`, that predicts most of (N,) types by those one period before."""
+    """Period, 1 to `longest`, that predicts most of (N,) types by those one period before; `longest` is at most 32."""
     return cast(int, _native.best_period(types, longest))
 
 

@@ -5,6 +5,7 @@
 // contexts. Numbers are in docs/wire-format-keep.md.
 #pragma once
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -37,5 +38,24 @@ constexpr std::uint32_t direction_level(std::uint32_t direction) {
 constexpr std::uint32_t row_level(std::size_t row) {
   return kFinestRow - static_cast<std::uint32_t>(std::countr_zero(static_cast<std::uint32_t>(row) | 8u));
 }
+
+// Directions of a turn, a bit each.
+class DirectionSet {
+ public:
+  void add(std::uint32_t direction) { words_[direction / 64] |= std::uint64_t{1} << direction % 64; }
+  void add(const DirectionSet& other) {
+    for (std::size_t i = 0; i < words_.size(); ++i) words_[i] |= other.words_[i];
+  }
+
+  // Which of `count` directions from `first` on are in it, up to 63; the turn wraps.
+  std::uint64_t from(std::uint32_t first, std::uint32_t count) const {
+    const std::uint32_t word = first / 64, place = first % 64;
+    const std::uint64_t next = words_[(word + 1) % words_.size()];
+    return (words_[word] >> place | next << 1 << (63 - place)) & ((std::uint64_t{1} << count) - 1);
+  }
+
+ private:
+  std::array<std::uint64_t, kDirections / 64> words_{};
+};
 
 }  // namespace lidarcodec

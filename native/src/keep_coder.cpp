@@ -40,26 +40,25 @@ class EarlierDirections {
  public:
   EarlierDirections(const MaskLayout& layout, const MaskGeometry& geometry, const std::uint16_t* azimuth,
                     const EarlierMask& earlier)
-      : kept_((kMaskRows + 2) * kDirections) {
+      : kept_(earlier.width > 0 ? kMaskRows + 2 : 0) {
     RowDirections directions;
     for (std::size_t row = 0; row < kMaskRows && earlier.width > 0; ++row) {
       directions.of(layout, geometry, azimuth, row);
       const std::vector<std::uint32_t>& columns = layout.columns(row);
       for (std::size_t k = 0; k < columns.size(); ++k)
-        if (earlier.cells[row * earlier.width + columns[k]]) kept_[(row + 1) * kDirections + directions.direction[k]] = 1;
+        if (earlier.cells[row * earlier.width + columns[k]]) kept_[row + 1].add(directions.direction[k]);
     }
   }
 
   // The direction itself, one beside it, and the rows above and below: a bit each.
   std::uint32_t about(std::size_t row, std::uint32_t direction) const {
-    const std::uint8_t* here = kept_.data() + (row + 1) * kDirections;
-    const std::uint32_t beside = here[(direction + 1) % kDirections] | here[(direction + kDirections - 1) % kDirections];
-    const std::uint32_t upright = here[direction + kDirections] | (here - kDirections)[direction];
-    return here[direction] * 4u + beside + 2u * upright;
+    const std::uint64_t three = kept_[row + 1].from((direction + kDirections - 1) % kDirections, 3);
+    const std::uint64_t upright = kept_[row].from(direction, 1) | kept_[row + 2].from(direction, 1);
+    return static_cast<std::uint32_t>((three >> 1 & 1u) * 4 + (three & 5u ? 2 : 0) + upright);
   }
 
  private:
-  std::vector<std::uint8_t> kept_;
+  std::vector<DirectionSet> kept_;  // the row that is asked for is one further on: there is none above the first
 };
 
 // Codes all rows, writing or reading as `Bits` does. `keep`: (64, W), read or written.

@@ -2,6 +2,7 @@
 #pragma once
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -51,8 +52,8 @@ inline constexpr auto kGapClass = [] {
   return classes;
 }();
 
-// Rows since a direction was last kept, in classes; and how many directions around were lately.
-constexpr std::uint32_t age_class(std::uint32_t rows) { return rows <= 1 ? 0 : rows <= 2 ? 1 : rows <= 4 ? 2 : rows <= 8 ? 3 : 4; }
+// Rows since a direction was last kept, in classes: 0 up to the first of these limits; and how many directions around were lately.
+inline constexpr std::array<std::uint8_t, 4> kAgeLimits = {1, 2, 4, 8};
 constexpr std::uint32_t crowd_class(std::uint32_t count) {
   return count < 3 ? count : count < 5 ? 3 : count < 9 ? 4 : count < 16 ? 5 : 6;
 }
@@ -63,61 +64,52 @@ inline constexpr std::array<std::uint32_t, kDirectionLevels> kKeepPrior = {20000
 // Of each direction, what the rows above say of it.
 class RowsAbove {
  public:
-  RowsAbove() {
-    age_.fill(kOldest);
-    look();
+  std::uint32_t near(std::uint32_t direction) const { return age_class(direction, 2); }
+  std::uint32_t wide(std::uint32_t direction) const { return age_class(direction, 8); }
+
+  // crowd_class * 6 + finest level, of what was kept lately up to 16 directions away.
+  std::uint32_t crowd(std::uint32_t direction) const {
+    const std::uint32_t first = (direction + kDirections - 16) % kDirections;
+    const std::uint64_t around = lately_.from(first, 33);
+    std::uint32_t finest = kFinestDirection;
+    while (finest > 0 && (around & std::rotr(kOfLevel[finest], static_cast<int>(first % 64))) == 0) --finest;
+    return crowd_class(static_cast<std::uint32_t>(std::popcount(around))) * 6 + finest;
   }
 
-  std::uint32_t near(std::uint32_t direction) const { return near_[direction]; }    // age_class, two directions each way
-  std::uint32_t wide(std::uint32_t direction) const { return wide_[direction]; }    // age_class, eight each way
-  std::uint32_t crowd(std::uint32_t direction) const { return crowd_[direction]; }  // crowd_class * 6 + finest level
-
-  void keep(std::uint32_t direction) { kept_[direction] = true; }
+  void keep(std::uint32_t direction) { kept_[0].add(direction); }
 
   // The row is over.
   void next() {
-    for (std::size_t i = 0; i < kDirections; ++i) {
-      age_[i] = kept_[i] ? std::uint8_t{1} : static_cast<std::uint8_t>(std::min(age_[i] + 1, int{kOldest}));
-      kept_[i] = false;
+    DirectionSet within;
+    for (std::size_t row = 0, limit = 0; row < kept_.size(); ++row) {
+      within.add(kept_[row]);
+      if (row + 1 == kLately) lately_ = within;
+      if (row + 1 == kAgeLimits[limit]) within_[limit++] = within;
     }
-    look();
+    std::copy_backward(kept_.begin(), kept_.end() - 1, kept_.end());
+    kept_[0] = {};
   }
 
  private:
-  static constexpr std::uint8_t kOldest = 63, kLately = 3;
-  static constexpr std::size_t kAround = 16;
+  static constexpr std::size_t kLately = 3;
+  // The directions of each level among 64 of them that begin at direction 0.
+  static constexpr auto kOfLevel = [] {
+    std::array<std::uint64_t, kFinestDirection + 1> of{};
+    for (std::uint32_t direction = 0; direction < 64; ++direction) of[direction_level(direction)] |= std::uint64_t{1} << direction;
+    return of;
+  }();
 
-  void look() {
-    // The turn with both its ends repeated, so that windows need not wrap.
-    std::array<std::uint8_t, kDirections + 2 * kAround> age, level;
-    for (std::size_t i = 0; i < age.size(); ++i) {
-      const auto direction = static_cast<std::uint32_t>((i + kDirections - kAround) % kDirections);
-      age[i] = age_[direction];
-      level[i] = age[i] <= kLately ? static_cast<std::uint8_t>(direction_level(direction)) : std::uint8_t{0};
-    }
-    std::array<std::uint8_t, kDirections> two, eight, finest;
-    for (std::size_t i = 0; i < kDirections; ++i) two[i] = eight[i] = kOldest;
-    finest.fill(0);
-    for (std::size_t d = 0; d <= 2 * kAround; ++d) {
-      for (std::size_t i = 0; i < kDirections; ++i) finest[i] = std::max(finest[i], level[i + d]);
-      if (d >= kAround - 8 && d <= kAround + 8)
-        for (std::size_t i = 0; i < kDirections; ++i) eight[i] = std::min(eight[i], age[i + d]);
-      if (d >= kAround - 2 && d <= kAround + 2)
-        for (std::size_t i = 0; i < kDirections; ++i) two[i] = std::min(two[i], age[i + d]);
-    }
-    std::uint32_t lately = 0;
-    for (std::size_t d = 0; d < 2 * kAround; ++d) lately += age[d] <= kLately;
-    for (std::size_t i = 0; i < kDirections; ++i) {
-      lately += age[i + 2 * kAround] <= kLately;
-      near_[i] = static_cast<std::uint8_t>(age_class(two[i]));
-      wide_[i] = static_cast<std::uint8_t>(age_class(eight[i]));
-      crowd_[i] = static_cast<std::uint8_t>(crowd_class(lately) * 6 + finest[i]);
-      lately -= age[i] <= kLately;
-    }
+  // Of the directions up to `reach` away, the one that was kept last.
+  std::uint32_t age_class(std::uint32_t direction, std::uint32_t reach) const {
+    const std::uint32_t first = (direction + kDirections - reach) % kDirections;
+    std::uint32_t age = 0;
+    while (age < kAgeLimits.size() && within_[age].from(first, 2 * reach + 1) == 0) ++age;
+    return age;
   }
 
-  std::array<std::uint8_t, kDirections> age_{}, near_{}, wide_{}, crowd_{};
-  std::array<bool, kDirections> kept_{};
+  std::array<DirectionSet, kAgeLimits.back()> kept_;  // by this row, by the one above it, and so on
+  std::array<DirectionSet, kAgeLimits.size()> within_;  // by as many rows above as the limit says
+  DirectionSet lately_;
 };
 
 // A table of models, one for each level of direction and whatever else a context holds.

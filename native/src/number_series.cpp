@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "error.hpp"
+
 namespace lidarcodec {
 namespace {
 
@@ -106,6 +108,7 @@ SeriesFit best_form(const std::vector<std::int64_t>& values, std::int64_t modulu
 }
 
 std::size_t best_period(const std::uint8_t* types, std::size_t count, std::size_t longest) {
+  if (longest < 1 || longest > kLongestPeriod) throw Error(ErrorCode::Section, "a period of types is 1 to 32 packets long");
   std::size_t best = 1, least = ~std::size_t{0};
   for (std::size_t period = 1; period <= longest; ++period) {
     std::size_t cost = period;

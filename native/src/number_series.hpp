@@ -19,7 +19,10 @@ struct SeriesFit {
 // The cheapest. modulus: what is left is centred in it; 0: it is left as it is.
 SeriesFit best_form(const std::vector<std::int64_t>& values, std::int64_t modulus);
 
-// Period, 1 to `longest`, by which most of the types are those one period before.
+inline constexpr std::size_t kLongestPeriod = 32;  // docs/wire-format-sections.md
+
+// Period, 1 to `longest`, by which most of the types are those one period before. Raises Section unless `longest` is 1 to
+// kLongestPeriod.
 std::size_t best_period(const std::uint8_t* types, std::size_t count, std::size_t longest);
 
 }  // namespace lidarcodec

@@ -47,6 +47,15 @@ def make(file: Path) -> None:
         close_to_others(Path(f"{file}{name}"))
 
 
+def identity(file: Path) -> tuple[int, int] | None:
+    """Device and inode of the file, which tell it from another one of the same name; None if it is not there."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
 def close_to_others(file: Path) -> None:
     """Let only its owner read a file; one that belongs to somebody else is left as it is."""
     with contextlib.suppress(OSError):

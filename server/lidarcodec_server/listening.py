@@ -1,4 +1,4 @@
-"""The server's address, before there is a server: taken and told while all else is being loaded, which takes a second.
+"""The server's address, before there is a server: taken while all else is being loaded, which takes a second.
 
 A client that connects meanwhile waits in the system's queue. Nothing heavy is imported here.
 """
@@ -20,16 +20,19 @@ for needed in ("fastapi", "sqlalchemy", "uvicorn"):
 
 
 def begin(config: ServerConfig) -> socket.socket:
-    """Listen, and say where.
+    """Listen.
 
     Raises SettingsError for files of TLS that cannot be used, TransportError when the address cannot.
     """
     check_tls(config)
-    listener = listen(config.host, config.port)
+    return listen(config.host, config.port)
+
+
+def address_of(listener: socket.socket, config: ServerConfig) -> str:
+    """What to give a browser, for example http://127.0.0.1:8080."""
     host, port = listener.getsockname()[:2]
     scheme = "http" if config.tls_certificate is None else "https"
-    print(f"Serving on {scheme}://{f'[{host}]' if ':' in host else host}:{port} until Ctrl-C.", flush=True)
-    return listener
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def check_tls(config: ServerConfig) -> None:

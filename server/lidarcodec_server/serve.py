@@ -19,7 +19,7 @@ from lidarcodec_server.acceptor import Acceptor
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door import Door
-from lidarcodec_server.listening import begin, tls_of
+from lidarcodec_server.listening import address_of, begin, tls_of
 from lidarcodec_server.live.protocol import ViewerProtocol
 from lidarcodec_server.request_protocol import RequestProtocol, Times
 from lidarcodec_server.store import Store
@@ -38,16 +38,23 @@ LINGER_S = 2
 class Listening(uvicorn.Server):
     """A server whose connections are taken by an acceptor of our own."""
 
-    def __init__(self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor]) -> None:
-        """accept: begins to take connections, each with a protocol that it is given the maker of"""
+    def __init__(
+        self, config: uvicorn.Config, accept: Callable[[Callable[[], asyncio.Protocol]], Acceptor], address: str
+    ) -> None:
+        """accept: begins to take connections, each with a protocol that it is given the maker of
+        address: printed once everything is open, so that a program which reads it can rely on the server
+        """
         super().__init__(config)
-        self._accept = accept
+        self._accept, self._address = accept, address
         self._acceptor: Acceptor | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start everything, then take connections."""
         await super().startup(sockets=sockets)
+        if not self.started:
+            return
         self._acceptor = self._accept(self._protocol)
+        print(f"Serving on {self._address} until Ctrl-C.", flush=True)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Take no more connections, and end."""
@@ -94,6 +101,7 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
             proxy_headers=False,
         ),
         lambda protocol: Acceptor(listener, protocol, held, tokens.owner, encrypted=tls is not None),
+        address_of(listener, config),
     )
     try:
         server.run(sockets=[])

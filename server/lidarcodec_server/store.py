@@ -78,6 +78,7 @@ class Store:
             self._engine = _engine(parsed)
             self._patience = None if parsed.get_backend_name() == "sqlite" else Patience()
             self._file = database_file.file_of(parsed)
+            self._identity: tuple[int, int] | None = None
         except ArgumentError:  # its text may hold the password
             raise SettingsError(
                 "the database URL is none: write for example sqlite:///server.db", "database_url"
@@ -95,6 +96,7 @@ class Store:
             if not create and not file.exists():
                 raise StoreError(f"there is no database {file}: `serve` and `token create` make one")
             database_file.make(file)
+            self._identity = database_file.identity(file)
         with self._writing() as connection:
             upgrade(connection)
 
@@ -324,8 +326,24 @@ class Store:
             with connection.begin():
                 yield connection
 
+    def _follow_file(self) -> None:
+        """Use the file that has the database's name now: connections to one that was removed would keep nothing.
+
+        Raises StoreError if there is none.
+        """
+        if self._file is None or self._identity is None:
+            return
+        found = database_file.identity(self._file)
+        if found is None:
+            raise StoreError(f"the database {self._file} was removed: put it back, or restart to begin a new one")
+        if found != self._identity:
+            logger.warning("another database is at %s now: it is used from here on", self._file)
+            self._engine.dispose()
+            self._identity = found
+
     @contextmanager
     def _errors(self) -> Iterator[None]:
+        self._follow_file()
         try:
             with nullcontext() if self._patience is None else self._patience.asking(_RestsError):
                 yield

@@ -98,6 +98,12 @@ def test_the_period_of_types_is_the_reference_s(types, longest):
     assert fast.best_period(np.array(types, np.uint8), longest) == reference_series.best_period(types, longest)
 
 
+@pytest.mark.parametrize("longest", [0, 33, 1 << 31, (1 << 64) - 1])
+def test_a_search_for_a_period_ends(longest):
+    with pytest.raises(SectionError, match="a period of types is 1 to 32 packets long"):
+        fast.best_period(np.zeros(64, np.uint8), longest)
+
+
 def test_an_s2_costs_at_most_400_bytes_a_frame():
     side = s2_side(jitter_ns=1000)
     data = encode_side(side)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import socket
@@ -24,7 +25,7 @@ from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.transport import Endpoints, open_transport
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.migrations import StoreError
-from tests.command_line import environment, start, the_one_line
+from tests.command_line import COMMAND, environment, start, the_one_line
 from tests.server.conftest import STREAM
 
 pytestmark = pytest.mark.timeout(180)
@@ -224,7 +225,7 @@ def test_a_port_that_is_taken_is_said(database):
         serve.run(([], [], None), port=taken.getsockname()[1], database_url=database)
 
 
-def test_a_database_of_a_newer_version_ends_the_start_with_the_reason(database):
+def test_a_database_of_a_newer_version_ends_the_start_with_the_reason(database, capsys):
     assert token_command("create", "ada", database).exit_code == 0
     engine = sa.create_engine(database)
     with engine.begin() as connection:
@@ -232,6 +233,22 @@ def test_a_database_of_a_newer_version_ends_the_start_with_the_reason(database):
     engine.dispose()
     with pytest.raises(StoreError, match="newer"):
         serve.run(([], [], None), port=0, database_url=database)
+    assert "Serving" not in capsys.readouterr().out  # who reads that line relies on a server
+
+
+@pytest.mark.parametrize("reader", ["that reads nothing", "full disk"])
+def test_a_token_that_cannot_be_printed_is_worth_nothing(database, reader):
+    if reader == "full disk":
+        to = os.open("/dev/full", os.O_WRONLY)
+    else:
+        other, to = os.pipe()
+        os.close(other)
+    words = [*COMMAND, "token", "create", "ada", "--database-url", database]
+    with os.fdopen(to, "w") as output:
+        done = subprocess.run(words, stdout=output, stderr=subprocess.PIPE, text=True, env=environment(), check=False)
+    assert done.returncode == 1
+    assert "so it was revoked" in the_one_line(done)
+    assert "revoked 2" in token_command("list", database).stdout
 
 
 def token_command(*words):

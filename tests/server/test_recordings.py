@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
@@ -14,6 +15,7 @@ from websockets.sync.client import connect
 import lidarcodec
 from lidarcodec.apps.subscribe import subscribe
 from lidarcodec.assembly import packets_of
+from lidarcodec.recording import RotatingRecorder
 from lidarcodec_server.live.shelf import MissingRecordingError, Shelf
 from tests.apps.streams import Loop
 from tests.server.live import frame, running
@@ -141,6 +143,28 @@ def test_a_recording_whose_file_somebody_removed_is_not_said_to_be_complete(
         assert "removed" in client.get(f"{ALL}/{name}").json()["reason"]
         assert client.delete(f"{ALL}/{name}").status_code == 204
         assert client.get(f"{ALL}/{name}").status_code == 404
+
+
+def test_a_recording_that_a_slow_disk_made_full_of_holes_says_so_and_is_not_done_before_it_is(
+    server, client, monkeypatch
+):
+    monkeypatch.setattr("lidarcodec.apps.recorder.CLOSE_LIMIT_S", 0.5)
+    written = RotatingRecorder.write
+
+    def slowly(self, data):
+        time.sleep(0.4)
+        written(self, data)
+
+    monkeypatch.setattr(RotatingRecorder, "write", slowly)
+    with server.publisher(rate=100.0):
+        assert server.seen()
+        client.post(f"{STREAM}/recording")
+        active = next(iter(server.app.state.recordings._active.values()))
+        assert eventually(lambda: active.recorder.state()["counts"].get("dropped", 0) > 20)
+        ended = client.delete(f"{STREAM}/recording").json()
+        assert not active.recorder.writing
+    assert (ended["state"], "the disk was too slow" in ended["reason"]) == ("failed", True)
+    assert client.get(f"{ALL}/{ended['id']}").json() == ended
 
 
 def test_a_folder_without_room_is_refused_before_anything_is_written(tmp_path):

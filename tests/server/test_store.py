@@ -250,6 +250,22 @@ def test_a_folder_that_is_not_there_is_made_and_one_that_cannot_be_is_said(tmp_p
         blocked.open()
 
 
+def test_a_database_that_is_removed_under_a_server_keeps_nothing_in_silence(tmp_path, caplog):
+    store = Store(f"sqlite:///{tmp_path / 'server.db'}")
+    store.open()
+    create_token(store, "ada", "viewer")
+    shutil.copy(tmp_path / "server.db", tmp_path / "backup.db")
+    (tmp_path / "server.db").rename(tmp_path / "aside.db")
+    with pytest.raises(StoreError, match="was removed"):
+        store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+    assert not store.ready()
+    (tmp_path / "backup.db").rename(tmp_path / "server.db")
+    assert store.ready()
+    assert store.desired(CAR) == {}
+    assert "another database is at" in caplog.text
+    store.close()
+
+
 def test_tokens_that_were_known_work_on_while_the_database_is_away(store, monkeypatch):
     token = create_token(store, "ada", "viewer")
     book = TokenBook(store)

@@ -85,10 +85,14 @@ class _Active:
             return f"the limit of {self.limits.max_bytes} bytes was reached"
         return None
 
-    @property
-    def failed(self) -> bool:
-        """Whether the disk ended it."""
-        return self.recorder.state()["stopped"] is not None
+    def lacking(self) -> str | None:
+        """Why messages are missing in it, if any are: the disk refused them, or was too slow for them."""
+        state = self.recorder.state()
+        if state["stopped"] is not None:
+            return str(state["stopped"])
+        if dropped := int(state["counts"].get("dropped", 0)):
+            return f"{dropped} messages were not recorded: the disk was too slow"
+        return None
 
 
 class Recordings:
@@ -287,16 +291,20 @@ class Recordings:
             reason, failed = str(error), True
         finally:
             await self._in_thread(active.recorder.close)
+            while active.recorder.writing:  # the folder stays held, and nobody is told that it is done
+                await self._in_thread(active.recorder.close)
+            lacking = active.lacking()
             lost = await self._in_thread(lambda: self._lost(active))
             ended = replace(
                 active.now(),
-                state="failed" if failed or lost or active.failed else "complete",
-                reason=lost or (active.over() if active.failed else reason),
+                state="failed" if failed or lost or lacking else "complete",
+                reason=lost or lacking or reason,
                 ended_ns=time.time_ns(),
             )
             ended = await self._in_thread(lambda: self._write_end(ended))
             self._active.pop(keys, None)
-        logger.info("%s: recording %s ended: %s", keys.prefix, ended.id, ended.reason or "stopped")
+        level = logging.WARNING if ended.state == "failed" else logging.INFO
+        logger.log(level, "%s: recording %s ended: %s", keys.prefix, ended.id, ended.reason or "stopped")
         return ended
 
     async def _watch_playback(self, name: str, playback: Playback, hold: Hold) -> None:

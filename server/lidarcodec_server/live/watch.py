@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from lidarcodec.apps.freshness import Forward
 from lidarcodec.apps.receiver import Receiver
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
@@ -70,6 +71,7 @@ class Watch:
         self._shown_from = 0.0
         self._later: list[asyncio.TimerHandle] = []
         self._passes_on = False
+        self._decoded_forward, self._passed_forward = Forward(), Forward()
 
     def renew(self, transport: Transport) -> None:
         """Have a new receiver; it is not started."""
@@ -182,6 +184,9 @@ class Watch:
     def _decoded(self, frame: Frame) -> None:
         stats, message, now_ns = self.receiver.stats, self.receiver.decoded, time.time_ns()
         latency_ms = stats.decoded(frame, now_ns)
+        if self._decoded_forward.goes_back(None if message is None else message.stream_id, frame.index):
+            stats.count("stale")
+            return
         codec = 0 if message is None else message.codec
         facts = Facts(stats.stream_id or 0, codec, stats.counts["missing"], latency_ms, now_ns)
         view = FrameView(frame if self._fills() else frame.with_(lattice=None), facts, self._originals)
@@ -245,6 +250,9 @@ class Watch:
             message = coded(data)
         except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
             logger.debug("a message that cannot be passed on: %s", error)
+            return
+        if self._passed_forward.goes_back(message.stream_id, message.first):
+            self.receiver.stats.count("stale")
             return
         going_on = [viewer.offer(message) for viewer in viewers]
         if not all(going_on) and self._heard_at - self._slow_key_at >= SLOW_KEY_S:

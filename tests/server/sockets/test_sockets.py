@@ -14,6 +14,8 @@ import pytest
 
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.settings import StreamSettings
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import peek, unpack
 from tests import asking
 from tests.calm import Calm
@@ -128,6 +130,28 @@ async def test_the_frames_socket_sends_what_the_vehicle_sent_and_decodes_nothing
         assert watch.receiver.stats.decode_ms.summary()["count"] == 0
     assert peek(await_key := await _first(server)).key
     assert StreamDecoder().decode(unpack(await_key))
+
+
+@pytest.mark.parametrize("kind", ["cloud?max_points=10", "frames"])
+async def test_a_path_that_sends_the_past_once_more_shows_it_to_no_viewer(server, kind):
+    """The viewer opens behind the messages that come again, so nobody can know them as duplicates."""
+    transport, keys = server.network.transport(), StreamKeys("vehicle", "lidar")
+    inbox, again = transport.inbox(keys.frame), transport.sender(keys.frame, Priority.FRAMES)
+    with server.publisher(settings=StreamSettings(codec="raw")):
+        assert server.seen()
+        past = [inbox.receive() for _ in range(5)]
+        async with server.socket(f"{STREAM}/{kind}") as socket:
+            indices = []
+            for number in range(15):
+                data = await frame(socket)
+                indices.append(index_of(data) if kind != "frames" else peek(data).frame_index)
+                if number % 3 == 2:
+                    again.put(past[number // 3])
+                await socket.send("ack")
+            (watch,) = server.hub.watches().values()
+            assert indices == sorted(indices)
+            assert eventually(lambda: watch.receiver.stats.counts["stale"] > 0)
+    inbox.close()
 
 
 async def _first(server) -> bytes:
