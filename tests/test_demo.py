@@ -155,6 +155,17 @@ def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="processes are found as Linux shows them")
+@pytest.mark.parametrize(("words", "says"), [("publish", "publisher"), ("serve", "server of the page")])
+def test_it_says_that_a_process_of_its_own_ended_too_soon(demo, words, says):
+    process = demo("--no-browser", "--seconds", "100")
+    url = address_in(process.stdout.readline().decode())
+    assert eventually(lambda: alive(url), LIMIT_S)
+    (its,) = [one for one in children(process.pid) if words in Path(f"/proc/{one}/cmdline").read_text().split("\0")]
+    os.kill(its, signal.SIGKILL)
+    _, complaints = process.communicate(timeout=LIMIT_S)
+    assert (process.returncode, says in complaints.decode()) == (1, True), complaints
+
+
 def test_what_it_started_ends_with_it_however_it_ends(demo):
     """Else a killed demonstration goes on simulating for ever, and holds the page's port."""
     process = demo("--no-browser", "--seconds", "100")

@@ -66,6 +66,14 @@ def test_every_frame_of_a_capture_arrives_and_both_sides_end_by_themselves(captu
     assert json.loads(run_here("verify", recording, capture, "--json").stdout)["packets_identical"] is True
 
 
+def test_fewer_frames_than_were_asked_for_are_an_error(capture, endpoint, subscriber):
+    receiving = subscriber("--until-end", "--frames", "100")
+    assert run(*publish(capture, endpoint, "--rate", "max")).returncode == 0
+    out, complaints = receiving.communicate(timeout=30)
+    assert (receiving.returncode, json.loads(out)["frames"]) == (1, 12)
+    assert "only 12 of 100 frames came" in complaints
+
+
 def test_a_recording_that_stopped_is_told_by_the_exit_code_of_both_sides(capture, endpoint, subscriber, tmp_path):
     in_the_way = tmp_path / "file"
     in_the_way.write_text("no folder")

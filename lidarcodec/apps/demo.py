@@ -140,7 +140,8 @@ class Demo:
     def run(self, server: PageServer, meeting_port: int) -> Figures:
         """Show everything, save the picture, print the summary. meeting_port: of loopback, where the server is, too
 
-        Raises SourceError when no frame came, TransportError when the port that was asked for is taken.
+        Raises SourceError when no frame came or one of its processes failed, TransportError when the port that was
+        asked for is taken.
         """
         with (
             TemporaryFile() as complaints,
@@ -149,9 +150,11 @@ class Demo:
         ):
             self._live = live
             page = self._begin(server, live, car, complaints)
-            self._watch(live, car, self._limit_s(page=page))
+            fault = self._watch(live, car, server if page else None, self._limit_s(page=page))
             figures = self.figures(live)
         self._summarise(figures)
+        if fault:
+            raise SourceError(fault)
         return figures
 
     def _begin(self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> bool:
@@ -200,7 +203,10 @@ class Demo:
         print("Ctrl-C ends the demonstration.", flush=True)
         return math.inf
 
-    def _watch(self, live: LiveStream, car: subprocess.Popen[bytes], limit_s: float) -> None:
+    def _watch(
+        self, live: LiveStream, car: subprocess.Popen[bytes], server: PageServer | None, limit_s: float
+    ) -> str | None:
+        """Until the end; why it came too soon, if it did. server: of the page, if there is one"""
         end = self._started + limit_s
         with _display(self._source) as show:
             while time.monotonic() < end and not self._stopped:
@@ -208,8 +214,13 @@ class Demo:
                 if frame is not None:
                     self._take(frame)
                 elif car.poll() is not None:
-                    break
+                    return (
+                        f"the publisher of {self._source} ended with code {car.returncode}" if car.returncode else None
+                    )
+                if server is not None and server.ended and not self._stopped:
+                    return "the server of the page ended too soon"
                 show(self, live)
+        return None
 
     def _take(self, frame: Frame) -> None:
         self._last = frame

@@ -96,6 +96,11 @@ class PageServer:
             said = ""
         raise TransportError(f"there is no page: {said or f'its server did not start in {START_S:g} s'}")
 
+    @property
+    def ended(self) -> bool:
+        """Whether the server has ended by itself."""
+        return self._process.poll() is not None
+
     def close(self) -> None:
         """End the server."""
         _end(self._process)

@@ -45,20 +45,54 @@ class Freshness:
         return self._patient and now_s - self._old_since >= PATIENCE_S
 
 
+class OnlyBehind:
+    """Notices that nothing but what is behind has come for PATIENCE_S: then what was taken for the newest was wrong.
+
+    A message with a frame number far ahead, forged or by a fault of its publisher, would bar all that follow for good.
+
+    >>> behind = OnlyBehind()
+    >>> [behind.lasts(index, now_s) for index, now_s in ((3, 0.0), (4, 0.6), (5, 1.2), (6, 1.3))]
+    [False, False, True, False]
+    """
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+        self._index = 0
+
+    def lasts(self, index: int, now_s: float) -> bool:
+        """Take a number that is behind; whether they have come for so long, each greater than the one before."""
+        if self._since is None or index <= self._index:
+            self._since = now_s
+        self._index = index
+        if now_s - self._since < PATIENCE_S:
+            return False
+        self._since = None
+        return True
+
+    def over(self) -> None:
+        """Take note of something that is not behind."""
+        self._since = None
+
+
 class Forward:
     """Keeps a live view from going back: a path may send a message once more, or change the order of messages.
 
     >>> view = Forward()
-    >>> [view.goes_back(stream_id, index) for stream_id, index in ((7, 10), (7, 11), (7, 3), (7, 12), (8, 0))]
+    >>> [view.goes_back(stream_id, index, 0.0) for stream_id, index in ((7, 10), (7, 11), (7, 3), (7, 12), (8, 0))]
     [False, False, True, False, False]
     """
 
     def __init__(self) -> None:
         self._newest: tuple[int | None, int] = None, 0
+        self._behind = OnlyBehind()
 
-    def goes_back(self, stream_id: int | None, index: int) -> bool:
-        """Whether a later frame of the same stream came before this one, which must not be shown then."""
-        if stream_id == self._newest[0] and index < self._newest[1]:
+    def goes_back(self, stream_id: int | None, index: int, now_s: float) -> bool:
+        """Whether a later frame of the same stream came before this one, which must not be shown then.
+
+        now_s: monotonic time. A view that would show nothing any more believes what comes.
+        """
+        if stream_id == self._newest[0] and index < self._newest[1] and not self._behind.lasts(index, now_s):
             return True
         self._newest = stream_id, index
+        self._behind.over()
         return False

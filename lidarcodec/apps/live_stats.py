@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import secrets
 import threading
 import time
 from collections import Counter, OrderedDict, deque
 from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
+from lidarcodec.apps.freshness import OnlyBehind
 from lidarcodec.apps.reports import COUNTED, Report
 from lidarcodec.apps.timings import Timings
 from lidarcodec.frame import Frame
@@ -20,6 +22,8 @@ REMEMBERED = 64
 """Newest messages of a stream that are known again when they come once more. What is older than all of them is no
 message that was delayed: a path that replays what it carried would show the past as the present."""
 STREAMS = 8
+JUMP = 36_000
+"""Frames, an hour at 10 Hz. A number so far from the last one says nothing of what is missing."""
 
 
 def last_packet_ns(frame: Frame) -> int:
@@ -33,6 +37,7 @@ class ReceiverStats:
     """Counts of one receiver. Thread-safe.
 
     gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
+    jumps: times that frame numbers went so far that nobody can say how many are missing
     second_publisher: times that a stream came back after another one: two publishers have the same name
     duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
@@ -40,11 +45,13 @@ class ReceiverStats:
     """
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
+        self.start = secrets.randbits(48)
         self.clocks = LatencyClock(clock)
         self._lock = threading.Lock()
         self._stream_id: int | None = None
         self._earlier: OrderedDict[int, deque[int]] = OrderedDict()
         self._next_index = 0
+        self._behind = OnlyBehind()
         self._recent: deque[float] = deque(maxlen=64)
         self.counts: Counter[str] = Counter()
         self.latency_ms = Timings()
@@ -58,9 +65,14 @@ class ReceiverStats:
     def repeated(self, message: Message) -> bool:
         """Whether this message came before, or is older than the newest 64 of its stream; counts it then."""
         with self._lock:
-            newest = self._earlier.get(message.stream_id, ())
+            newest = self._earlier.get(message.stream_id, deque())
             known = message.frame_index in newest
-            known = known or (len(newest) == REMEMBERED and message.frame_index < min(newest))
+            if len(newest) == REMEMBERED and message.frame_index < min(newest):
+                known = not self._behind.lasts(message.frame_index, time.monotonic())
+                if not known:
+                    newest.clear()
+            elif not known:
+                self._behind.over()
             self.counts["duplicates"] += known
             return known
 
@@ -87,6 +99,9 @@ class ReceiverStats:
                 while len(self._earlier) > STREAMS:
                     self._earlier.popitem(last=False)
                 self._next_index = 0
+            elif abs(message.frame_index - self._next_index) > JUMP:
+                self.counts["jumps"] += 1
+                self._next_index = message.frame_index
             elif message.frame_index > self._next_index:
                 self.counts["gaps"] += 1
                 self.counts["missing"] += message.frame_index - self._next_index
@@ -140,6 +155,7 @@ class ReceiverStats:
         latency_buckets, latency_sum_ms = self.latency_ms.histogram()
         decode_buckets, decode_sum_ms = self.decode_ms.histogram()
         return {
+            "start": self.start,
             **{name: counts[name] for name in COUNTED},
             "fps": self.fps,
             "latency_p50_ms": latency["p50"],

@@ -22,6 +22,7 @@ COUNTED = (
     "bytes",
     "gaps",
     "missing",
+    "jumps",
     "restarts",
     "stale",
     "clocks_apart",
@@ -40,6 +41,8 @@ MEASURED = (
     "clock_bound_ms",
 )
 """Measured over the newest values; null when unknown."""
+START = "start"
+"""A random number of the receiver: two servers report under one name."""
 SUMMED = ("latency_sum_ms", "decode_sum_ms")
 COUNTED_TIMES = ("latency_buckets", "decode_buckets")
 """Histograms since the receiver's start: counts for the bounds of `timings.BOUNDS_MS` and for what is longer."""
@@ -129,7 +132,7 @@ def read_report(data: bytes) -> Report | None:
     except JsonRefusedError:
         return None
     report: Report = {}
-    for name in COUNTED + MEASURED + SUMMED:
+    for name in (START, *COUNTED, *MEASURED, *SUMMED):
         value = values.get(name)
         if value is None and name in MEASURED:
             report[name] = None

@@ -12,6 +12,7 @@ from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.stopping import stoppable
 from lidarcodec.commands.unkept import check_recorded
+from lidarcodec.errors import SourceError
 
 EVERY_S = 1.0
 
@@ -27,13 +28,17 @@ def run(
     as_json: bool,
     with_clouds: bool = False,
 ) -> None:
-    """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone."""
+    """Receive until a signal comes, the frames are enough, or, with `until_end`, the publisher has gone.
+
+    Raises SourceError when it has gone before the frames were enough.
+    """
     endpoints = endpoints_of(given)
     live = LiveStream(
         key, endpoints=endpoints, receiver=receiver, udp=udp, record=record, clouds=with_clouds, until_end=until_end
     )
     show = sys.stderr.isatty()
-    with live, stoppable(live.interrupt):
+    count = 0
+    with live, stoppable(live.interrupt) as stopped:
         shown_s = time.monotonic()
         for count, _ in enumerate(live, 1):
             if show and time.monotonic() - shown_s >= EVERY_S:
@@ -47,6 +52,8 @@ def run(
         sys.stderr.write("\r\x1b[K")
     print(json.dumps(summary, indent=2) if as_json else line_of(summary))
     check_recorded({key: summary["recording"]})
+    if frames is not None and count < frames and not stopped():
+        raise SourceError(f"only {count} of {frames} frames came before the publisher of {key} went")
 
 
 def line_of(summary: dict[str, Any]) -> str:

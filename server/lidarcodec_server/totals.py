@@ -68,7 +68,7 @@ class Totals:
         reports = status.get("reports")
         for receiver, report in list(reports.items())[:16] if isinstance(reports, dict) else []:
             if isinstance(report, dict):
-                self.take(f"receiver {receiver[:64]}", _received(report))
+                self.take(f"receiver {receiver[:64]} {report.get('start')}", _received(report))
 
 
 def _received(report: dict[str, Any]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import threading
 import time
 
@@ -143,6 +144,28 @@ def test_a_path_that_repeats_the_past_does_not_show_it_as_the_present(network, n
         assert eventually(lambda: stream.stats.counts["duplicates"] > 0)
         assert stream.stats.counts["missing"] <= car.status()["frames"] + car.status()["replaced"]
         assert stream.stats.counts["clocks_apart"] == 0
+    inbox.close()
+
+
+@pytest.mark.parametrize("count", [1, 2 * REMEMBERED], ids=["one", "more than are remembered"])
+def test_a_frame_number_far_ahead_bars_what_follows_for_a_second_at_most(network, count):
+    """Of one forged message every viewer stood still until the publisher was started again."""
+    end = network.end()
+    inbox, forged = end.inbox(KEYS.frame), end.sender(KEYS.frame, Priority.FRAMES)
+    with (
+        publisher(network, settings=StreamSettings(codec="raw", framing="packets:8"), rate=50.0),
+        live(network) as stream,
+    ):
+        assert stream.next(30)
+        true = wire.unpack(inbox.receive())
+        for number in range(count):
+            forged.put(wire.pack(dataclasses.replace(true, frame_index=2**62 + number)))
+        assert eventually(lambda: stream.stats.counts["jumps"] > 0)
+        while stream.next(30).index < 2**62:
+            pass
+        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62, 10)
+        assert eventually(lambda: (frame := stream.next(1)) is not None and frame.index < 2**62, 10)
+        assert stream.stats.counts["missing"] < 100_000
     inbox.close()
 
 

@@ -88,6 +88,15 @@ def test_counters_never_go_down():
         assert totals["received frames"] == [5, 9, 10][number]
 
 
+def test_two_servers_that_report_under_one_name_are_counted_once_each():
+    totals = Totals()
+    for frames in range(1, 6):
+        for start in (71, 72):
+            report = {"start": start, "frames": 100 * start + frames}
+            totals.status(status("a", 1, reports={"server": report}))
+    assert totals["received frames"] == 7105 + 7205
+
+
 def test_what_is_no_count_is_left_out():
     totals = Totals()
     timings = Timings()

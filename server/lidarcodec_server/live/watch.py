@@ -184,7 +184,8 @@ class Watch:
     def _decoded(self, frame: Frame) -> None:
         stats, message, now_ns = self.receiver.stats, self.receiver.decoded, time.time_ns()
         latency_ms = stats.decoded(frame, now_ns)
-        if self._decoded_forward.goes_back(None if message is None else message.stream_id, frame.index):
+        stream_id = None if message is None else message.stream_id
+        if self._decoded_forward.goes_back(stream_id, frame.index, time.monotonic()):
             stats.count("stale")
             return
         codec = 0 if message is None else message.codec
@@ -251,7 +252,7 @@ class Watch:
         except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
             logger.debug("a message that cannot be passed on: %s", error)
             return
-        if self._passed_forward.goes_back(message.stream_id, message.first):
+        if self._passed_forward.goes_back(message.stream_id, message.first, time.monotonic()):
             self.receiver.stats.count("stale")
             return
         going_on = [viewer.offer(message) for viewer in viewers]
