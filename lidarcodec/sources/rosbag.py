@@ -159,7 +159,7 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
 
 def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Iterator[bytes]:
     if rosbag_sqlite.is_database(file):
-        yield from rosbag_sqlite.messages(file, topic, counts)
+        yield from rosbag_sqlite.messages(file, topic, counts, warn)
         return
     with open_regular(file) as stream:
         reader = RecordingReader(stream, warn)

@@ -7,6 +7,8 @@ counted against the file's size, as are the bytes that come out: rows of a craft
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
 import sqlite3
 from collections import Counter
@@ -20,6 +22,8 @@ from lidarcodec.errors import SourceError
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.regular_files import open_regular
 from lidarcodec.sources.table import SQLITE_MAGIC
+
+log = logging.getLogger(__name__)
 
 MAX_TOPICS: Final = 4096
 MAX_MESSAGES: Final = 4_000_000
@@ -63,31 +67,82 @@ def topics(path: Path) -> dict[str, str]:
     return {str(name)[:1024]: str(kind)[:1024] for name, kind in rows}
 
 
-def messages(path: Path, topic: str, counts: Counter[str]) -> Iterator[bytes]:
-    """Messages of a topic by time. A database that breaks off, or is damaged, gives what is before that."""
+def messages(path: Path, topic: str, counts: Counter[str], warn: bool = True) -> Iterator[bytes]:
+    """Messages of a topic by time. Of a damaged database as many as can be had; what cannot is counted and said."""
+    lost = _Lost(path, counts, warn)
+    if (beside := _not_read(path)) is not None:
+        lost.add(f"its newest messages are in {beside}, which was not read: `sqlite3 {path} 'PRAGMA wal_checkpoint'`")
     try:
         left = path.stat().st_size
         with closing(_open(path)) as database:
-            order = (
-                "SELECT messages._rowid_ FROM messages JOIN topics ON messages.topic_id = topics.id"
-                " WHERE topics.name = ? ORDER BY CAST(messages.timestamp AS INTEGER), messages._rowid_ LIMIT ?"
-            )
-            rows = [row for (row,) in database.execute(order, (topic, MAX_MESSAGES + 1))]
+            rows = _rows(database, topic, lost)
             for row in rows[:MAX_MESSAGES]:
-                found = database.execute("SELECT data FROM messages WHERE _rowid_ = ?", (row,)).fetchone()
+                try:
+                    found = database.execute("SELECT data FROM messages WHERE _rowid_ = ?", (row,)).fetchone()
+                except sqlite3.DatabaseError as error:
+                    _raise_if_too_long(error)
+                    lost.add(_reason(error))
+                    continue
                 data = found[0] if found else None
                 if not isinstance(data, bytes):
                     counts["bad scans"] += 1
                     continue
                 left -= len(data)
-                if left < 0:  # rows that share their bytes
-                    counts["damaged"] += 1
+                if left < 0:
+                    lost.add("its messages share their bytes")
                     return
                 yield data
             if len(rows) > MAX_MESSAGES:
-                counts["damaged"] += 1
-    except (sqlite3.Error, ValueError, OSError):
-        counts["damaged"] += 1
+                lost.add(f"it has more than {MAX_MESSAGES} messages")
+    except (sqlite3.Error, ValueError, OSError) as error:
+        lost.add(_reason(error))
+
+
+def _rows(database: sqlite3.Connection, topic: str, lost: _Lost) -> list[int]:
+    """Numbers of the rows of a topic by time; of a damaged table those before the damage, in their order there."""
+    of_topic = (
+        "SELECT messages._rowid_ FROM messages JOIN topics ON messages.topic_id = topics.id WHERE topics.name = ?"
+    )
+    by_time = " ORDER BY CAST(messages.timestamp AS INTEGER), messages._rowid_"
+    rows: list[int] = []
+    try:
+        return [row for (row,) in database.execute(f"{of_topic}{by_time} LIMIT ?", (topic, MAX_MESSAGES + 1))]
+    except sqlite3.DatabaseError as error:
+        _raise_if_too_long(error)
+        lost.add(_reason(error))
+    with contextlib.suppress(sqlite3.DatabaseError):
+        for (row,) in database.execute(f"{of_topic} LIMIT ?", (topic, MAX_MESSAGES + 1)):
+            rows.append(row)
+    return rows
+
+
+def _raise_if_too_long(error: sqlite3.DatabaseError) -> None:
+    if error.sqlite_errorcode == sqlite3.SQLITE_INTERRUPT:
+        raise error
+
+
+class _Lost:
+    """Counts what of a database cannot be read, and says so once."""
+
+    def __init__(self, path: Path, counts: Counter[str], warn: bool) -> None:
+        self._path, self._counts, self._warns = path, counts, warn
+
+    def add(self, why: str) -> None:
+        """Something was lost."""
+        self._counts["damaged"] += 1
+        if self._warns:
+            self._warns = False
+            log.warning("%s is damaged and a part of it left out: %s", self._path, why)
+
+
+def _not_read(path: Path) -> str | None:
+    """The file beside a database in which a recorder that was killed left its newest messages, if there is one."""
+    for ending, head_bytes in (("-wal", 32), ("-journal", 512)):
+        beside = path.with_name(path.name + ending)
+        with contextlib.suppress(OSError):
+            if beside.stat().st_size > head_bytes:
+                return beside.name
+    return None
 
 
 class _Watch:

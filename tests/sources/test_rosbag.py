@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -176,6 +178,36 @@ def test_a_bad_scan_costs_itself_only(tmp_path):
     with open_source(path) as source:
         assert list(source.packets()) == PACKETS[:30] + PACKETS[60:]
         assert source.counts == {"bad scans": 2}
+
+
+@pytest.mark.parametrize("byte", [20_000, 5], ids=["of one scan", "with rows of the table"])
+def test_what_a_damaged_page_costs_is_said(tmp_path, caplog, byte):
+    """All behind it were lost without a word."""
+    path = database(tmp_path / "bag.db3", scans() * 10)
+    data = bytearray(path.read_bytes())
+    at = data.rindex(scans()[2][byte : byte + 50]) // 4096 * 4096
+    data[at : at + 4096] = b"\xff" * 4096
+    path.write_bytes(data)
+    with open_source(path) as source:
+        found = list(source.packets())
+        assert source.counts["damaged"] >= 1
+    assert found == (PACKETS * 10)[: len(found)]
+    assert 300 < len(found) < 900
+    assert "damaged and a part of it left out" in caplog.text
+
+
+def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_path, caplog):
+    path = database(tmp_path / "bag.db3", scans()[:2])
+    with closing(sqlite3.connect(path)) as made_here:
+        made_here.execute("PRAGMA journal_mode=WAL")
+        made_here.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, 9, ?)", (scans()[2],))
+        made_here.commit()
+        for ending in ("", "-wal"):
+            shutil.copy(f"{path}{ending}", tmp_path / f"killed.db3{ending}")
+    with open_source(tmp_path / "killed.db3") as source:
+        assert list(source.packets()) == PACKETS[:60]
+        assert source.counts == {"damaged": 1}
+    assert "its newest messages are in killed.db3-wal" in caplog.text
 
 
 def test_every_prefix_gives_what_is_whole(tmp_path):
