@@ -32,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults images-check format native web wasm clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native web wasm clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -79,6 +79,9 @@ soak: $(STAMPS)/base $(NATIVE) ## publish and subscribe for minutes: nothing los
 faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a running stream, and measure: docs/operations.md (4 min)
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
+
+sweeps: $(STAMPS)/dev $(NATIVE) ## the tests that take long beside what they show more than those of `make test` (3 min)
+	$(BIN)/python -m pytest -n $(JOBS) -m sweep $(ARGS)
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
 	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)

@@ -16,7 +16,9 @@ def join(
         list[Path], typer.Argument(metavar="PART...", show_default=False, help="In order: all .mcap, or .pcap")
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False)],
-    allow_gap: Annotated[bool, Option("--allow-gap", help="Also join parts between which frames are missing.")] = False,
+    allow_gap: Annotated[
+        bool, Option("--allow-gap", help="Also join parts that are damaged, or between which frames are missing.")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Put parts of a drive together: recordings (.mcap) or captures (.pcap), every message and packet as it is."""
@@ -36,4 +38,4 @@ def join(
     if ending == ".mcap":
         joined_recordings.run(parts, out, allow_gap, force)
     else:
-        joined_captures.run(parts, out, force)
+        joined_captures.run(parts, out, allow_gap, force)

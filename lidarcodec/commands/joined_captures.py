@@ -35,8 +35,11 @@ class Record(NamedTuple):
     data: bytes
 
 
-def run(paths: Sequence[Path], out: Path, force: bool) -> None:
-    """Copy the parts, and the calibration beside them."""
+def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
+    """Copy the parts, and the calibration beside them.
+
+    Raises SourceError for a part that is damaged, unless a gap is allowed: what is whole of it is copied then.
+    """
     table = _calibration(paths)
     if table is not None and not _to_be_written(_calibration_of(out), table, force):
         table = None
@@ -59,7 +62,7 @@ def run(paths: Sequence[Path], out: Path, force: bool) -> None:
                 if not header:
                     header = found
                     to.write(header)
-                watched = Watched(_records(handle, path, _ORDERS[header[:4]]), stopped)
+                watched = Watched(_records(handle, path, _ORDERS[header[:4]], allow_gap), stopped)
                 for number, record in enumerate(watched):
                     if number == 0 and record.stamp < last:
                         raise SettingsError(
@@ -77,19 +80,28 @@ def run(paths: Sequence[Path], out: Path, force: bool) -> None:
     print(f"{output.kept}: {count} packets of {len(paths)} parts")
 
 
-def _records(handle: BinaryIO, path: Path, order: str) -> Iterator[Record]:
-    """Records of a file behind its header. Ends at one that is cut."""
-    while head := handle.read(16):
-        if len(head) == 16:
-            seconds, fraction, length, _ = struct.unpack(f"{order}IIII", head)
-            if length > _MAX_RECORD:
-                raise SourceError(f"{path} is damaged: a packet of {length} bytes")
-            data = handle.read(length)
-            if len(data) == length:
-                yield Record((seconds, fraction), head + data)
-                continue
-        log.warning("%s was cut: its last packet is not whole and was left out", path)
-        return
+def _records(handle: BinaryIO, path: Path, order: str, allow_gap: bool) -> Iterator[Record]:
+    """Records of a file behind its header, as far as they are whole."""
+    number = 0
+    while (head := handle.read(16)) and (record := _record(handle, head, order)) is not None:
+        yield record
+        number += 1
+    if head:
+        damage = f"{path} is damaged: packet {number} and what follows are not whole"
+        if not allow_gap:
+            raise SourceError(f"{damage}; --allow-gap joins the rest")
+        log.warning("%s, and were left out", damage)
+
+
+def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
+    """The record that begins with this head. None if it is cut, or of zeros, as where a machine lost its power."""
+    if len(head) < 16:
+        return None
+    seconds, fraction, length, original = struct.unpack(f"{order}IIII", head)
+    if length > _MAX_RECORD or not (seconds or length or original):
+        return None
+    data = handle.read(length)
+    return Record((seconds, fraction), head + data) if len(data) == length else None
 
 
 def _calibration(paths: Sequence[Path]) -> bytes | None:

@@ -40,7 +40,8 @@ class Part:
     last: Header | None = None
     first_ns: int = 0
     last_ns: int = 0
-    damaged: int = 0
+    damaged: str = ""
+    """What is lost of it, if anything is."""
 
     @property
     def counted(self) -> bool:
@@ -61,8 +62,7 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
         parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
         for part in parts if not allow_gap else ():
             if part.damaged:
-                lost = f"{part.path} is damaged, and {part.damaged} of its chunks are lost"
-                raise SourceError(f"{lost}: --allow-gap joins the rest")
+                raise SourceError(f"{part.path} {part.damaged}: --allow-gap joins the rest")
         for before, after in pairwise(parts):
             _check_kin(parts[0], after)
             _check_order(before, after, allow_gap)
@@ -100,7 +100,10 @@ def _part(path: Path, handle: BinaryIO) -> Part:
         header = _header(path, data)
         found.first = found.first or header
         found.last = header
-    found.damaged = quiet.counts["damaged"]
+    if quiet.counts["damaged"]:
+        found.damaged = f"is damaged, and {quiet.counts['damaged']} of its chunks are lost"
+    elif quiet.counts["cut"]:
+        found.damaged = "was cut, and what followed is lost"
     if found.first is not None and found.last is not None:
         found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
         if not found.first.key:

@@ -128,6 +128,8 @@ class PlyOutput:
         rows = np.empty(len(cloud), self.DTYPE)
         for name in ("x", "y", "z", "intensity", "laser", "ring"):
             rows[name] = cloud[name]
+        if frame.index > np.iinfo(np.int32).max:
+            raise SettingsError(f"frame {frame.index} has a number that .ply cannot hold: write .npz or .pcap")
         rows["frame"] = frame.index
         rows["t"] = (cloud["t_ns"] - self._start_ns) * 1e-9
         self._handle.write(rows.tobytes())
@@ -160,7 +162,10 @@ class LasOutput:
 
         cloud = frame.cloud()
         points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=self._header)
-        points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
+        try:
+            points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
+        except OverflowError:
+            raise SettingsError(f"frame {frame.index} has points further away than .las can hold: write .ply") from None
         points.intensity = cloud["intensity"].astype(np.uint16) * 257
         points.user_data = cloud["ring"]
         points.point_source_id = cloud["laser"].astype(np.uint16)

@@ -27,7 +27,7 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
     """Say what live recordings left out. recordings: their last state (`BackgroundRecorder.state`) by stream, None for
     a stream that was not recorded.
 
-    Raises SourceError, behind all warnings, where one stopped before its stream did or files of it were removed.
+    Raises SourceError, behind all warnings, where one stopped before its stream did or files of it were lost.
     """
     lacking = []
     for stream, state in recordings.items():
@@ -40,8 +40,8 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
             )
         if state["stopped"]:
             lacking.append(f"{stream}: {state['stopped']}")
-        if removed := state["counts"].get("removed files", 0):
-            lacking.append(f"{stream}: {removed} of its files were removed while they were written")
+        if lost := state["counts"].get("lost files", 0):
+            lacking.append(f"{stream}: {lost} of its files were removed, replaced or cut short while they were written")
     if lacking:
         raise SourceError(f"not all of the stream was recorded: {'; '.join(lacking)}")
 

@@ -39,7 +39,8 @@ class RecordingReader:
     channels: those at the beginning, by id;  schemas: names of types, by id
     size: bytes of the file
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches,
-        `mixed streams`: times that a stream came back behind another one, because two publishers had the same name
+        `mixed streams`: times that a stream came back behind another one, because two publishers had the same name,
+        `other topics`: messages of topics that were not asked for
     """
 
     def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
@@ -67,7 +68,7 @@ class RecordingReader:
         """(stamp in ns, bytes) of each message, in the order in which they were recorded.
 
         start_ns: begins at the last key message at or before it, or at the first message if there is none before it
-        topic: of the channel to read; by default the first one that holds messages
+        topic: of the channels to read; by default that of the first one that holds messages
         """
         streams: dict[int, None] = {}
         last: int | None = None
@@ -148,16 +149,21 @@ class RecordingReader:
     def _inside(self, record: Record, check: bool = True) -> Iterator[Stored]:
         """Messages of a record of the data section; learns the channels in it."""
         source, inner = self._stream, [record].__iter__()
+        reached = end = 0
         if record.opcode == records.CHUNK:
             chunk = records.chunk_of(self._stream, record)
             self._work.open(chunk)
-            source, start, end = records.opened(self._stream, chunk, self._size, check)
-            inner = self._work.count(records.records(source, start, end), chunk)
+            source, reached, end = records.opened(self._stream, chunk, self._size, check)
+            inner = self._work.count(records.records(source, reached, end), chunk)
         for one in inner:
+            if one.whole:
+                reached = one.end
             if one.opcode == records.MESSAGE and one.whole:
                 yield records.stored_of(source, one)
             else:
                 self._learn_of(source, one)
+        if record.opcode == records.CHUNK and record.whole and reached < end:
+            raise DamagedError("a chunk whose records end before it does")
 
     def _walk(self, start: int, check: bool = True) -> Iterator[tuple[int, list[Stored]]]:
         """(offset, messages) of each record of the data section. Counts what is damaged and, at the end, cut."""
@@ -205,6 +211,8 @@ class RecordingReader:
             for one in stored[place.skip if offset == place.record else 0 :]:
                 if self._is(one.channel, encoding, topic):
                     yield one
+                elif topic is None and (channel := self.channels.get(one.channel)) and channel.encoding == encoding:
+                    self._of_another_topic(channel.topic)
 
     def _is(self, number: int, encoding: str, topic: str | None) -> bool:
         channel = self.channels.get(number)
@@ -212,7 +220,8 @@ class RecordingReader:
             return False
         if topic is not None:
             return channel.topic == topic
-        return number == min(one.number for one in self.channels.values() if one.encoding == encoding)
+        first = min(one.number for one in self.channels.values() if one.encoding == encoding)
+        return channel.topic == self.channels[first].topic
 
     def _last_place(
         self, encoding: str, topic: str | None, start_ns: int, may_start: Callable[[Stored], bool]
@@ -270,6 +279,10 @@ class RecordingReader:
             f"{self._name} holds two streams, one among the other: two publishers had the same name, and frames of "
             "both come in turn"
         )
+
+    def _of_another_topic(self, topic: str) -> None:
+        self.counts["other topics"] += 1
+        self._warn(f"{self._name} also holds messages of {topic}, which were left out: ?topic={topic} reads those")
 
     def _warn(self, text: str) -> None:
         if not self._warned:

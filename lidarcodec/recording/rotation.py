@@ -41,6 +41,7 @@ class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
+            `lost files` (removed, replaced or cut short by somebody while they were written),
             `waiting for a key message` (not written), `not recorded`
     stopped: why nothing is written any more, None while it is;  clouds: to be set where `write_cloud` will be called
     """
@@ -129,13 +130,17 @@ class RotatingRecorder:
         return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
     def _look_after_file(self) -> None:
-        """Lets go of a file that somebody has removed: the disk would take what is written into it all the same."""
+        """Let go of a file that somebody has removed, replaced or cut short: the disk would take what is written into
+        it all the same.
+        """
         file = self._file
-        if file is None or os.fstat(file.fileno()).st_nlink or Path(file.name).exists():
+        if file is None or (what := _lost(file)) is None:
             return
-        self.counts["removed files"] += 1
-        log.error("%s was removed while it was being written: what it held is lost", file.name)
-        self._guarded(self._end)
+        self.counts["lost files"] += 1
+        log.error("%s was %s while it was being written: what it held is lost", file.name, what)
+        self._writer = self._file = None
+        with contextlib.suppress(OSError):
+            file.close()
 
     def _size_with(self, more: int) -> int:
         """Bytes that the current file will have when a message of `more` bytes is added and it is closed."""
@@ -250,6 +255,18 @@ class RotatingRecorder:
             self._end()
         except (OSError, MemoryError):
             log.debug("the last file in %s has no index", self.folder)
+
+
+def _lost(file: IO[bytes]) -> str | None:
+    """What somebody did to a file that is being written, if what it held is lost by it."""
+    ours = os.fstat(file.fileno())
+    if ours.st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
+        return "cut short"
+    try:
+        there = Path(file.name).stat()
+    except OSError:
+        return "removed"
+    return None if (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino) else "replaced"
 
 
 def _thrown_away(file: IO[bytes], path: Path) -> None:

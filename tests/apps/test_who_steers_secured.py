@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
-import threading
+import contextlib
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.reports import Arrival, pack_arrival
 from lidarcodec.apps.subscribe import LiveStream
 from lidarcodec.settings import StreamSettings
-from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
 from tests.apps.streams import Loop
-from tests.calm import when_calm
+from tests.conftest import ROOT
 from tests.transport.test_contract import eventually
 from tests.transport.test_secured import Secured
 
@@ -23,8 +23,34 @@ pytest.importorskip("cryptography")
 pytestmark = pytest.mark.timeout(120)
 KEYS = StreamKeys("car-7", "roof")
 
-LATE_S = 0.05
-"""Where threads are woken later than this, the one that lies takes the time of all others in its process."""
+ROUNDS = 3
+"""Comparisons at most: with the liar followed there was an eighth in each, while a busy machine seldom halves three."""
+
+LIAR = """
+import itertools, sys, time
+from pathlib import Path
+from lidarcodec.apps.reports import Arrival, pack_arrival
+from lidarcodec.transport import Endpoints, open_transport
+from lidarcodec.transport.base import Priority
+from lidarcodec.transport.keys import StreamKeys
+
+keys, anna = StreamKeys("car-7", "roof"), open_transport(Endpoints.of(config=Path(sys.argv[1])))
+anna.token(keys.arrived("anna"))
+arrived = anna.sender(keys.arrived("anna"), Priority.REAL_TIME)
+for number in itertools.count():
+    arrived.put(pack_arrival(Arrival(number % 500, 0, 0, number)))
+    time.sleep(0.002)
+"""
+
+
+@contextlib.contextmanager
+def lying(config: Path):
+    """A process that reports, five hundred times a second, what it never received; within the `with`."""
+    with subprocess.Popen([sys.executable, "-P", "-c", LIAR, str(config)], cwd=ROOT) as liar:
+        try:
+            yield
+        finally:
+            liar.kill()
 
 
 def frames_of(live, seconds: float) -> int:
@@ -34,39 +60,30 @@ def frames_of(live, seconds: float) -> int:
     return count
 
 
-def test_a_viewer_that_reports_what_it_never_received_throttles_nobody(tmp_path_factory):
-    when_calm(lambda: throttles_nobody(tmp_path_factory.mktemp("secured")), LATE_S, attempts=2)
+def refusals(publisher) -> int:
+    return sum(publisher.status()["flight"]["refused"].values())
 
 
-def throttles_nobody(folder):
-    made, stop = Secured(folder, "certificate"), threading.Event()
+def test_a_viewer_that_reports_what_it_never_received_throttles_nobody(tmp_path):
+    made = Secured(tmp_path, "certificate")
     try:
-        car, anna, ben = made.open("vehicle-car-7"), made.open("viewer-anna"), made.open("viewer-ben")
+        car, ben = made.open("vehicle-car-7"), made.open("viewer-ben")
         where = {"vehicle": KEYS.vehicle, "sensor": KEYS.sensor, "transport": car, "rate": 10.0}
-        with Publisher(Loop(), StreamSettings(codec="zstd"), **where) as publisher:
-            anna.token(KEYS.arrived("anna"))
-            arrived = anna.sender(KEYS.arrived("anna"), Priority.REAL_TIME)
-            assert eventually(lambda: arrived.matching, 20)
-
-            def lie() -> None:
-                for number in itertools.count():
-                    arrived.put(pack_arrival(Arrival(number % 500, 0, 0, number)))
-                    if stop.wait(0.002):
-                        return
-
-            liar = threading.Thread(target=lie)
-            liar.start()
-            with LiveStream("car-7/roof", transport=ben, receiver="ben") as live:
-                assert eventually(lambda: live.next(1.0) is not None, 30)
-                seen = frames_of(live, 4.0)
-                flight = publisher.status()["flight"]
-                stop.set()
-                liar.join(10.0)
+        with (
+            Publisher(Loop(), StreamSettings(codec="zstd"), **where) as publisher,
+            LiveStream("car-7/roof", transport=ben, receiver="ben") as live,
+        ):
+            assert eventually(lambda: live.next(1.0) is not None, 30)
+            for _ in range(ROUNDS):
+                with lying(tmp_path / "viewer-anna.json5"):
+                    before = refusals(publisher)
+                    assert eventually(lambda before=before: refusals(publisher) > before + 100, 30)
+                    seen = frames_of(live, 4.0)
+                    flight = publisher.status()["flight"]
+                assert (flight["following"], flight["receivers"]) == ("ben", ["ben"])
                 alone = frames_of(live, 4.0)
-        assert flight["following"] == "ben"
-        assert flight["receivers"] == ["ben"]
-        assert sum(flight["refused"].values()) > 100
-        assert seen >= alone / 2, "with the liar followed there was an eighth"
+                if seen >= alone / 2:
+                    break
+            assert seen >= alone / 2, "the liar slows the stream down"
     finally:
-        stop.set()
         made.close()

@@ -24,6 +24,7 @@ def _history() -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (HERE / "history").iterdir()}
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)
 def test_every_stage_of_every_codec_is_measured_on_a_small_turn() -> None:
     if not shutil.which(COMPILER) or not CORE.exists():

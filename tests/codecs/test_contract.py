@@ -13,6 +13,7 @@ from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from tests.contracts import codec as contract
+from tests.sweeps import sampled
 
 VARIANTS = {
     "pcodec with mask history": contract.from_table("pcodec", mask_history=True),
@@ -22,10 +23,11 @@ VARIANTS = {
     "riddle without memory": contract.from_table("riddle", memory=False),
 }
 """Settings of a codec that change what its messages refer to."""
+VARIANTS_AT_ONCE = ("pcodec with mask history", "predictive with motion", "riddle at most effort")
 
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
-@pytest.mark.parametrize("name", [*table.names(), *VARIANTS])
+@pytest.mark.parametrize("name", sampled([*table.names(), *VARIANTS], [*table.names(), *VARIANTS_AT_ONCE]))
 def test_contract(name: str, check: Callable[[contract.CodecUnderTest], None]) -> None:
     codec = VARIANTS[name] if name in VARIANTS else contract.from_table(name)
     if check is contract.check_bound and not codec.bounded:

@@ -118,7 +118,9 @@ def test_a_part_that_was_cut_gives_what_is_whole_and_says_so(
     parts: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     out = tmp_path / "out.mcap"
-    assert run_here("join", parts / "cut.mcap", parts / "b.mcap", out).returncode == 2, "frame 1 is missing"
+    refused = run_here("join", parts / "b.mcap", parts / "cut.mcap", out)
+    assert (refused.returncode, "cut.mcap was cut" in refused.stderr) == (1, True)
+    assert not out.exists()
     assert run_here("join", parts / "cut.mcap", parts / "b.mcap", out, "--allow-gap").returncode == 0
     assert "cut.mcap was cut" in caplog.text
     assert len(messages_in(out)) == 3
@@ -136,6 +138,20 @@ def test_a_part_that_is_damaged_is_joined_only_if_that_is_meant(parts: Path, tmp
     assert not out.exists()
     assert run_here("join", hurt, parts / "b.mcap", out, "--allow-gap").returncode == 0
     assert 0 < len(messages_in(out)) < 4
+
+
+@pytest.mark.parametrize("tail", [bytes(4096), b"\1" * 30], ids=["zeros", "cut"])
+def test_a_capture_whose_end_is_lost_is_joined_only_if_that_is_meant(drive: Path, tmp_path: Path, tail: bytes) -> None:
+    """As where a machine lost its power: the next part lay behind the zeros, where no reader found it."""
+    first, second, out = tmp_path / "first.pcap", tmp_path / "second.pcap", tmp_path / "out.pcap"
+    assert run_here("convert", drive, first, "--frames", 3).returncode == 0
+    assert run_here("convert", drive, second, "--skip", 3).returncode == 0
+    first.write_bytes(first.read_bytes() + tail)
+    refused = run_here("join", first, second, out)
+    assert (refused.returncode, "packet 1044 and what follows are not whole" in refused.stderr) == (1, True)
+    assert not out.exists()
+    assert run_here("join", first, second, out, "--allow-gap").returncode == 0
+    assert packets_in(out) == packets_in(drive)
 
 
 def test_files_of_a_live_recording_are_joined_though_settings_changed(drive: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """What `decode` writes is read here by other programs' readers: a file that only we can read is worth nothing."""
 
+import dataclasses
 import json
 
 import dpkt
@@ -133,3 +134,12 @@ def test_scans_do_not_mix_with_what_is_in_a_folder(written, tmp_path):
         check_output(folder, force=True)
     (tmp_path / "empty").mkdir()
     check_output(tmp_path / "empty")
+
+
+def test_what_a_form_cannot_hold_is_said(frames, tmp_path):
+    frame = frames[0]
+    with pytest.raises(SettingsError, match="number that"):
+        open_output(tmp_path / "out.ply", tmp_path / "out.ply").write(frame.with_(index=2**40))
+    far = frame.with_(sensor=dataclasses.replace(frame.sensor, range_step_m=429.0))
+    with pytest.raises(SettingsError, match="further away"):
+        open_output(tmp_path / "out.las", tmp_path / "out.las").write(far)

@@ -26,6 +26,7 @@ from tests.fuzz.counts import BEGIN, END, tables, written
 from tests.fuzz.damage import damaged
 from tests.fuzz.inside import damaged_lattice, damaged_positions
 from tests.fuzz.run import QUICK, run, run_sealed, targets
+from tests.sweeps import sampled
 
 ALL = {f"{plan.name}, {plan.size}": plan for plan in plans()}
 
@@ -38,7 +39,7 @@ def test_damage_gives_errors_of_the_project_and_nothing_else(tmp_path: Path) -> 
     assert outcomes["packets"] == {"decoded": 100}
 
 
-@pytest.mark.parametrize("size", QUICK)
+@pytest.mark.parametrize("size", sampled(QUICK, ["tiny"]))
 def test_damage_with_right_checksums_gives_errors_of_the_project_and_nothing_else(tmp_path: Path, size: str) -> None:
     outcomes = run_sealed(cases=300, seed=7, kept=tmp_path, sizes=(size,))
     assert len(outcomes) > 25
@@ -47,7 +48,11 @@ def test_damage_with_right_checksums_gives_errors_of_the_project_and_nothing_els
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, plan in ALL.items() if plan.size in (*QUICK, "still", "slab", "positions")]
+    "name",
+    sampled(
+        [name for name, plan in ALL.items() if plan.size in (*QUICK, "still", "slab", "positions")],
+        [name for name, plan in ALL.items() if plan.size in ("tiny", "still")],
+    ),
 )
 def test_the_corpus_is_valid_and_the_same_for_a_seed(name: str) -> None:
     made, decoder = stream(ALL[name], 1), StreamDecoder()

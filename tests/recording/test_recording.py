@@ -197,6 +197,38 @@ def test_two_sensors_in_one_file_are_told_apart_by_topic() -> None:
     assert list(reader.messages(topic="lidarcodec/v1/truck/top/frame")) == []
 
 
+def test_what_other_tools_put_together_is_read_whole_or_said_to_be_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    """`mcap merge` gives each file a channel of its own; all but the first were left out without a word."""
+    file = io.BytesIO()
+    writer = Writer(file, compression=CompressionType.NONE)
+    writer.start()
+    for number, name in enumerate(("left", "left", "right")):
+        channel = writer.register_channel(f"lidarcodec/v1/truck/{name}/frame", MESSAGE_ENCODING, 0, {"n": str(number)})
+        writer.add_message(channel, 5 + number, message(number, True), 5)
+    writer.finish()
+    reader = RecordingReader(file)
+    assert [one for _, one in reader.messages()] == [message(0, True), message(1, True)]
+    assert reader.counts["other topics"] == 1
+    assert "?topic=lidarcodec/v1/truck/right/frame reads those" in caplog.text
+
+
+@pytest.mark.parametrize("damage", ["opcode", "length"])
+def test_damage_in_a_chunk_without_a_checksum_is_counted(damage: str) -> None:
+    data, file = drive(5), io.BytesIO()
+    writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+    writer.start()
+    channel = writer.register_channel("lidarcodec/v1/truck/roof/frame", MESSAGE_ENCODING, 0)
+    for index, one in enumerate(data):
+        writer.add_message(channel, index, one, index)
+    writer.finish()
+    whole = bytearray(file.getvalue())
+    record = whole.index(data[2]) - 22 - 9
+    whole[record if damage == "opcode" else record + 4] = 0 if damage == "opcode" else 1
+    reader = RecordingReader(io.BytesIO(bytes(whole)))
+    assert [one for _, one in reader.messages()] == data[:2]
+    assert reader.counts["damaged"] == 1
+
+
 def test_damage_in_the_middle_costs_that_message_only(caplog: pytest.LogCaptureFixture) -> None:
     data = drive(12)
     file = bytearray(recorded(data))

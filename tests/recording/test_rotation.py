@@ -44,9 +44,23 @@ def test_files_are_changed_at_key_messages_and_the_oldest_go(tmp_path: Path) -> 
     assert recorder.stopped is None
 
 
+def spoil(path: Path, what: str) -> None:
+    """Do to a file what somebody might do while it is being written."""
+    if what == "file":
+        path.unlink()
+    elif what == "folder":
+        shutil.rmtree(path.parent)
+    elif what == "replaced":
+        other = path.with_suffix(".tmp")
+        other.write_bytes(b"other")
+        other.replace(path)
+    else:
+        path.write_bytes(b"")
+
+
 @pytest.mark.parametrize("kind", ["messages", "packets"])
-@pytest.mark.parametrize("what", ["file", "folder"])
-def test_a_file_that_is_removed_is_told_and_another_one_begins(
+@pytest.mark.parametrize("what", ["file", "folder", "replaced", "cut"])
+def test_a_file_that_is_removed_replaced_or_cut_short_is_told_and_another_one_begins(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str, what: str
 ) -> None:
     """All that followed went into a file that nobody could open, and nobody was told."""
@@ -58,15 +72,16 @@ def test_a_file_that_is_removed_is_told_and_another_one_begins(
         else:
             recorder.write_packets([packet(index)])
         if index == 3:
-            next(folder.iterdir()).unlink() if what == "file" else shutil.rmtree(folder)
+            spoil(next(folder.iterdir()), what)
     recorder.close()
-    (path,) = recorder.files()
+    path = recorder.files()[-1]
     with path.open("rb") as file:
         reader = RecordingReader(file)
         assert len(list(reader.messages() if kind == "messages" else reader.packets())) == 6
-    assert recorder.counts["removed files"] == 1
+    assert recorder.counts["lost files"] == 1
     assert "what it held is lost" in caplog.text
-    path.unlink()
+    if what == "replaced":
+        assert recorder.files()[0].read_bytes() == b"other", "what others put there is theirs"
 
 
 def test_a_recorder_waits_for_a_key_message(tmp_path: Path) -> None:

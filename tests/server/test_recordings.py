@@ -126,8 +126,9 @@ async def test_a_disk_that_fails_costs_the_recording_and_nothing_else(server, cl
 
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["while it runs", "just before it is stopped"])
+@pytest.mark.parametrize("what", ["folder", "file", "replaced"])
 def test_a_recording_whose_file_somebody_removed_is_not_said_to_be_complete(
-    server, client, tmp_path, monkeypatch, stopped
+    server, client, tmp_path, monkeypatch, stopped, what
 ):
     """Another server may have the same folder: what the disk takes of a file without a name is lost."""
     if stopped:
@@ -136,7 +137,14 @@ def test_a_recording_whose_file_somebody_removed_is_not_said_to_be_complete(
         assert server.seen()
         name = client.post(f"{STREAM}/recording").json()["id"]
         assert frames_of(client, 5)
-        shutil.rmtree(tmp_path / "recordings" / name)
+        folder = tmp_path / "recordings" / name
+        if what == "folder":
+            shutil.rmtree(folder)
+        elif what == "file":
+            next(folder.glob("*.mcap")).unlink()
+        else:
+            (tmp_path / "other").write_text("other")
+            (tmp_path / "other").replace(next(folder.glob("*.mcap")))
         if stopped:
             assert client.delete(f"{STREAM}/recording").json()["state"] == "failed"
         assert eventually(lambda: client.get(f"{ALL}/{name}").json()["state"] == "failed")

@@ -76,9 +76,9 @@ class _Active:
 
     def over(self) -> str | None:
         """Why it has to end, if it has to."""
+        if (lacking := self._lost()) is not None:
+            return lacking
         state = self.recorder.state()
-        if state["stopped"] is not None:
-            return str(state["stopped"])
         if time.monotonic() - self.began >= self.limits.max_seconds:
             return f"the limit of {self.limits.max_seconds:g} s was reached"
         if int(state["counts"].get("bytes", 0)) >= self.limits.max_bytes:
@@ -86,12 +86,20 @@ class _Active:
         return None
 
     def lacking(self) -> str | None:
-        """Why messages are missing in it, if any are: the disk refused them, or was too slow for them."""
+        """Why messages are missing in it, if any are: the disk refused them or was too slow, or its file was lost."""
+        if (lost := self._lost()) is not None:
+            return lost
+        if dropped := int(self.recorder.state()["counts"].get("dropped", 0)):
+            return f"{dropped} messages were not recorded: the disk was too slow"
+        return None
+
+    def _lost(self) -> str | None:
+        """Why it cannot go on, if it cannot."""
         state = self.recorder.state()
         if state["stopped"] is not None:
             return str(state["stopped"])
-        if dropped := int(state["counts"].get("dropped", 0)):
-            return f"{dropped} messages were not recorded: the disk was too slow"
+        if state["counts"].get("lost files"):
+            return "its file was removed, replaced or cut short while it was written"
         return None
 
 
@@ -284,7 +292,7 @@ class Recordings:
                     while reason is None and not active.stop.is_set():
                         with contextlib.suppress(TimeoutError):
                             await asyncio.wait_for(active.stop.wait(), LOOK_S)
-                        reason = active.over() or await self._in_thread(lambda: self._lost(active) or self._full())
+                        reason = active.over() or await self._in_thread(self._full)
                 finally:
                     watch.untap(active.take)
         except (TransportError, OSError) as error:
@@ -294,11 +302,10 @@ class Recordings:
             while active.recorder.writing:  # the folder stays held, and nobody is told that it is done
                 await self._in_thread(active.recorder.close)
             lacking = active.lacking()
-            lost = await self._in_thread(lambda: self._lost(active))
             ended = replace(
                 active.now(),
-                state="failed" if failed or lost or lacking else "complete",
-                reason=lost or lacking or reason,
+                state="failed" if failed or lacking else "complete",
+                reason=lacking or reason,
                 ended_ns=time.time_ns(),
             )
             ended = await self._in_thread(lambda: self._write_end(ended))
@@ -321,10 +328,6 @@ class Recordings:
     def _runs(self, name: str) -> bool:
         """Whether this server is making a recording."""
         return any(active.recording.id == name for active in self._active.values())
-
-    def _lost(self, active: _Active) -> str | None:
-        """What to say of a recording whose file was removed; the disk takes what is written all the same."""
-        return self.shelf.lost(active.now())
 
     def _full(self) -> str | None:
         try:

@@ -202,13 +202,6 @@ class Shelf:
         """The same with its present size."""
         return replace(recording, size_bytes=_size_of(self.path(recording.id)))
 
-    def lost(self, recording: Recording) -> str | None:
-        """Why nothing of a recording that runs will be found: somebody removed it. None if it is there."""
-        folder = self.path(recording.id)
-        if folder.is_dir() and (not recording.frames or _size_of(folder)):
-            return None
-        return "its file was removed from the folder of recordings while it ran"
-
     def remove(self, name: str) -> None:
         """Delete a recording. Raises MissingRecordingError, BusyRecordingError, StorageError."""
         folder = self.path(self.recording(name).id)

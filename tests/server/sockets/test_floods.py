@@ -13,6 +13,7 @@ from lidarcodec_server.live.incoming import Frames
 from lidarcodec_server.live.protocol import DRAIN_S, FRAME_RATE, PARTS, PATIENCE_S, ViewerProtocol
 from tests.faults.serving import Server
 from tests.server.floods import flood, longest_answer_s, sending, upgrade, ws_frame
+from tests.sweeps import sampled
 from tests.transport.conftest import free_port
 from tests.transport.test_contract import eventually
 
@@ -34,7 +35,7 @@ def test_frames_before_the_socket_is_accepted_hold_up_nobody(server):
         assert longest_answer_s(server.port, 4.0) < LONG_S
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", sampled(KINDS, ["fragments"]))
 def test_frames_of_a_viewer_hold_up_nobody_and_end_its_socket(server, vehicle, kind):
     first, tiny = KINDS[kind]
     before = ViewerProtocol.held.ended["flood"]

@@ -33,6 +33,7 @@ def scans(count: int, first_seed: int = 20, columns: int = 150) -> list[Scan]:
 
 
 @pytest.mark.timeout(600)  # 5 s of a core; ten times that on a busy machine
+@pytest.mark.sweep
 def test_a_short_training_beats_the_previous_valid_return(tmp_path: Path) -> None:
     settings = RunSettings(steps=200, batch=128, frames=1, quanta=(10,), rate=5e-3, encoder=(16, 32, 64), decoder=(64,))
     net = train(scans(6), [], settings, tmp_path, every=1000)
