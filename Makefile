@@ -125,7 +125,7 @@ $(STAMPS)/server: $(STAMPS)/base requirements/server.txt
 $(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt
 	@echo "Installing what its tests need ..."
 	@$(LOCKED)/dev.txt
-	@$(PIP) -c constraints.txt 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (README says where it is): tests of training are skipped"
+	@$(PIP) -c constraints.txt 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (docs/development.md says where it is): tests of training are skipped"
 	@touch $@
 
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.

@@ -21,7 +21,8 @@ from lidarcodec.settings import StreamSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")], key=str)
+NOTES = ROOT / "research" / "notes"
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md"), *NOTES.glob("*.md")], key=str)
 MODULES = sorted(
     found.name
     for found in pkgutil.walk_packages(lidarcodec.__path__, "lidarcodec.")

@@ -29,14 +29,15 @@ DRAWS: Final = 4
 heart."""
 BESIDE_ANEW: Final = 0.3
 """How much of what contexts said still goes for another network: they soon learn again what is left of it. Measured
-on drive 0005 (docs/decisions/0013): 1.0 would find other weights worse than they turn out to be."""
+on drive 0005 (research/notes/weighing-networks-and-contexts.md): 1.0 would find other weights worse than they turn out
+to be."""
 HELD_EVERY: Final = 8
 """Of so many frames one is measured on instead."""
 HELD_SAMPLES: Final = 3000
 """Of each of those: few of many frames tell more of what comes than many of the last ones."""
 DOUBT: Final = 0.03
 """Bits a return that are taken off the guess of what weights save, which is too good: within 5 cm on drive 0013 it
-was 0.023 where later frames took none less (docs/decisions/0018)."""
+was 0.023 where later frames took none less (research/notes/steps-along-directions.md)."""
 WAITING: Final = 8
 """Frames whose samples wait to be learned from; older ones are left out."""
 CHECK_STEPS: Final = 400

@@ -7,7 +7,8 @@ A scale class c stands for a mean difference of w = 2 ** ((c - 6.5) / 2) cells f
 - log odds of the decisions of a tree of 16 leaves under 0.8 logistic(0.6 w + 0.1) + 0.2 Laplace(3 w).
 
 Quick kinds have leaves of their own, 2 ** ((c - k) // 2) wide and at least 1, with k from 17 in the middle to 6: so
-narrow that ranges are about as likely anywhere in a leaf, and nothing is to be learned there (docs/decisions/0019).
+narrow that ranges are about as likely anywhere in a leaf, and nothing is to be learned there
+(research/notes/narrow-leaves.md).
 
 The C++ compiler and libm of a machine have no part in it, so that all machines agree.
     python -m lidarcodec.entropy.predictive_tables > native/src/predictive_tables.hpp

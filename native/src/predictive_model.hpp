@@ -98,7 +98,7 @@ inline constexpr std::size_t kPredictiveContexts = kFixedContexts + kContextsOfF
 inline constexpr std::size_t kAllContexts = kPredictiveContexts + kContextsOfExpected.size();
 
 // Numbers of the contexts of frames alone, and of those that expect something: of all kinds but quick ones, and of those,
-// which do nearly as well with fewer (docs/decisions/0016).
+// which do nearly as well with fewer (research/notes/fewer-contexts.md).
 template <std::size_t count>
 inline constexpr auto kFirst = [] {
   std::array<std::uint8_t, count> numbers{};
