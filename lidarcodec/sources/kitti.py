@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
@@ -57,11 +57,11 @@ class KittiSource(PacketSource):
         self.path, self._columns = path, columns
         self.scans = find_scans(path)
         self.fidelity: list[Fidelity] = []
-        first, _ = read_points(self.scans[0].path)
-        sensor = _calibration(self.scans[0].path, calibration)
-        self.kind = kind or _kind_of(self.scans[0], first, sensor)
+        scan, first = _first(self.scans)
+        sensor = _calibration(scan.path, calibration)
+        self.kind = kind or _kind_of(scan, first, sensor)
         if self.kind == "raw" and sensor is None:
-            raise SourceError(_missing(self.scans[0].path))
+            raise SourceError(_missing(scan.path))
         if self.kind == "odometry":
             sensor = without_two_point_correction(sensor or fit_rings(first) or generic_sensor())
             sensor = replace(sensor, name=f"HDL-64E ({REGRIDDED})")
@@ -119,6 +119,15 @@ class KittiSource(PacketSource):
         if fidelity.out_of_range:
             self.counts["points out of range"] += fidelity.out_of_range
         return firings
+
+
+def _first(scans: Sequence[Scan]) -> tuple[Scan, Points]:
+    """The first scan that has points, and these. Raises SourceError if there is none."""
+    for scan in scans:
+        points, _ = read_points(scan.path)
+        if len(points):
+            return scan, points
+    raise SourceError(f"{scans[0].path} and the scans behind it have no points")
 
 
 def _calibration(scan: Path, given: Path | None) -> SensorModel | None:

@@ -49,6 +49,9 @@ def find_scans(path: Path) -> list[Scan]:
     """
     files = [path] if path.exists() and not path.is_dir() else _files(path)
     times = _turns(files[0].parent.parent, [_number(file, k) for k, file in enumerate(files)])
+    for file, (start, end) in zip(files, times, strict=True):
+        if end < start:
+            raise SourceError(f"{file}: by its time stamps this scan ends before it begins")
     return [Scan(file, start, end) for file, (start, end) in zip(files, times, strict=True)]
 
 
@@ -82,9 +85,14 @@ def _files(folder: Path) -> list[Path]:
         inner = folder / name
         if inner.is_dir():
             found = sorted(file for file in inner.iterdir() if file.name.endswith((".bin", ".bin.xz")))
-            if found:
-                return found
+            if found:  # a scan that is there as .bin and as .bin.xz is one scan
+                return sorted({file.name.partition(".")[0]: file for file in reversed(found)}.values(), key=_place)
     raise SourceError(f"{folder} holds no scans: *.bin are looked for there and in {', '.join(FOLDERS[1:])}")
+
+
+def _place(file: Path) -> tuple[int, str]:
+    """Scans are in the order of their numbers, also where these have no zeros before them."""
+    return _number(file, 0), file.name
 
 
 def _number(file: Path, position: int) -> int:
@@ -124,7 +132,10 @@ def _stamps(path: Path) -> list[int | None]:
 
 def _nanoseconds(path: Path, text: str) -> int:
     try:
-        return int(np.datetime64(text.replace(" ", "T"), "ns").astype(np.int64))
+        stamp = np.datetime64(text.replace(" ", "T"), "ns")
+        if np.isnat(stamp):
+            raise ValueError("not a time")  # noqa: TRY301
+        return int(stamp.astype(np.int64))
     except ValueError:
         raise SourceError(f"{path}: '{text[:40]}' is no time like 2011-09-26 13:04:32.334529952") from None
 

@@ -37,8 +37,34 @@ CAUSES: Final[dict[str, str]] = {
     "undecoded messages": "messages that could not be decoded",
     "missing references": "messages whose reference is missing",
     "frames without packets": "frames that never were packets",
+    "packets of no interface": "packets of an interface that the capture does not describe",
+    "points in one cell": "points behind a nearer one of the same firing",
+    "points out of range": "points out of range",
+    "bad points": "points that are no numbers",
+    "empty scans": "scans without points",
+    "other topics": "messages of other topics",
 }
 """Cause in the counts -> what was not kept. Other counts tell of what was noticed, or lost before it came here."""
+
+NOTICED: Final = frozenset(
+    (
+        "truncated",
+        "damaged",
+        "cut",
+        "bytes lost",
+        "mixed streams",
+        "packets",
+        "position packets",
+        "frames",
+        "irregular blocks",
+        "lost packets",
+        "repeated packets",
+        "time jumps",
+        "impossible time stamp",
+        "without time stamp",
+    )
+)
+"""Counts of what was kept, and of what was noticed or lost before it came here, which is said elsewhere."""
 
 OF_THE_SENSOR: Final = (
     "other stream",
@@ -51,6 +77,7 @@ OF_THE_SENSOR: Final = (
     "bad scans",
     "undecoded messages",
     "missing references",
+    "packets of no interface",
 )
 """Causes that can concern packets of the sensor. Datagrams of other programs and other traffic are no loss."""
 

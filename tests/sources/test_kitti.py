@@ -21,6 +21,7 @@ from lidarcodec.sources.kitti import KittiSource
 from lidarcodec.sources.kitti_grid import fit_rings, regrid
 from lidarcodec.sources.kitti_inversion import Geometry, invert
 from lidarcodec.sources.kitti_points import find_scans, read_points
+from lidarcodec.sources.unkept import unkept
 
 RECOVERED = "kitti_hdl64e_s2_recovered.yaml"
 
@@ -135,9 +136,28 @@ def test_missing_scans_keep_their_own_times(tmp_path):
     (points / "timestamps.txt").write_text(lines[: len(lines) // 3])
     with pytest.raises(SourceError, match="none for scan 2"):
         find_scans(folder)
-    (points / "timestamps.txt").write_text("yesterday\n")
-    with pytest.raises(SourceError, match="'yesterday' is no time"):
+    for text in ("yesterday", "NaT"):
+        (points / "timestamps.txt").write_text(f"{text}\n")
+        with pytest.raises(SourceError, match=f"'{text}' is no time"):
+            find_scans(folder)
+    (points / "timestamps_start.txt").write_text(lines)
+    (points / "timestamps_end.txt").write_text(lines.replace("13:00", "12:59"))
+    with pytest.raises(SourceError, match="ends before it begins"):
         find_scans(folder)
+
+
+def test_scans_are_in_the_order_of_their_numbers_and_each_is_one(tmp_path):
+    """As texts 10 is before 8; and a scan beside its compressed copy came twice."""
+    for name in ("8.bin", "9.bin", "10.bin", "9.bin.xz"):
+        (tmp_path / name).write_bytes(bytes(16))
+    assert [scan.path.name for scan in find_scans(tmp_path)] == ["8.bin", "9.bin", "10.bin"]
+
+
+def test_a_raw_drive_that_begins_with_an_empty_scan_is_a_raw_drive(tmp_path):
+    with open_source(drive(tmp_path, [b"", turn()[3]])) as source:
+        assert "raw" in source.label
+        assert list(source.packets())
+        assert unkept(source.counts) == "1 scans without points"
 
 
 def test_without_the_calibration_the_error_says_what_to_give_and_where(tmp_path, monkeypatch):
