@@ -290,7 +290,9 @@ class Flight:
             return
         before, before_s = self._before
         self._before = None
-        if name in self._warned or len(self._warned) >= WARNED_OF or not clearly_slower(usual_s, before_s):
+        if before == name or name in self._warned or len(self._warned) >= WARNED_OF:
+            return
+        if not clearly_slower(usual_s, before_s):
             return
         self._warned.add(name)
         logger.warning(

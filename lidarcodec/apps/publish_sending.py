@@ -81,7 +81,11 @@ class Sending:
             if wanted.codec != now.codec:
                 self._flight.new_codec()
                 self._refers = False
-            first = self._feed.reframe(wanted.framing) if wanted.framing != now.framing else self.next_index
+            first = self.next_index
+            if wanted.framing != now.framing:
+                reframed = self._feed.reframe(wanted.framing)
+                if wanted == now.model_copy(update={"framing": wanted.framing}):
+                    first = reframed  # else frames that were assembled before have all that is new but the framing
             self._flight.follow(wanted.follow)
         return first, key
 

@@ -153,6 +153,22 @@ def test_another_framing_begins_behind_the_current_frame_and_loses_no_packet(net
             assert frame.side.packets == (348 if frame.index < applied.first_frame else 100)
 
 
+def test_no_frame_before_the_first_has_what_was_changed_with_the_framing(network):
+    """Who cut a drive at `first_frame` took a frame with an error of 20 m for a lossless one."""
+    settings = StreamSettings(codec="zstd", max_error_m=0.0)
+    with live(network, newest=False, until_end=True) as stream:
+        with publisher(network, 12, settings=settings, rate=20.0) as car:
+            frames, got, applied = iter(stream), [], None
+            for frame in frames:
+                got.append(frame)
+                if len(got) == 3:
+                    applied = car.change(framing="packets:200", max_error_m=20.0)
+        originals = {packet.payload for packet in Loop(12).packets()}
+        for frame in got:
+            if frame.index < applied.first_frame:
+                assert {packet.payload for packet in packets_of(frame)} <= originals, frame.index
+
+
 @pytest.mark.parametrize(
     ("query", "field"),
     [
