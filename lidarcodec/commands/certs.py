@@ -93,6 +93,7 @@ def _change(
     installed: Path | None,
 ) -> None:
     deployment = _read(folder / STATE, auth, port)
+    ours = _files(deployment)
     named = _join(deployment, routers, people)
     gone: dict[str, Party] = {}
     for name in remove:
@@ -100,6 +101,9 @@ def _change(
             raise SettingsError(f"--remove {name}: nobody of that name is in {folder / STATE}", "remove")
         gone[name] = deployment.parties.pop(name)
     _check(deployment)
+    for name in sorted(_files(deployment) - ours):
+        if (folder / name).exists():
+            raise SettingsError(f"{folder / name} is there already and is not of this deployment: move it away first")
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
@@ -192,6 +196,12 @@ def _say_validity(deployment: Deployment) -> None:
             print(f"the certificate of {name} {state}: name it again to renew it")
 
 
+def _files(deployment: Deployment) -> set[str]:
+    """Names of the files that belong to a deployment."""
+    people = {file_of(party.role, name) for name, party in deployment.parties.items()}
+    return people | {file_of("router", host) for host in deployment.routers}
+
+
 class _Maker:
     """Writes the files of a deployment."""
 
@@ -204,8 +214,7 @@ class _Maker:
 
     def expected(self) -> set[str]:
         """Files that belong to the deployment."""
-        people = {file_of(party.role, name) for name, party in self._deployment.parties.items()}
-        return people | {file_of("router", host) for host in self._deployment.routers}
+        return _files(self._deployment)
 
     def write(self, named: set[str]) -> list[str]:
         """Write who listens, and those who were named; the names of the files."""

@@ -139,7 +139,7 @@ class ByteStream:
             self._file: IO[bytes] = open_regular(path, buffering=0)
         except OSError as error:
             raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
-        self._head = self._read_file(6)
+        self._head = self._past_empty_frames(self._read_file(6))
         self._member = next((m for m in _MEMBERS if self._head.startswith(m.magic)), None)
         self._decoder: _Decoder | None = self._member.decoder() if self._member else None
 
@@ -183,7 +183,7 @@ class ByteStream:
             return b""
         rest = decoder.rest
         if rest is not None:  # the end of a member; files may be joined from several
-            self._head = rest or self._read_file(CHUNK // 16)
+            self._head = self._past_empty_frames(rest or self._read_file(CHUNK // 16))
             if not self._head:
                 self._decoder = None
             elif self._head.startswith(member.magic):
@@ -191,6 +191,24 @@ class ByteStream:
             else:
                 self.problem = f"there is something else behind the {member.kind} data"
         return out
+
+    def _past_empty_frames(self, data: bytes) -> bytes:
+        """The input behind frames of zstd without content (RFC 8878, section 3.1.2), as pzstd and seekable files have
+        them.
+        """
+        while len(data) >= 4 and data[0] >> 4 == 5 and data[1:4] == b"\x2a\x4d\x18":
+            data += self._read_file(8 - len(data)) if len(data) < 8 else b""
+            left = 8 + int.from_bytes(data[4:8], "little")
+            while left >= len(data):
+                left -= len(data)
+                data = self._read_file(CHUNK // 16)
+                if not data:
+                    if left:
+                        self.problem = "the zstd data is cut"
+                    return b""
+            data = data[left:]
+            data += self._read_file(6 - len(data)) if len(data) < 6 else b""
+        return data
 
     def _read_file(self, size: int) -> bytes:
         try:

@@ -176,6 +176,16 @@ def test_files_of_others_are_left_and_said(tmp_path, capsys):
     assert "my-own.json5 is not of this deployment and was left as it is" in capsys.readouterr().out
 
 
+def test_a_file_of_others_is_not_replaced(tmp_path):
+    (tmp_path / "vehicle-x.json5").write_text("hello")
+    with pytest.raises(SettingsError, match="is not of this deployment"):
+        make(tmp_path, ["hub.example"], ["x"])
+    assert (tmp_path / "vehicle-x.json5").read_text() == "hello"
+    (tmp_path / "vehicle-x.json5").unlink()
+    for _ in range(2):
+        make(tmp_path, ["hub.example"], ["x"])
+
+
 def test_calls_at_the_same_time_forget_nobody(tmp_path):
     """One of two lost its name: a certificate lay there that no later call would have renewed, or removed."""
     names = [f"viewer-{number}" for number in range(5)]

@@ -141,12 +141,17 @@ def test_pcapng_sections_interfaces_simple_packets_and_strange_blocks(write):
     assert counts == {"without time stamp": 1, "packets of no interface": 1}
 
 
+EMPTY = b"\x5a\x2a\x4d\x18\4\0\0\0mine"
+"""A frame of zstd that holds nothing, as pzstd writes them."""
 COMPRESSIONS = {
     "zst": lambda data: zstandard.compress(data, 3),
     "xz": lambda data: lzma.compress(data, preset=0),
     "gz": lambda data: gzip.compress(data, 1),
     "joined xz": lambda data: lzma.compress(data[:5000], preset=0) + bytes(4) + lzma.compress(data[5000:], preset=0),
     "joined zst": lambda data: zstandard.compress(data[:5000]) + zstandard.compress(data[5000:]),
+    "zst with empty frames": lambda data: (
+        EMPTY + zstandard.compress(data[:5000]) + EMPTY + zstandard.compress(data[5000:]) + EMPTY
+    ),
     "joined gz": lambda data: gzip.compress(data[:5000]) + gzip.compress(data[5000:]),
 }
 
