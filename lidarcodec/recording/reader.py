@@ -56,6 +56,7 @@ class RecordingReader:
         self.schemas: dict[int, str] = {}
         self.profile = ""
         self._warned = not warn
+        self._summarised = False
         self._work = Work()
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
@@ -101,7 +102,7 @@ class RecordingReader:
         self.counts.clear()
         for _, stored in self._walk(self._data_start):
             for one in stored:
-                channel = self.channels.get(one.channel)
+                channel = self._channel(one.channel)
                 if channel is not None:
                     yield channel, one
 
@@ -168,10 +169,13 @@ class RecordingReader:
     def _walk(self, start: int, check: bool = True) -> Iterator[tuple[int, list[Stored]]]:
         """(offset, messages) of each record of the data section. Counts what is damaged and, at the end, cut."""
         end = start
+        count = 0
         self._work = Work()
         for record in records.records(self._stream, start, self._size):
             if record.opcode in (records.DATA_END, records.FOOTER):
                 self._look_behind(record)
+                if start == self._data_start and not self.counts["damaged"]:
+                    self._compare(count)
                 return
             stored: list[Stored] = []
             try:
@@ -183,9 +187,21 @@ class RecordingReader:
                 end = record.end
             elif stored:
                 end = stored[-1].start + stored[-1].length
+            count += len(stored)
             yield record.offset, stored
         self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
         self._warn(f"{self._name} was cut: {self._size - end} bytes after its last whole message are lost")
+
+    def _compare(self, count: int) -> None:
+        """Count and say that the file has more messages than were found. A wrong bit may make a chunk something else,
+        which is skipped, or the end of the data.
+        """
+        start = records.summary_start(self._stream, self._size)
+        for record in records.records(self._stream, start, self._size) if start is not None else ():
+            if record.opcode == records.STATISTICS and record.whole and record.length >= 8:
+                told = records.message_count(self._stream, record)
+                if told > count:
+                    self._damaged(DamagedError(f"{count} of its {told} messages were found"))
 
     def _look_behind(self, record: Record) -> None:
         """Count and say what lies behind the end of the recording, as when files were joined by `cat`."""
@@ -215,13 +231,20 @@ class RecordingReader:
                     self._of_another_topic(channel.topic)
 
     def _is(self, number: int, encoding: str, topic: str | None) -> bool:
-        channel = self.channels.get(number)
+        channel = self._channel(number)
         if channel is None or channel.encoding != encoding:
             return False
         if topic is not None:
             return channel.topic == topic
         first = min(one.number for one in self.channels.values() if one.encoding == encoding)
         return channel.topic == self.channels[first].topic
+
+    def _channel(self, number: int) -> Channel | None:
+        """A channel by its id. One that the data tells of in a damaged chunk stands in the summary, too."""
+        if number not in self.channels and not self._summarised:
+            self._summarised = True
+            self._indexed()
+        return self.channels.get(number)
 
     def _last_place(
         self, encoding: str, topic: str | None, start_ns: int, may_start: Callable[[Stored], bool]

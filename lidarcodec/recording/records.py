@@ -19,7 +19,7 @@ from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, MIB, RECORDS_BASE,
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
-CHUNK_INDEX, METADATA, DATA_END = 8, 12, 15
+CHUNK_INDEX, STATISTICS, METADATA, DATA_END = 8, 11, 12, 15
 MAX_RECORD: Final = 65 * 2**20
 """Largest record that is read into memory: a message of 64 MiB and what MCAP adds to it."""
 
@@ -268,6 +268,11 @@ def summary_start(stream: IO[bytes], size: int) -> int | None:
     if not tail.endswith(MAGIC) or opcode != FOOTER or length != _FOOTER.size or not 0 < start < size:
         return None
     return int(start)
+
+
+def message_count(stream: IO[bytes], record: Record) -> int:
+    """How many messages the file has, as its statistics say."""
+    return int.from_bytes(read(stream, record.start, 8), "little")
 
 
 def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, HeaderError, PacketError, SectionError, SettingsError, SourceError
 from lidarcodec.message import Message, Section
 from lidarcodec.packet import Packet
-from lidarcodec.recording import MESSAGE_ENCODING, RecordingReader, RecordingWriter, read_recording
+from lidarcodec.recording import MESSAGE_ENCODING, RecordingReader, RecordingWriter, read_recording, records
 from lidarcodec.recording.layout import pack_batch, unpack_batch
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
@@ -238,6 +238,36 @@ def test_damage_in_the_middle_costs_that_message_only(caplog: pytest.LogCaptureF
     assert [one for _, one in reader.messages()] == data[:3] + data[4:8] + data[9:]
     assert reader.counts["damaged"] == 2
     assert len(caplog.records) == 1, "warned once, with the rest counted"
+
+
+@pytest.mark.parametrize("kind", [*(6 ^ 1 << bit for bit in range(8)), 15])
+def test_a_chunk_that_damage_makes_something_else_is_counted(kind: int) -> None:
+    """What is unknown is skipped, as MCAP wants it, and the end of the data is the end: nobody was told."""
+    data = drive(12)
+    file = bytearray(recorded(data))
+    chunks = [record.offset for record in records.records(io.BytesIO(bytes(file)), 8, len(file)) if record.opcode == 6]
+    file[chunks[4]] = kind
+    reader = RecordingReader(io.BytesIO(bytes(file)))
+    found = [one for _, one in reader.messages()]
+    assert found == (data[:4] if kind in (2, 15) else data[:4] + data[5:])
+    assert reader.counts["damaged"] == 1
+
+
+def test_channels_of_a_damaged_chunk_are_read_in_the_summary() -> None:
+    data, file = drive(12), io.BytesIO()
+    writer = Writer(file, chunk_size=300, compression=CompressionType.NONE)
+    writer.start()
+    channel = writer.register_channel("lidarcodec/v1/truck/roof/frame", MESSAGE_ENCODING, 0)
+    for index, one in enumerate(data):
+        writer.add_message(channel, index, one, index)
+    writer.finish()
+    whole = bytearray(file.getvalue())
+    whole[whole.index(data[0]) + 60] ^= 0x10
+    reader = RecordingReader(io.BytesIO(bytes(whole)))
+    found = [one for _, one in reader.messages()]
+    assert 0 < len(found) < 12
+    assert found == data[-len(found) :]
+    assert reader.counts["damaged"] == 1
 
 
 def test_mutated_recordings_give_messages_or_nothing() -> None:

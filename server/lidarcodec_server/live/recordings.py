@@ -331,7 +331,7 @@ class Recordings:
 
     def _full(self) -> str | None:
         try:
-            return self.shelf.full()
+            return self.shelf.full(sum(one.now().size_bytes for one in [*self._active.values()]))
         except (OSError, StorageError) as error:
             return str(error)
 
@@ -344,6 +344,7 @@ class Recordings:
             self._unwritten[ended.id] = ended
         finally:
             self.shelf.release(ended.id)
+            self.shelf.count_again()
         return ended
 
     async def _in_thread(self, work: Callable[[], T]) -> T:

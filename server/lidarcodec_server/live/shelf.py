@@ -13,6 +13,7 @@ import os
 import re
 import secrets
 import shutil
+import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,6 +33,7 @@ ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{6}")
 ABOUT: Final = "about.json"
 MAX_ABOUT_BYTES: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
+COUNT_S: Final = 10.0
 ELSEWHERE: Final = "another server with this folder of recordings"
 
 
@@ -125,6 +127,7 @@ class Shelf:
     def __init__(self, folder: Path, *, max_total_bytes: int = 64 * 2**30, min_free_bytes: int = 256 * 2**20) -> None:
         self.folder, self.max_total_bytes, self.min_free_bytes = folder, max_total_bytes, min_free_bytes
         self._warnings = SparseLog(logger)
+        self._counted_at, self._others_bytes = float("-inf"), 0
         self._recorded: dict[str, Hold] = {}
 
     def recordings(self) -> list[Recording]:
@@ -208,6 +211,7 @@ class Shelf:
         hold = self._recorded.pop(name, None) or self._hold(name, alone=True)
         try:
             shutil.rmtree(folder)
+            self.count_again()
         except OSError as error:
             raise StorageError(f"cannot delete recording {name}: {error.strerror or error}") from None
         finally:
@@ -225,12 +229,15 @@ class Shelf:
             raise BusyRecordingError(f"recording {name} is being {doing} by {ELSEWHERE}: stop that there first")
         return hold
 
-    def full(self) -> str | None:
-        """Why nothing more may be recorded; None while there is room. Raises OSError."""
+    def full(self, running_bytes: int | None = None) -> str | None:
+        """Why nothing more may be recorded; None while there is room. Raises OSError.
+
+        running_bytes: of the recordings that run; what the others have is counted every COUNT_S at most then
+        """
         free = shutil.disk_usage(self.folder).free
         if free < self.min_free_bytes:
             return f"the disk has {free // 2**20} MiB free: {self.min_free_bytes // 2**20} are left to others"
-        total = sum(_size_of(folder) for folder in self._folders())
+        total = self._total(running_bytes)
         if total >= self.max_total_bytes:
             return f"the recordings have {total // 2**20} MiB: at most {self.max_total_bytes // 2**20} are allowed"
         return None
@@ -241,7 +248,19 @@ class Shelf:
         self._warnings.warning("the folder of recordings %s cannot be used: %s", self.folder, reason)
         return StorageError(f"the server's folder of recordings cannot be used: {reason}")
 
-    def _folders(self) -> list[Path]:
+    def _total(self, running_bytes: int | None) -> int:
+        if running_bytes is None:
+            return sum(map(_size_of, self._folders(None)))
+        if time.monotonic() - self._counted_at >= COUNT_S:
+            self._counted_at = time.monotonic()
+            self._others_bytes = self._total(None) - running_bytes
+        return self._others_bytes + running_bytes
+
+    def count_again(self) -> None:
+        """To be called when a recording has ended or was removed."""
+        self._counted_at = float("-inf")
+
+    def _folders(self, most: int | None = MAX_LISTED) -> list[Path]:
         try:
             with os.scandir(self.folder) as entries:
                 names = sorted((one.name for one in entries if ID.fullmatch(one.name) and one.is_dir()), reverse=True)
@@ -249,7 +268,7 @@ class Shelf:
             return []
         except OSError as error:
             raise self._unusable(error) from None
-        return [self.folder / name for name in names[:MAX_LISTED]]
+        return [self.folder / name for name in names[:most]]
 
 
 def _size_of(folder: Path) -> int:
