@@ -4,8 +4,8 @@
 import type { Pose } from "./matrix";
 
 export const RINGS = 64;
-/** A sensor that turns five times a second has 4,300 columns; more is no frame of ours, and no texture of many cards. */
-export const MAX_COLUMNS = 8192;
+/** Of a frame of 2048 packets, the longest there is. */
+export const MAX_COLUMNS = 12_288;
 
 export interface RangeFrame {
   /** 16 hex digits: another one at each start of the publisher. */

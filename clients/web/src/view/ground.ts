@@ -1,6 +1,6 @@
 /** How high the road lies, in the sensor's frame: the middle of what the lower beams hit. */
 import type { RangeFrame } from "./frame";
-import { RINGS } from "./frame";
+import { MAX_COLUMNS, RINGS } from "./frame";
 import { type SensorTable, TEXELS } from "./sensor";
 
 const STRIDE = 16;
@@ -11,7 +11,7 @@ export const USUAL_M = -1.73;
 export class Ground {
   z = USUAL_M;
   #count = 0;
-  readonly #heights = new Float32Array((LOWEST * 8192) / STRIDE);
+  readonly #heights = new Float32Array((LOWEST * MAX_COLUMNS) / STRIDE);
 
   /** Take every tenth frame into account. */
   update({ range, columns, rangeStepM }: RangeFrame, { values }: SensorTable): void {

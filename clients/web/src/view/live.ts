@@ -26,6 +26,7 @@ const PATIENCE_MS = 3000;
 /** A graphics card has drawn by then. */
 const QUICK_MS = 40;
 const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
+const TOO_WIDE = "This graphics card cannot show frames with so many columns.";
 const LOST = "The graphics card was taken away; the picture comes back with it.";
 const NO_ORIGINALS =
   "The originals of this stream do not come here. They do where the vehicle runs on the server's machine and publishes them: lidarcodec demo, or lidarcodec publish --original.";
@@ -58,6 +59,8 @@ export class LiveView implements View, Sink {
   #source: FrameSource | null = null;
   #stream: { stream: StreamName; token: string | undefined } | null = null;
   #opened = 0;
+  #widest = Number.POSITIVE_INFINITY;
+  #tooWide = false;
   #pairedAt = 0;
   #last: Waiting | null = null;
   #comparison: Comparison | null = null;
@@ -217,6 +220,7 @@ export class LiveView implements View, Sink {
     }
     this.#renderer = new Renderer(this.#gl);
     this.#pending = new Pending(this.#gl);
+    this.#widest = this.#gl.getParameter(this.#gl.MAX_TEXTURE_SIZE) as number;
     this.#overlay.message("");
     if (this.#last) this.#renderer.push(this.#last.frame, this.#last.sensor, 0);
     this.#wake();
@@ -277,6 +281,8 @@ export class LiveView implements View, Sink {
       // one that came without its original would have the picture jump between two views and one
       if (this.#comparison && !frame.original && now - this.#pairedAt < PATIENCE_MS) continue;
       if (frame.original) this.#pairedAt = now;
+      this.#tooWide = frame.columns > this.#widest;
+      if (this.#tooWide) continue;
       this.#renderer?.push(frame, sensor, this.#options.compare ? 0 : this.#options.trail);
       this.#ground.update(frame, sensor);
       this.#motion.take(frame, now);
@@ -341,7 +347,7 @@ export class LiveView implements View, Sink {
 
   #report(): void {
     const now = performance.now();
-    if (this.#renderer) this.#overlay.message(this.#lacksOriginals(now) ? NO_ORIGINALS : "");
+    if (this.#renderer) this.#overlay.message(this.#tooWide ? TOO_WIDE : this.#lacksOriginals(now) ? NO_ORIGINALS : "");
     const source = this.#source;
     const stats = this.#tally.stats(now);
     const gpuBytes = this.#renderer?.bytes ?? 0;
