@@ -9,5 +9,10 @@ import pytest
 
 
 def sampled(cases: Iterable[Any], kept: Collection[Any]) -> list[Any]:
-    """Cases of a parameter; those that are not among `kept` are run by `make sweeps` alone."""
-    return [case if case in kept else pytest.param(case, marks=pytest.mark.sweep) for case in cases]
+    """Cases of a parameter, or tuples for several; those not among `kept` are run by `make sweeps` alone."""
+    return [case if case in kept else _swept(case) for case in cases]
+
+
+def _swept(case: Any) -> Any:
+    values = case if isinstance(case, tuple) else (case,)
+    return pytest.param(*values, marks=pytest.mark.sweep)
