@@ -145,12 +145,19 @@ def test_a_whole_configuration_file_is_used_as_it_is(tmp_path):
         assert sees(car.sender("s/frame", Priority.FRAMES), office.inbox("s/frame"))
 
 
-@pytest.mark.parametrize("text", ["{", '{"mode": "leaf"}', '{"no_such_key": 1}'])
+SECRET = {
+    "auth": {"usrpwd": {"user": "car-7", "password": "secret-123"}},
+    "link": {"tx": {"queue": {"size": {"data": 0}}}},
+}
+
+
+@pytest.mark.parametrize("text", ["{", '{"mode": "leaf"}', '{"no_such_key": 1}', json.dumps({"transport": SECRET})])
 def test_a_configuration_file_that_is_none_is_refused(tmp_path, text):
     path = tmp_path / "zenoh.json5"
     path.write_text(text)
-    with pytest.raises(TransportError, match="no Zenoh configuration"):
+    with pytest.raises(TransportError, match="no Zenoh configuration") as refused:
         open_transport(Endpoints.of(config=path))
+    assert "secret" not in str(refused.value)
 
 
 def test_an_address_that_is_not_ours_is_refused():
