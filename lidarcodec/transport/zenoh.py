@@ -72,7 +72,7 @@ _QOS: dict[Priority, dict[str, Any]] = {
 def _reason(error: Exception) -> str:
     """What Zenoh says, without where in its source, and without the whole configuration: that may hold a password."""
     said = re.sub(r" at /\S+", "", str(error)).strip()
-    return said.partition("{")[0].rstrip(": ") or "it cannot be read"
+    return said.partition('{"')[0].rstrip(": ")
 
 
 def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zenoh.Config:
