@@ -15,6 +15,7 @@ from typer import Option
 
 from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
 from lidarcodec.commands.arguments import (
+    MAX_FRAMES,
     AllowMissed,
     AsJson,
     CalibrationFile,
@@ -77,7 +78,7 @@ def _common(
 def info(
     source: Annotated[str | None, typer.Argument(metavar="[SOURCE]", show_default=False)] = None,
     message: Annotated[
-        int | None, Option("--message", min=0, metavar="N", help="Dump message N of a recording.")
+        int | None, Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Dump message N of a recording.")
     ] = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,

@@ -14,6 +14,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
 from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
+from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, bound_of, promise_of
 from lidarcodec.settings import StreamSettings
@@ -46,6 +47,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
         coverage = None if watched.cut else packets.coverage(stopped)
     for text in recorded.warnings():
         log.warning("%s", text)
+    say_unkept(spec, source.counts)
     if coverage is None and not comparison.frames:
         raise StoppedError(f"stopped before the first frame of {recording} was compared")
     if not comparison.frames:

@@ -70,6 +70,7 @@ OF_THE_SENSOR: Final = (
     "other stream",
     UNKEPT_POSITIONS,
     OTHER_POSITIONS,
+    "wrong length",
     "cut packets",
     "bad packets",
     "lost fragments",

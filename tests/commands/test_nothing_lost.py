@@ -60,7 +60,7 @@ def test_the_calibration_of_what_is_read_stays_as_it_is(drive: Path, tmp_path: P
     assert beside.read_bytes() == before
 
 
-@pytest.mark.parametrize("what", ["damaged", "another port"])
+@pytest.mark.parametrize("what", ["damaged", "another port", "another length"])
 def test_verify_fails_where_the_source_gives_only_a_part_of_what_it_holds(
     drive: Path, tmp_path: Path, what: str
 ) -> None:
@@ -74,6 +74,8 @@ def test_verify_fails_where_the_source_gives_only_a_part_of_what_it_holds(
         if what == "another port" and number >= 600:
             struct.pack_into(">H", data, at + RECORD + 14 + 20 + 2, 2369)
             struct.pack_into(">H", data, at + RECORD + 14 + 20 + 6, 0)
+        if what == "another length" and number >= 600:
+            struct.pack_into(">HH", data, at + RECORD + 14 + 20 + 4, 1106 + 8, 0)
         at, number = at + RECORD + size, number + 1
     hurt = tmp_path / "hurt.pcap"
     hurt.write_bytes(data)
