@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -197,6 +198,17 @@ class _Sensor:
                 self.failure, self._publisher = None, publisher
                 while not publisher.wait(TICK_S) and not self._stop.is_set():
                     pass
-            self.status, self._publisher = publisher.status(), None
+            self.status, self._publisher = _with_earlier(publisher.status(), self.status), None
             if publisher.failure is not None and not self._stop.is_set():
                 raise publisher.failure
+
+
+def _with_earlier(status: dict[str, Any], before: dict[str, Any] | None) -> dict[str, Any]:
+    """The status of a sensor that was opened again, with what its recording lacked before."""
+    earlier, now = (before or {}).get("recording"), status["recording"]
+    if earlier is None or now is None:
+        return status
+    counts = Counter(earlier["counts"])
+    counts.update(now["counts"])
+    recording = now | {"counts": dict(counts), "stopped": now["stopped"] or earlier["stopped"]}
+    return status | {"recording": recording}

@@ -71,6 +71,31 @@ def test_a_source_that_breaks_while_it_is_read_is_opened_again(monkeypatch):
         assert eventually(lambda: len(opened) > 2, 20)
 
 
+def test_what_a_recording_lacked_before_its_source_was_opened_again_is_not_forgotten(monkeypatch, tmp_path):
+    """The exit code told of the last opening only."""
+    monkeypatch.setattr(module, "FIRST_WAIT_S", 0.1)
+    in_the_way, opened = tmp_path / "kept", []
+    in_the_way.write_text("no folder")
+
+    class Cut(Loop):
+        def packets(self):
+            yield from Loop(2).packets()
+            raise SourceError("the cable was cut")
+
+    def source():
+        opened.append(1)
+        if len(opened) == 2:
+            in_the_way.unlink()
+        return Cut() if len(opened) == 1 else Loop(2)
+
+    where = lidarcodec.Endpoints(loopback_port=free_port())
+    with Vehicle("car", [plan("roof", source, record=in_the_way)], where) as vehicle:
+        assert eventually(lambda: len(opened) == 2 and list(in_the_way.glob("*.mcap")), 20)
+    (status,) = vehicle.statuses()
+    assert "File exists" in status["recording"]["stopped"]
+    assert status["recording"]["counts"]["files"] == 1
+
+
 def test_all_sensors_share_one_session_and_stop_soon_when_it_cannot_be_opened():
     taken = socket.socket()
     taken.bind(("127.0.0.1", 0))
