@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
+from lidarcodec.sources.base import PacketSource
 from lidarcodec.training.annotate import AnnotationSettings, annotate
 from lidarcodec.training.annotation_folder import AnnotationFolder
 
@@ -36,14 +38,26 @@ def run(
     chained = given["odometry"] is not None
     given["odometry"] = given["odometry"] or "auto"
     what = f"{readable(spec)} from frame {skip}" + ("" if frames is None else f", {frames} frames")
-    folder, settings = AnnotationFolder(out), AnnotationSettings(source=what, **given)
+    folder = AnnotationFolder(out)
     with open_source(spec, calibration=calibration, poses=poses) as source:
         if source.live:
             raise SettingsError(f"{spec} is live and has no end: record it first, then annotate the recording")
+        settings = AnnotationSettings(source=what, made_of=_digest(source), **given)
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses
         about = annotate(islice(read_frames(source), skip, stop), folder, settings, known, workers, _stage)
     print(json.dumps(about, indent=2) if as_json else _text(about))
+
+
+def _digest(source: PacketSource) -> str:
+    """Of the calibration, the poses and the first frame: a file that was changed keeps its name."""
+    found = hashlib.sha256(source.sensor.hash.encode())
+    for frame in islice(read_frames(source), 1):
+        found.update(frame.range.tobytes() + frame.intensity.tobytes())
+    if source.poses is not None:
+        for part in (source.poses.stamps_ns, source.poses.positions, source.poses.quaternions):
+            found.update(part.tobytes())
+    return found.hexdigest()[:16]
 
 
 @contextmanager

@@ -58,7 +58,8 @@ Tick = Callable[[], None]
 class AnnotationSettings:
     """How a drive is annotated.
 
-    source:     what it is of, for the record;  odometry: see `trajectory.odometry`; only without poses
+    source:     what it is of, for the record;  made_of: a digest of it, of its calibration and of its poses
+    odometry: see `trajectory.odometry`; only without poses
     refine:     whether poses are refined against the map (odometry always is)
     every:      the map is of every so many scans;  cell_m: its voxels;  d_th_m: a spot is seen with a return this near
     travel_m:   a pose counts when the sensor was moved so far from the last that did: at rest all would count
@@ -68,6 +69,7 @@ class AnnotationSettings:
     """
 
     source: str = ""
+    made_of: str = ""
     odometry: str = "auto"
     refine: bool = False
     every: int = 5

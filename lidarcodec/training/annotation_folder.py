@@ -72,6 +72,11 @@ class AnnotationFolder:
         if about is not None:
             for name in sorted(settings.keys() | about["settings"].keys()):
                 then, now = about["settings"].get(name), settings.get(name)
+                if then != now and name == "made_of":
+                    raise SettingsError(
+                        f"{self.path} was begun with another calibration, other poses or another capture: give another"
+                        " folder"
+                    )
                 if then != now:
                     raise SettingsError(
                         f"{self.path} was begun with {name} = {then!r}, not {now!r}: give the same, or another folder"

@@ -214,3 +214,14 @@ def test_the_command_annotates_by_odometry_and_says_what_it_found(tmp_path: Path
     assert sorted(path.name for path in (out / "labels").iterdir()) == ["000000.npz", "000002.npz"]
     assert len(Trajectory.load(out / "trajectory.npz")) == 4
     assert run_here("annotate", "udp://127.0.0.1:0", "--out", str(tmp_path / "live")).returncode == 2
+
+
+def test_a_folder_is_of_one_capture_whatever_its_name(tmp_path: Path) -> None:
+    """Who put another capture, calibration or poses in the place of a wrong one kept the wrong labels."""
+    source, out = tmp_path / "drive.pcap", tmp_path / "drive"
+    words = ("annotate", source, "--odometry", "small_gicp", "--every", "1", "--out", out)
+    for seed, code in ((4, 0), (5, 2)):
+        assert run_here("simulate", f"sim:street?seed={seed}", source, "--frames", 3, "--force").returncode == 0
+        done = run_here(*words)
+        assert done.returncode == code, done.stderr
+    assert "another calibration, other poses or another capture" in done.stderr

@@ -20,7 +20,9 @@ export const Section = {
   MOTION: 8,
   WEIGHTS: 9,
   POSE: 10,
+  FILLER: 11,
   LATTICE: 12,
+  POSITION: 13,
 } as const;
 const KNOWN_SECTIONS: ReadonlySet<number> = new Set(Object.values(Section));
 
