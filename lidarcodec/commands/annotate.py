@@ -16,6 +16,7 @@ from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.poses import Poses
 from lidarcodec.training.annotate import AnnotationSettings, annotate
 from lidarcodec.training.annotation_folder import AnnotationFolder
 
@@ -54,7 +55,7 @@ def _digest(source: PacketSource) -> str:
     found = hashlib.sha256(source.sensor.hash.encode())
     for frame in islice(read_frames(source), 1):
         found.update(frame.range.tobytes() + frame.intensity.tobytes())
-    if source.poses is not None:
+    if isinstance(source.poses, Poses):  # those of the simulator are as its name says
         for part in (source.poses.stamps_ns, source.poses.positions, source.poses.quaternions):
             found.update(part.tobytes())
     return found.hexdigest()[:16]
