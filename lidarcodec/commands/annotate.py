@@ -16,7 +16,6 @@ from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
 from lidarcodec.sources.base import PacketSource
-from lidarcodec.sources.poses import Poses
 from lidarcodec.training.annotate import AnnotationSettings, annotate
 from lidarcodec.training.annotation_folder import AnnotationFolder
 
@@ -55,9 +54,9 @@ def _digest(source: PacketSource) -> str:
     found = hashlib.sha256(source.sensor.hash.encode())
     for frame in islice(read_frames(source), 1):
         found.update(frame.range.tobytes() + frame.intensity.tobytes())
-    if isinstance(source.poses, Poses):  # those of the simulator are as its name says
-        for part in (source.poses.stamps_ns, source.poses.positions, source.poses.quaternions):
-            found.update(part.tobytes())
+    if (poses := source.poses) is not None:
+        for stamp_ns in poses.stamps_ns.tolist():
+            found.update(f"{stamp_ns} {poses.at(stamp_ns)}".encode())
     return found.hexdigest()[:16]
 
 
