@@ -41,7 +41,9 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
         if state["stopped"]:
             lacking.append(f"{stream}: {state['stopped']}")
         if lost := state["counts"].get("lost files", 0):
-            lacking.append(f"{stream}: {lost} of its files were removed, replaced or cut short while they were written")
+            lacking.append(
+                f"{stream}: {lost} of its files were removed, replaced or written over while they were written"
+            )
     if lacking:
         raise SourceError(f"not all of the stream was recorded: {'; '.join(lacking)}")
 

@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import IO, Final
 
 from lidarcodec import wire
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
+from lidarcodec.recording.reader import RecordingReader
 from lidarcodec.recording.writer import RecordingWriter
 from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings, valid_name
@@ -41,7 +42,7 @@ class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
-            `lost files` (removed, replaced or cut short by somebody while they were written),
+            `lost files` (removed, replaced or written over by somebody while we wrote them),
             `waiting for a key message` (not written), `not recorded`
     stopped: why nothing is written any more, None while it is;  clouds: to be set where `write_cloud` will be called
     """
@@ -126,12 +127,23 @@ class RotatingRecorder:
     def files(self) -> list[Path]:
         """Files of this sensor in the folder, oldest first."""
         name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
-        found = [path for path in self.folder.iterdir() if name.fullmatch(path.name)]
+        found = [path for path in self.folder.iterdir() if name.fullmatch(path.name) and self._is_ours(path)]
         return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
+    def _is_ours(self, path: Path) -> bool:
+        """Whether a file of that name is of this sensor: `car_1`, `roof` and `car`, `1_roof` make the same names."""
+        if "_" not in self.vehicle + self.sensor or path.name in self._made:
+            return True
+        try:
+            with open_regular(path) as file:
+                about = RecordingReader(file, warn=False).metadata
+        except (OSError, SourceError):
+            return False
+        return (about.get("vehicle"), about.get("sensor")) == (self.vehicle, self.sensor)
+
     def _look_after_file(self) -> None:
-        """Let go of a file that somebody has removed, replaced or cut short: the disk would take what is written into
-        it all the same.
+        """Let go of a file that somebody has removed, replaced or written over: the disk would take what is written
+        into it all the same.
         """
         file = self._file
         if file is None or (what := _lost(file)) is None:
@@ -139,7 +151,8 @@ class RotatingRecorder:
         self.counts["lost files"] += 1
         log.error("%s was %s while it was being written: what it held is lost", file.name, what)
         self._writer = self._file = None
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), file.fileno())  # what waits in its buffer must not get into a file of others
             file.close()
 
     def _size_with(self, more: int) -> int:
@@ -260,8 +273,8 @@ class RotatingRecorder:
 def _lost(file: IO[bytes]) -> str | None:
     """What somebody did to a file that is being written, if what it held is lost by it."""
     ours = os.fstat(file.fileno())
-    if ours.st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
-        return "cut short"
+    if ours.st_size != os.lseek(file.fileno(), 0, os.SEEK_CUR):
+        return "written over"
     try:
         there = Path(file.name).stat()
     except OSError:

@@ -55,12 +55,12 @@ def spoil(path: Path, what: str) -> None:
         other.write_bytes(b"other")
         other.replace(path)
     else:
-        path.write_bytes(b"")
+        path.write_bytes(b"" if what == "cut" else bytes(10_000_000))
 
 
 @pytest.mark.parametrize("kind", ["messages", "packets"])
-@pytest.mark.parametrize("what", ["file", "folder", "replaced", "cut"])
-def test_a_file_that_is_removed_replaced_or_cut_short_is_told_and_another_one_begins(
+@pytest.mark.parametrize("what", ["file", "folder", "replaced", "cut", "over"])
+def test_a_file_that_is_removed_replaced_or_written_over_is_told_and_another_one_begins(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str, what: str
 ) -> None:
     """All that followed went into a file that nobody could open, and nobody was told."""
@@ -109,6 +109,16 @@ def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
     recorder.close()
     assert len([path for path in tmp_path.iterdir() if path.stat().st_size == 3 * MIB]) == 3
     assert recorder.counts["deleted files"] > 0
+
+
+def test_files_of_another_sensor_are_left_alone_though_their_names_are_alike(tmp_path: Path) -> None:
+    for vehicle, sensor in (("car", "1_roof"), ("car_1", "roof")):
+        recorder = RotatingRecorder(tmp_path, vehicle, sensor, max_file_bytes=MIB, max_total_bytes=2 * MIB)
+        for index in range(60):
+            recorder.write(big(index, True))
+        recorder.close()
+        assert recorder.counts["deleted files"] > 0
+    assert len(RotatingRecorder(tmp_path, "car", "1_roof").files()) >= 2
 
 
 def test_files_of_an_earlier_run_count(tmp_path: Path) -> None:

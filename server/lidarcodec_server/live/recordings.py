@@ -99,7 +99,7 @@ class _Active:
         if state["stopped"] is not None:
             return str(state["stopped"])
         if state["counts"].get("lost files"):
-            return "its file was removed, replaced or cut short while it was written"
+            return "its file was removed, replaced or written over while it was written"
         return None
 
 
