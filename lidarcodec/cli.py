@@ -77,7 +77,9 @@ def _common(
 
 @app.command()
 def info(
-    source: Annotated[str | None, typer.Argument(metavar="[SOURCE]", show_default=False)] = None,
+    source: Annotated[
+        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A source or a recording.")
+    ] = None,
     message: Annotated[
         int | None,
         Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Show message N of a recording, byte by byte."),
@@ -281,7 +283,11 @@ def publish(
     ] = None,
     vehicle: Annotated[
         str | None,
-        Option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, otherwise `vehicle`."),
+        Option(
+            "--vehicle",
+            metavar="NAME",
+            help="Name of the vehicle. Default: the name in --zenoh-config, otherwise `vehicle`.",
+        ),
     ] = None,
     sensor: Annotated[
         str | None, Option("--sensor", metavar="NAME", help="Name of the sensor. Default: lidar.")
@@ -361,7 +367,7 @@ def publish(
         ),
     ] = None,
 ) -> None:
-    """Publish a source over Zenoh, newest frame first, until the source ends or Ctrl-C is pressed."""
+    """Publish a source over Zenoh. The newest frame is sent first. Stops when the source ends, or with Ctrl-C."""
     from lidarcodec.commands import publish as command
 
     keep_standard_output()
@@ -379,9 +385,9 @@ def publish(
         publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
         return
     if source is None:
-        raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
+        raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
     if record is None and (record_as is not None or record_gb is not None):
-        raise SettingsError("--record-as and --record-gb say how it is kept: say where with --record DIR", "record")
+        raise SettingsError("--record-as and --record-gb need --record DIR", "record")
     command.run(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
@@ -416,11 +422,11 @@ def subscribe(
     zenoh_config: ZenohConfig = None,
     as_json: AsJson = False,
 ) -> None:
-    """Receive and decode a stream until Ctrl-C is pressed, then print a summary."""
+    """Receive and decode a stream. Ctrl-C stops it and prints a summary."""
     from lidarcodec.commands import subscribe as command
 
     if with_clouds and record is None:
-        raise SettingsError("--with-clouds goes into recordings: say where they are kept with --record DIR", "record")
+        raise SettingsError("--with-clouds needs --record DIR: points are kept in recordings", "record")
     keep_standard_output()
     given = (connect or [], listen or [], zenoh_config)
     command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
@@ -456,7 +462,7 @@ def demo(
         ),
     ] = None,
 ) -> None:
-    """Show a vehicle in a simulated town live in the browser: a vehicle, a server, and a summary at the end."""
+    """Show a simulated drive live in the browser. Runs a vehicle and a server, and prints a summary at the end."""
     from lidarcodec.commands import demo as command
 
     keep_standard_output()

@@ -84,9 +84,9 @@ class StreamSettings(BaseModel):
     @classmethod
     def _number(cls, value: Any) -> Any:
         if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
-            raise ValueError("a number is needed, not true or false")  # noqa: TRY004 (pydantic takes no other)
+            raise ValueError("write a number, not true or false")  # noqa: TRY004 (pydantic takes no other)
         if isinstance(value, str) and value != AUTO:  # and "5" for 5, which the schema does not allow
-            raise ValueError("a number is needed, not text")
+            raise ValueError("write a number, not text")
         return value
 
     @field_validator("intensity")
@@ -98,14 +98,14 @@ class StreamSettings(BaseModel):
         if found and int(found[2]) in (range(2, 257) if found[1] == "levels" else range(1, 128)):
             return value
         raise ValueError(
-            "intensity is auto, lossless, error=N with N from 1 to 127, levels=N with N from 2 to 256, or off"
+            "intensity must be auto, lossless, off, error=N with N from 1 to 127, or levels=N with N from 2 to 256"
         )
 
     @field_validator("target_kbps")
     @classmethod
     def _target(cls, value: float | str | None) -> float | str | None:
         if isinstance(value, float) and not 1.0 <= value <= MAX_KBPS:
-            raise ValueError(f"a target is 1 to {MAX_KBPS:.0f} kbit/s")
+            raise ValueError(f"a target must be 1 to {MAX_KBPS:.0f} kbit/s")
         return value
 
     @field_validator("framing")
@@ -115,20 +115,20 @@ class StreamSettings(BaseModel):
             return value
         found = re.fullmatch(r"packets:([0-9]{1,4})", value)
         if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
-            raise ValueError(f"framing is packets, packets:N with N from 1 to {MAX_PACKETS}, or revolution")
+            raise ValueError(f"framing must be packets, revolution, or packets:N with N from 1 to {MAX_PACKETS}")
         return value
 
     @field_validator("follow")
     @classmethod
     def _follow(cls, value: str | None) -> str | None:
         if value is not None and not is_name(value):
-            raise ValueError("follow is a receiver's name: 1 to 64 of A-Z a-z 0-9 _ . -")
+            raise ValueError("follow must be the name of a receiver: 1 to 64 of A-Z a-z 0-9 _ . -")
         return value
 
     @model_validator(mode="after")
     def _one_budget(self) -> StreamSettings:
         if self.keep_points is not None and self.keep_fraction is not None:
-            raise ValueError("keep_points and keep_fraction exclude each other")
+            raise ValueError("give keep_points or keep_fraction, not both")
         return self
 
     @property
@@ -195,7 +195,7 @@ def settings_from(values: dict[str, Any]) -> StreamSettings:
         field = ".".join(str(part) for part in first["loc"]) or None
         known = ", ".join(StreamSettings.model_fields)
         if first["type"] == "extra_forbidden":
-            raise SettingsError(f"unknown setting '{field}': known are {known}", field) from None
+            raise SettingsError(f"unknown setting '{field}': choose one of {known}", field) from None
         reason = first["msg"].removeprefix("Value error, ")
         raise SettingsError(f"{field or 'settings'}: {reason}", field) from None
 
@@ -211,5 +211,7 @@ def valid_name(name: str, what: str) -> str:
     Raises SettingsError otherwise.
     """
     if not is_name(name):
-        raise SettingsError(f"{what} '{name[:80]}' is not a name: 1 to 64 of A-Z a-z 0-9 _ . -, not dots alone", what)
+        raise SettingsError(
+            f"{what} '{name[:80]}' is not a valid name: use 1 to 64 of A-Z a-z 0-9 _ . -, not only dots", what
+        )
     return name

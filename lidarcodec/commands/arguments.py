@@ -58,7 +58,7 @@ Listen = Annotated[
     Option(
         "--listen",
         metavar="ENDPOINT",
-        help="Listen on this address. Without --listen and --connect, nothing leaves this machine.",
+        help="Listen on this address. Repeatable. By default, nothing leaves this machine.",
     ),
 ]
 ZenohConfig = Annotated[

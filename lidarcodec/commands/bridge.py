@@ -139,7 +139,7 @@ def _domain(given: int | None) -> int:
     if given is not None or not text:
         return given or 0
     if not is_number(text, 232):
-        raise SettingsError(f"{DOMAIN_VARIABLE} is a number from 0 to 232, not '{text}'", "domain")
+        raise SettingsError(f"{DOMAIN_VARIABLE} must be a number from 0 to 232, not '{text}'", "domain")
     return int(text)
 
 

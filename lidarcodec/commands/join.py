@@ -30,9 +30,11 @@ def join(
 
     ending = out.suffix.lower()
     if ending not in (".mcap", ".pcap") or any(part.suffix.lower() != ending for part in parts):
-        raise SettingsError(f"join puts .mcap files together, or .pcap files: let all names and {out} end so")
+        raise SettingsError(
+            f"join takes only .mcap files or only .pcap files: all parts and {out} must have the same ending"
+        )
     if len(parts) < 2:
-        raise SettingsError("join needs two parts or more, and OUT behind them")
+        raise SettingsError("join needs at least two parts, then OUT")
     for part in parts:
         check_not_input(out, part)
     check_free(out, force=force)

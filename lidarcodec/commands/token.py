@@ -44,12 +44,12 @@ def create(
         if unprinted is not None:  # nobody has it: it must not stay valid
             store.revoke_token(name, _who())
             raise SourceError(
-                f"the token cannot be printed ({unprinted}), so it was revoked: try again with another name"
+                f"the token could not be printed ({unprinted}), so it was revoked: try again with another name"
             )
     finally:
         store.close()
     if sys.stderr.isatty():
-        sys.stderr.write("This is shown once; only a digest of it is kept.\n")
+        sys.stderr.write("This token is shown only once: the server keeps only its digest.\n")
 
 
 @app.command("list")
@@ -78,7 +78,7 @@ def revoke(name: Name, database_url: Database = None, database_password_file: Da
     store = _store(database_url, database_password_file)
     try:
         if not store.revoke_token(name, _who()):
-            raise SettingsError(f"there is no token '{name}' that works", "name")
+            raise SettingsError(f"there is no valid token '{name}'", "name")
     finally:
         store.close()
 

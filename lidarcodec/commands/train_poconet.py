@@ -94,7 +94,9 @@ def scores(
 def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: str) -> Any:
     for drive in [*drives, *(test or [])]:
         if not (drive / "annotation.json").is_file():
-            raise SettingsError(f"{drive} is no annotated drive: make one with `lidarcodec annotate`", "drives")
+            raise SettingsError(
+                f"{drive} is not an annotated drive: label it first with `lidarcodec annotate`", "drives"
+            )
     training_module("runs").limit_threads(threads)
     return training_module(module)
 

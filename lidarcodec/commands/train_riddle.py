@@ -108,9 +108,11 @@ def riddle(
         check_not_input(out, spec)
     learned_from = {identity(spec) for spec in (*learned, *single)}
     if shared := [spec for spec in held if identity(spec) in learned_from]:
-        raise SettingsError(f"{shared[0]} is held out and learned from", "holdout")
+        raise SettingsError(
+            f"{shared[0]} is given for training and with --holdout: use it for only one of them", "holdout"
+        )
     if not out.parent.is_dir():
-        raise SettingsError(f"{out.parent} is no folder", "out")
+        raise SettingsError(f"there is no folder {out.parent}", "out")
     check_free(out, force=force)
     runs.limit_threads(threads)
     how = samples.Gathering(seed, frame_rows, passes, frames, framing, units)
