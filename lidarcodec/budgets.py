@@ -104,5 +104,5 @@ def read_file(path: Path, kind: str) -> bytes:
     with open_regular(path) as file:
         data = file.read(-1 if most is None else most + 1)
     if most is not None and len(data) > most:
-        raise FileTooLargeError(f"it has more than {most:,} bytes")
+        raise FileTooLargeError(f"it is larger than {most:,} bytes")
     return data

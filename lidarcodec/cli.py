@@ -40,14 +40,15 @@ from lidarcodec.commands.running import keep_standard_output
 from lidarcodec.errors import SettingsError
 
 app = typer.Typer(
-    help="Velodyne HDL-64 packets in, the same packets out, a fraction of the bits between.",
+    help="Compress LiDAR packets (Velodyne HDL-64E), send or store them, and get the same packets back.",
     add_completion=False,
     invoke_without_command=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder, a rosbag), udp://HOST:PORT, or "
-    "sim:city|road|street|bend|motorway[?seed=1&frames=100]. Every option can also be set by an environment variable.",
+    epilog="A SOURCE is a path (.pcap .pcapng .mcap .pcap.zst .pcap.xz, a KITTI folder, a rosbag), "
+    "udp://HOST:PORT, or sim:city|road|street|bend|motorway[?seed=1&frames=100]. Every option can also be "
+    "set by an environment variable.",
 )
 
 
@@ -61,7 +62,7 @@ app.add_typer(bridge.app, name="bridge")
 def _common(
     context: typer.Context,
     debug: Annotated[bool, Option("--debug", help="Show the traceback of an error.")] = False,
-    version: Annotated[bool, Option("--version", help="Print the version and end.", is_eager=True)] = False,
+    version: Annotated[bool, Option("--version", help="Print the version and exit.", is_eager=True)] = False,
 ) -> None:
     del debug  # main() looks for it, wherever it stands
     if version:
@@ -76,14 +77,17 @@ def _common(
 
 @app.command()
 def info(
-    source: Annotated[str | None, typer.Argument(metavar="[SOURCE]", show_default=False)] = None,
+    source: Annotated[
+        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A source or a recording.")
+    ] = None,
     message: Annotated[
-        int | None, Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Dump message N of a recording.")
+        int | None,
+        Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Show message N of a recording, byte by byte."),
     ] = None,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what a source or a recording holds; without SOURCE: versions, extras, ports, clock and settings."""
+    """Describe a source or a recording. Without SOURCE: show versions, extras, ports, clock and settings."""
     from lidarcodec.commands import info as command
 
     command.run(source, message, calibration, as_json)
@@ -117,7 +121,12 @@ def encode(
 @app.command()
 def decode(
     recording: Annotated[Path, typer.Argument(metavar="IN.mcap", show_default=False)],
-    out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False, help=".pcap .npz .ply .las, or a folder")],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT", show_default=False, help="A file that ends in .pcap .npz .ply or .las, or a folder."
+        ),
+    ],
     frames: FrameCount = None,
     skip: SkipCount = 0,
     force: Force = False,
@@ -138,11 +147,15 @@ def verify(
     source: Source,
     calibration: CalibrationFile = None,
     allow_part: Annotated[
-        bool, Option("--allow-part", help="The recording may hold only a part of its source; say which.")
+        bool,
+        Option(
+            "--allow-part", help="Accept a recording that holds only a part of the source. The report names the part."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare a recording with its source; exit code 1 if it breaks what its settings promise, or does not hold all."""
+    """Compare a recording with its source. The exit code is 1 if an error is larger than allowed, or if packets are
+    missing."""
     from lidarcodec.commands import verify as command
 
     if not command.run(recording, source, calibration, as_json, allow_part):
@@ -152,25 +165,39 @@ def verify(
 @app.command()
 def annotate(
     source: Source,
-    out: Annotated[Path, Option("--out", metavar="DIR", show_default=False, help="Folder; taken up if begun.")],
+    out: Annotated[
+        Path, Option("--out", metavar="DIR", show_default=False, help="Output folder. An unfinished run is continued.")
+    ],
     poses: PosesFile = None,
     refine: Annotated[
         bool | None,
-        Option("--refine/--no-refine", show_default=False, help="Align poses with the map; of files: yes."),
+        Option(
+            "--refine/--no-refine",
+            show_default=False,
+            help="Align the poses with the map. Default: only for poses from a file.",
+        ),
     ] = None,
-    odometry: Annotated[str | None, Option("--odometry", metavar="NAME", help="auto, small_gicp or kiss-icp.")] = None,
-    ground: Annotated[str, Option("--ground", metavar="NAME", help="ransac or patchwork.")] = "ransac",
-    share: Annotated[float, Option("--share", help="Of all returns, those to be labelled high.")] = 1 / 12,
-    every: Annotated[int, Option("--every", metavar="N", help="The map is of every N-th scan.")] = 5,
-    travel: Annotated[float, Option("--travel", metavar="M", help="Least way between poses that count.")] = 0.5,
+    odometry: Annotated[
+        str | None,
+        Option("--odometry", metavar="NAME", help="Find the poses by odometry: auto, small_gicp or kiss-icp."),
+    ] = None,
+    ground: Annotated[
+        str, Option("--ground", metavar="NAME", help="How ground is found: ransac or patchwork.")
+    ] = "ransac",
+    share: Annotated[float, Option("--share", help="Share of all returns that are labelled high.")] = 1 / 12,
+    every: Annotated[int, Option("--every", metavar="N", help="Build the map from every N-th scan.")] = 5,
+    travel: Annotated[
+        float, Option("--travel", metavar="M", help="Least distance between poses that count, in metres.")
+    ] = 0.5,
     label_every: Annotated[int, Option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
-    workers: Annotated[int, Option("--workers", min=1, metavar="N", help="Processes to work in.")] = 1,
+    workers: Annotated[int, Option("--workers", min=1, metavar="N", help="Number of processes.")] = 1,
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Label each return of a drive by how many places saw its spot: high, low or ground. Goes on where it stopped."""
+    """Label each return of a drive as high, low or ground. High: it was seen from many places. Continues an
+    unfinished run."""
     from lidarcodec.commands import annotate as command
 
     command.run(source, out, frames, skip, calibration, poses, workers, as_json, refine=refine, odometry=odometry,
@@ -180,10 +207,14 @@ def annotate(
 @app.command()
 def bench(
     source: Source,
-    codec: Annotated[str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: pcodec.")] = None,
+    codec: Annotated[
+        str | None, Option("--codec", metavar="NAME[,NAME...]", help="Codecs to measure. Default: pcodec.")
+    ] = None,
     pairs: Annotated[
         list[str] | None,
-        Option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable: all combinations."),
+        Option(
+            "--set", metavar="KEY=A[,B,C]", help="A setting and its values. Repeatable. All combinations are measured."
+        ),
     ] = None,
     reduction: ReductionName = None,
     keep_points: KeepPoints = None,
@@ -192,22 +223,36 @@ def bench(
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
-    plot: Annotated[Path | None, Option("--plot", metavar="FILE", help="Also draw the results (extra `plot`).")] = None,
+    plot: Annotated[
+        Path | None, Option("--plot", metavar="FILE", help="Also draw the results into FILE (extra `plot`).")
+    ] = None,
     metrics: Annotated[
-        str, Option("--metrics", metavar="usual|all", help="`all`: also errors by range, Chamfer, D1, D2 (slower).")
+        str,
+        Option(
+            "--metrics",
+            metavar="usual|all",
+            help="`all` adds errors by range, Chamfer distance, D1 and D2. It is slower.",
+        ),
     ] = "usual",
     curve: Annotated[
         bool,
-        Option("--curve", help="Every codec over its own knob; with --metrics all over target bitrates."),
+        Option(
+            "--curve",
+            help="Measure each codec over a range of its quality setting. With --metrics all: over target bitrates.",
+        ),
     ] = False,
     peers: Annotated[
-        bool, Option("--peers", help="Also other people's coders (extra `peers`); --codec peer:NAME takes one.")
+        bool,
+        Option(
+            "--peers",
+            help="Also measure compressors of other projects (extra `peers`). For one only: --codec peer:NAME.",
+        ),
     ] = False,
     learn: LearnSteps = 0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Measure codecs on a source: bits by plane, errors, times. Every message is decoded and compared."""
+    """Measure codecs on a source: bits, errors and times. Every message is decoded and compared."""
     from lidarcodec.commands import bench as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
@@ -233,18 +278,26 @@ def simulate(
 @app.command()
 def publish(
     source: Annotated[
-        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, sim:...")
+        str | None,
+        typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE."),
     ] = None,
     vehicle: Annotated[
-        str | None, Option("--vehicle", metavar="NAME", help="Default: the name in --zenoh-config, else vehicle.")
+        str | None,
+        Option(
+            "--vehicle",
+            metavar="NAME",
+            help="Name of the vehicle. Default: the name in --zenoh-config, otherwise `vehicle`.",
+        ),
     ] = None,
-    sensor: Annotated[str | None, Option("--sensor", metavar="NAME", help="Default: lidar.")] = None,
+    sensor: Annotated[
+        str | None, Option("--sensor", metavar="NAME", help="Name of the sensor. Default: lidar.")
+    ] = None,
     link: Annotated[
         str | None,
         Option(
             "--link",
             metavar="1mbit|2mbit|5mbit|lan",
-            help="Purpose, codec and target bitrate for such a link; what is given beside it wins.",
+            help="Choose purpose, codec and target bitrate for this link. Other options take precedence.",
         ),
     ] = None,
     codec: CodecName = None,
@@ -254,38 +307,67 @@ def publish(
     keep_fraction: KeepFraction = None,
     rate: Annotated[
         str | None,
-        Option("--rate", metavar="HZ|max", help="Frames a second of a recorded source (default 10), or every one."),
+        Option(
+            "--rate",
+            metavar="HZ|max",
+            help="Play a recorded source at HZ frames a second (default: 10). max: do not skip any frame.",
+        ),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
-    record: Annotated[Path | None, Option("--record", metavar="DIR", help="Keep everything, whatever is sent.")] = None,
+    record: Annotated[
+        Path | None, Option("--record", metavar="DIR", help="Also record the whole stream into DIR, whatever is sent.")
+    ] = None,
     record_as: Annotated[
-        str | None, Option("--record-as", metavar="packets|lossless", help="In which form; default: packets.")
+        str | None, Option("--record-as", metavar="packets|lossless", help="Form of that recording. Default: packets.")
     ] = None,
     record_gb: Annotated[
         float | None,
-        Option("--record-gb", min=0.001, max=1e6, metavar="N", help="Size of DIR (8); the oldest files go first."),
+        Option(
+            "--record-gb",
+            min=0.001,
+            max=1e6,
+            metavar="N",
+            help="Size limit of DIR in GB (default: 8). The oldest files are removed first.",
+        ),
     ] = None,
     calibration: CalibrationFile = None,
     poses: Annotated[
         Path | None,
-        Option("--poses", metavar="FILE|source", help="As for encode; source: those it has itself."),
+        Option(
+            "--poses",
+            metavar="FILE|source",
+            help="Poses to send: a file (.npz, TUM or KITTI), or `source` for those of the source itself.",
+        ),
     ] = None,
     original: Annotated[
-        bool, Option("--original", help="Send the originals, too, to programs on this machine that compare.")
+        bool, Option("--original", help="Also send uncompressed frames to local viewers that use Compare.")
     ] = False,
     config: Annotated[
-        Path | None, Option("--config", metavar="FILE", help="Several sensors, with all of this, from a YAML file.")
+        Path | None,
+        Option(
+            "--config",
+            metavar="FILE",
+            help="Publish several sensors as described in a YAML file. It replaces most other options.",
+        ),
     ] = None,
     health_file: Annotated[
-        Path | None, Option("--health-file", metavar="FILE", help="Say there once a second how it goes, for `health`.")
+        Path | None,
+        Option(
+            "--health-file", metavar="FILE", help="Write the state to FILE once a second. `lidarcodec health` reads it."
+        ),
     ] = None,
     weights_dir: Annotated[
-        Path | None, Option("--weights-dir", metavar="DIR", help="Own weights of `riddle`, which settings may name.")
+        Path | None,
+        Option(
+            "--weights-dir",
+            metavar="DIR",
+            help="Folder with your own weights for `riddle`. The setting `weights` can name them.",
+        ),
     ] = None,
 ) -> None:
-    """Publish a source over Zenoh, newest frame first, until it ends or a signal comes."""
+    """Publish a source over Zenoh. The newest frame is sent first. Stops when the source ends, or with Ctrl-C."""
     from lidarcodec.commands import publish as command
 
     keep_standard_output()
@@ -303,9 +385,9 @@ def publish(
         publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
         return
     if source is None:
-        raise SettingsError("publish what? give a SOURCE, or --config FILE", "source")
+        raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
     if record is None and (record_as is not None or record_gb is not None):
-        raise SettingsError("--record-as and --record-gb say how it is kept: say where with --record DIR", "record")
+        raise SettingsError("--record-as and --record-gb need --record DIR", "record")
     command.run(
         source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
@@ -320,26 +402,31 @@ def subscribe(
         str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
     ] = "lidarcodec/v1/vehicle/lidar",
     udp: Annotated[
-        str | None, Option("--udp", metavar="HOST:PORT", help="Send the decoded packets on, as the sensor would.")
+        str | None,
+        Option("--udp", metavar="HOST:PORT", help="Send the decoded packets to this address, as the sensor would."),
     ] = None,
-    record: Annotated[Path | None, Option("--record", metavar="DIR", help="Keep the messages as recordings.")] = None,
+    record: Annotated[
+        Path | None, Option("--record", metavar="DIR", help="Record the received messages into DIR.")
+    ] = None,
     with_clouds: WithClouds = False,
     frames: FrameCount = None,
-    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher has gone.")] = False,
+    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")] = False,
     receiver: Annotated[
         str | None,
-        Option("--receiver", metavar="NAME", help="Name under which it reports. Default: that in --zenoh-config."),
+        Option(
+            "--receiver", metavar="NAME", help="Name in reports to the vehicle. Default: the name in --zenoh-config."
+        ),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
     as_json: AsJson = False,
 ) -> None:
-    """Receive and decode a stream until a signal comes, and say how it went."""
+    """Receive and decode a stream. Ctrl-C stops it and prints a summary."""
     from lidarcodec.commands import subscribe as command
 
     if with_clouds and record is None:
-        raise SettingsError("--with-clouds goes into recordings: say where they are kept with --record DIR", "record")
+        raise SettingsError("--with-clouds needs --record DIR: points are kept in recordings", "record")
     keep_standard_output()
     given = (connect or [], listen or [], zenoh_config)
     command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
@@ -354,18 +441,28 @@ app.command()(fleet.health)
 @app.command()
 def demo(
     seconds: Annotated[
-        float | None, Option("--seconds", min=1, metavar="N", help="How long: on a terminal until Ctrl-C, else 20.")
+        float | None,
+        Option("--seconds", min=1, metavar="N", help="Duration. Default: 20 s; on a terminal until Ctrl-C."),
     ] = None,
-    source: Annotated[str, Option("--source", metavar="SOURCE", help="What the vehicle sees.")] = "sim:city",
+    source: Annotated[str, Option("--source", metavar="SOURCE", help="What the vehicle publishes.")] = "sim:city",
     codec: CodecName = None,
     pairs: Pairs = None,
     calibration: CalibrationFile = None,
-    no_browser: Annotated[bool, Option("--no-browser", help="Only say where the page is.")] = False,
+    no_browser: Annotated[
+        bool, Option("--no-browser", help="Print the address of the page, but do not open a browser.")
+    ] = False,
     port: Annotated[
-        int | None, Option("--port", min=1, max=65535, metavar="P", help="Of the page: 8080, or one that is free.")
+        int | None,
+        Option(
+            "--port",
+            min=1,
+            max=65535,
+            metavar="P",
+            help="Port of the page. Default: 8080, or a free port if it is taken.",
+        ),
     ] = None,
 ) -> None:
-    """Drive through a simulated town, live on a page in the browser: a vehicle, a server, and a summary at the end."""
+    """Show a simulated drive live in the browser. Runs a vehicle and a server, and prints a summary at the end."""
     from lidarcodec.commands import demo as command
 
     keep_standard_output()

@@ -72,7 +72,7 @@ def check_offline(settings: StreamSettings) -> StreamSettings:
     Raises SettingsError.
     """
     if settings.target_kbps == AUTO:
-        raise SettingsError("target_kbps=auto is found on a live path: give a number of kbit/s here", "target_kbps")
+        raise SettingsError("target_kbps=auto works only in live streams: give a number of kbit/s here", "target_kbps")
     return without_auto(settings)
 
 

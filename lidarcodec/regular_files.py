@@ -5,7 +5,7 @@ from their middle, which neither allows. So they are refused at once, with one s
 
 >>> open_regular(Path("/dev/zero"))
 Traceback (most recent call last):
-lidarcodec.regular_files.NotRegularError: [Errno 22] it is a device; a regular file is needed: '/dev/zero'
+lidarcodec.regular_files.NotRegularError: [Errno 22] it is a device; use a regular file: '/dev/zero'
 """
 
 from __future__ import annotations
@@ -58,4 +58,4 @@ def _opener(path: str, flags: int) -> int:
 def _check(mode: int, path: Path) -> None:
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise NotRegularError(errno.EINVAL, f"it is {kind}; a regular file is needed", str(path))
+        raise NotRegularError(errno.EINVAL, f"it is {kind}; use a regular file", str(path))

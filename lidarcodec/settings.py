@@ -47,45 +47,46 @@ class StreamSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
     codec: str = "pcodec"
-    """Which codec; a new one starts with its own default settings. `auto`: the one that shows most at the target in the
-    processor time that is there."""
+    """The codec. A new codec starts with its own default settings. `auto`: the codec with the best picture at the
+    target, of those that are fast enough on this machine."""
     codec_settings: dict[str, Any] = Field(default_factory=dict)
     """The codec's own settings."""
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
-    """Largest error of any range, in metres, at most 20; 0 is lossless, null the codec's default."""
+    """Largest error of any range, in metres, at most 20. 0: lossless. null: the default of the codec."""
     target_kbps: float | Literal["auto"] | None = None
-    """Mean bitrate of any five seconds, in kbit/s: it turns the bound or the quality of the codec. `auto`: what the
-    path carries."""
+    """Largest mean bitrate over any five seconds, in kbit/s. To keep it, the program adjusts the error bound or the
+    quality. `auto`: follow the bitrate of the network."""
     intensity: str = AUTO
-    """`auto`, `lossless`, `error=N` (1 to 127: none off by more than N of 255), `levels=N` (2 to 256: at most N values
-    in a frame, chosen for few bits and small errors) or `off`. `auto`: what a target has bits for, lossless without."""
+    """`auto`, `lossless`, `error=N`, `levels=N` or `off`. `error=N` (1 to 127): errors of at most N, of 255.
+    `levels=N` (2 to 256): at most N different values in a frame. `auto`: adjusted to the target bitrate; lossless
+    without a target."""
     reduction: str = AUTO
-    """Which returns are sent. `auto`: as many columns as a target has bits for, all without one."""
+    """Which returns are sent. `auto`: as many columns as the target bitrate allows; all without a target."""
     keep_points: int | None = Field(default=None, ge=1)
-    """How many returns of a frame a reduction leaves."""
+    """Number of returns that a reduction keeps in each frame."""
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
-    """Which share of a frame's returns a reduction leaves, instead of `keep_points`."""
+    """Share of the returns that a reduction keeps in each frame. It replaces `keep_points`."""
     framing: str = "packets"
-    """What a frame is: `packets` (348, about a turn), `packets:N`, or `revolution`."""
+    """Size of a frame: `packets` (348 packets, about a turn), `packets:N` (N packets), or `revolution` (a turn)."""
     key_interval: int = Field(default=50, ge=1, le=100_000)
-    """Frames from one key frame to the next."""
+    """Number of frames from one key frame to the next."""
     purpose: Purpose = "look"
-    """What a target is spent on. `look`: the picture that a person sees; `localise`: few returns within a sharp bound,
-    those that a localiser needs; `detect`: what stands near first; `archive`: every return of every frame kept as long
-    as it can be, and only intensity and the bound given up."""
+    """What matters most at a target bitrate. `look`: the picture for people. `localise`: few returns with a small error
+    bound, chosen for localisation. `detect`: near and small objects. `archive`: all returns; only intensity and error
+    bound are adjusted."""
     shape: Shape = "free"
-    """How `riddle` and `predictive` use a bound. `free`: each return gets a value within it that costs few bits;
-    `rounded`: the nearest of a fixed grid."""
+    """How `riddle` and `predictive` use an error bound. `free`: each return gets a value within the bound that costs
+    few bits. `rounded`: each return gets the nearest value of a fixed grid."""
     follow: str | None = None
-    """The receiver whose arrival reports steer the stream."""
+    """Name of the receiver whose arrival reports control the stream. null: chosen automatically."""
 
     @field_validator("max_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before")
     @classmethod
     def _number(cls, value: Any) -> Any:
         if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
-            raise ValueError("a number is needed, not true or false")  # noqa: TRY004 (pydantic takes no other)
+            raise ValueError("write a number, not true or false")  # noqa: TRY004 (pydantic takes no other)
         if isinstance(value, str) and value != AUTO:  # and "5" for 5, which the schema does not allow
-            raise ValueError("a number is needed, not text")
+            raise ValueError("write a number, not text")
         return value
 
     @field_validator("intensity")
@@ -97,14 +98,14 @@ class StreamSettings(BaseModel):
         if found and int(found[2]) in (range(2, 257) if found[1] == "levels" else range(1, 128)):
             return value
         raise ValueError(
-            "intensity is auto, lossless, error=N with N from 1 to 127, levels=N with N from 2 to 256, or off"
+            "intensity must be auto, lossless, off, error=N with N from 1 to 127, or levels=N with N from 2 to 256"
         )
 
     @field_validator("target_kbps")
     @classmethod
     def _target(cls, value: float | str | None) -> float | str | None:
         if isinstance(value, float) and not 1.0 <= value <= MAX_KBPS:
-            raise ValueError(f"a target is 1 to {MAX_KBPS:.0f} kbit/s")
+            raise ValueError(f"a target must be 1 to {MAX_KBPS:.0f} kbit/s")
         return value
 
     @field_validator("framing")
@@ -114,20 +115,20 @@ class StreamSettings(BaseModel):
             return value
         found = re.fullmatch(r"packets:([0-9]{1,4})", value)
         if not found or not 1 <= int(found[1]) <= MAX_PACKETS:
-            raise ValueError(f"framing is packets, packets:N with N from 1 to {MAX_PACKETS}, or revolution")
+            raise ValueError(f"framing must be packets, revolution, or packets:N with N from 1 to {MAX_PACKETS}")
         return value
 
     @field_validator("follow")
     @classmethod
     def _follow(cls, value: str | None) -> str | None:
         if value is not None and not is_name(value):
-            raise ValueError("follow is a receiver's name: 1 to 64 of A-Z a-z 0-9 _ . -")
+            raise ValueError("follow must be the name of a receiver: 1 to 64 of A-Z a-z 0-9 _ . -")
         return value
 
     @model_validator(mode="after")
     def _one_budget(self) -> StreamSettings:
         if self.keep_points is not None and self.keep_fraction is not None:
-            raise ValueError("keep_points and keep_fraction exclude each other")
+            raise ValueError("give keep_points or keep_fraction, not both")
         return self
 
     @property
@@ -194,7 +195,7 @@ def settings_from(values: dict[str, Any]) -> StreamSettings:
         field = ".".join(str(part) for part in first["loc"]) or None
         known = ", ".join(StreamSettings.model_fields)
         if first["type"] == "extra_forbidden":
-            raise SettingsError(f"unknown setting '{field}': known are {known}", field) from None
+            raise SettingsError(f"unknown setting '{field}': choose one of {known}", field) from None
         reason = first["msg"].removeprefix("Value error, ")
         raise SettingsError(f"{field or 'settings'}: {reason}", field) from None
 
@@ -210,5 +211,7 @@ def valid_name(name: str, what: str) -> str:
     Raises SettingsError otherwise.
     """
     if not is_name(name):
-        raise SettingsError(f"{what} '{name[:80]}' is not a name: 1 to 64 of A-Z a-z 0-9 _ . -, not dots alone", what)
+        raise SettingsError(
+            f"{what} '{name[:80]}' is not a valid name: use 1 to 64 of A-Z a-z 0-9 _ . -, not only dots", what
+        )
     return name

@@ -8,7 +8,7 @@ too deep, NaN and infinity, numbers that no 64-bit field holds, text that cannot
 >>> read_json(b"[" * 300 + b"]" * 300)
 Traceback (most recent call last):
   ...
-lidarcodec.untrusted_json.JsonRefusedError: nested more than 16 deep
+lidarcodec.untrusted_json.JsonRefusedError: it is nested more than 16 deep
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ def _finite(text: str) -> float:
 
 def _whole(text: str) -> int:
     if len(text.lstrip("-")) > MAX_DIGITS:
-        raise JsonRefusedError(f"a number of {len(text)} digits, at most {MAX_DIGITS} are allowed")
+        raise JsonRefusedError(f"a number has {len(text)} digits; at most {MAX_DIGITS} are allowed")
     return int(text)
 
 
 def _refuse_constant(constant: str) -> None:
-    raise JsonRefusedError(f"{constant} is no JSON")
+    raise JsonRefusedError(f"{constant} is not JSON")
 
 
 def _check_size(data: bytes, max_bytes: int) -> None:
     if len(data) > max_bytes:
-        raise JsonRefusedError(f"{len(data):,} bytes, at most {max_bytes:,} are allowed")
+        raise JsonRefusedError(f"it has {len(data):,} bytes; at most {max_bytes:,} are allowed")
 
 
 def _check_depth(data: bytes) -> None:
@@ -62,7 +62,7 @@ def _check_depth(data: bytes) -> None:
         if first in b"[{":
             depth += 1
             if depth > MAX_DEPTH:
-                raise JsonRefusedError(f"nested more than {MAX_DEPTH} deep")
+                raise JsonRefusedError(f"it is nested more than {MAX_DEPTH} deep")
         elif first in b"]}":
             depth -= 1
 
@@ -73,11 +73,11 @@ def _check_escapes(data: bytes, value: Any) -> None:
         return
     text = json.dumps(value, ensure_ascii=False)
     if "\\u0000" in text:  # a doubled backslash before it is refused with it
-        raise JsonRefusedError("text with a zero character")
+        raise JsonRefusedError("a text has a zero character")
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise JsonRefusedError("text with half a surrogate pair") from None
+        raise JsonRefusedError("a text has half a surrogate pair") from None
 
 
 def read_json(data: bytes | str, max_bytes: int = MAX_BYTES) -> Any:
@@ -97,7 +97,7 @@ def read_json(data: bytes | str, max_bytes: int = MAX_BYTES) -> Any:
     except JsonRefusedError:
         raise
     except (ValueError, RecursionError) as error:
-        raise JsonRefusedError(f"it is no JSON ({error})") from None
+        raise JsonRefusedError(f"it is not JSON ({error})") from None
     return value
 
 
@@ -108,5 +108,5 @@ def read_object(data: bytes | str, max_bytes: int = MAX_BYTES) -> dict[str, Any]
     """
     value = read_json(data, max_bytes)
     if not isinstance(value, dict):
-        raise JsonRefusedError("it is no JSON object")
+        raise JsonRefusedError("it is not a JSON object")
     return value

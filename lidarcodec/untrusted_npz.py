@@ -62,9 +62,9 @@ def read_npz(file: Path | IO[bytes], wanted: Collection[str] | None = None, *, m
     except ArraysRefusedError:
         raise
     except (ValueError, LookupError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, OverflowError) as error:
-        raise ArraysRefusedError(f"it is no file of arrays: {_first_line(error)}") from None
+        raise ArraysRefusedError(f"it is not a file of arrays: {_first_line(error)}") from None
     except NotImplementedError:  # a compression that is none of ours
-        raise ArraysRefusedError("it is compressed in a way that arrays never are") from None
+        raise ArraysRefusedError("its compression method is not supported") from None
 
 
 def read_npy(path: Path, kind: str = "arrays") -> npt.NDArray[Any]:
@@ -77,7 +77,7 @@ def read_npy(path: Path, kind: str = "arrays") -> npt.NDArray[Any]:
         try:
             return _array(file, size)
         except (ValueError, EOFError, OverflowError) as error:
-            raise ArraysRefusedError(f"it is no array: {_first_line(error)}") from None
+            raise ArraysRefusedError(f"it is not an array: {_first_line(error)}") from None
 
 
 def check_archive(file: IO[bytes], most_bytes: int, *, stored: bool = False) -> zipfile.ZipFile:
@@ -93,25 +93,25 @@ def check_archive(file: IO[bytes], most_bytes: int, *, stored: bool = False) -> 
     tail = file.read()
     end = tail.rfind(_END)
     if end < 0 or end + _END_64 > len(tail):
-        raise ArraysRefusedError("it is no archive, or its end is missing")
+        raise ArraysRefusedError("it is not an archive, or its end is missing")
     listed = int.from_bytes(tail[end + 12 : end + 16], "little")
     if b"PK\6\7" in tail[max(0, end - _LOCATOR_64) : end]:  # a longer form of the end lies before, and counts
         long = tail[max(0, end - _LOCATOR_64 - _LONG_END) : end - _LOCATOR_64]
         listed = int.from_bytes(long[40:48], "little") if long[:4] == b"PK\6\6" else MAX_DIRECTORY + 1
     if listed > MAX_DIRECTORY:
-        raise ArraysRefusedError("it lists more members than a file of arrays has")
+        raise ArraysRefusedError("it lists more members than a file of arrays can have")
     archive = zipfile.ZipFile(file)
     plain = _PLAIN[:1] if stored else _PLAIN
     if any(one.compress_type not in plain or one.flag_bits & 1 for one in archive.infolist()):
-        raise ArraysRefusedError("it is encrypted, or compressed in a way that arrays never are")
+        raise ArraysRefusedError("it is encrypted, or its compression method is not supported")
     if len(set(archive.namelist())) != len(archive.namelist()):
-        raise ArraysRefusedError("it holds two members of one name")
+        raise ArraysRefusedError("two of its members have the same name")
     return archive
 
 
 def _check_fits(what: str, size: int, most: int) -> None:
     if size > most:
-        raise ArraysRefusedError(f"the {what} would take {size:,} bytes of memory, at most {most:,} fit its kind")
+        raise ArraysRefusedError(f"the {what} would take {size:,} bytes of memory; at most {most:,} are allowed")
 
 
 def _array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
@@ -120,20 +120,20 @@ def _array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
         warnings.simplefilter("ignore")  # of texts that Python's parser warns of
         major, _ = np.lib.format.read_magic(file)
         if major not in (1, 2):
-            raise ArraysRefusedError("it has an array in a form that is not known")
+            raise ArraysRefusedError("an array has an unknown format version")
         read: Any = np.lib.format.read_array_header_1_0 if major == 1 else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
     if dtype.hasobject or dtype.itemsize == 0:
-        raise ArraysRefusedError("it holds Python objects, which are never read, or nothing")
+        raise ArraysRefusedError("an array is empty or holds Python objects, which are never read")
     declared = math.prod(shape) * dtype.itemsize
     if any(side < 0 for side in shape) or declared != size - file.tell():
-        raise ArraysRefusedError(f"an array says {shape} of {dtype}, which is not what is there")
+        raise ArraysRefusedError(f"an array announces {shape} of {dtype}, which does not match its size")
     data = bytearray(declared)
     view, at = memoryview(data), 0
     while at < declared:
         part = file.read(min(declared - at, 1 << 20))
         if not part:
-            raise ArraysRefusedError("an array ends before what it says")
+            raise ArraysRefusedError("an array is shorter than announced")
         view[at : at + len(part)] = part
         at += len(part)
     found = np.frombuffer(data, dtype)

@@ -8,7 +8,7 @@ a few bytes into much, or into anything; numbers in base 60 or with half a milli
 >>> read_yaml(b"a: &x [1]")
 Traceback (most recent call last):
   ...
-lidarcodec.untrusted_yaml.YamlRefusedError: it uses YAML anchors or tags
+lidarcodec.untrusted_yaml.YamlRefusedError: it uses YAML anchors or tags, which are not allowed
 """
 
 from __future__ import annotations
@@ -86,12 +86,12 @@ def _check_tokens(data: bytes | str) -> None:
     depth = 0
     for number, token in enumerate(yaml.scan(data, _BASE)):
         if isinstance(token, _GIVES_MUCH):
-            raise YamlRefusedError("it uses YAML anchors or tags")
+            raise YamlRefusedError("it uses YAML anchors or tags, which are not allowed")
         depth += isinstance(token, _OPENING) - isinstance(token, _CLOSING)
         if depth > MAX_DEPTH:
             raise YamlRefusedError(f"it is nested more than {MAX_DEPTH} deep")
         if number > MAX_TOKENS:
-            raise YamlRefusedError("it holds more fields than any file of its kind")
+            raise YamlRefusedError("it has too many fields")
 
 
 def _first_line(error: Exception) -> str:

@@ -144,7 +144,7 @@ class Whole:
         Raises SourceError if another program put something else in its place.
         """
         if _identity(beside) != self._identities[beside]:
-            raise SourceError(f"{beside} was replaced by another program: {self.path} was not written")
+            raise SourceError(f"another program replaced {beside}: {self.path} was not written")
         files = [beside]
         if beside.is_dir():
             files = [path for path in beside.iterdir() if path.is_file()] + files
@@ -230,12 +230,12 @@ class Whole:
                     path.unlink()
             old.rmdir()
         except OSError as error:
-            log.warning("what was %s before is still there as %s: %s", name, old, error.strerror or error)
+            log.warning("the previous %s could not be removed and is now %s: %s", name, old, error.strerror or error)
 
     def _said(self, error: OSError) -> LidarCodecError:
         if isinstance(error, FileExistsError):
             taken = error.filename2 or self.path
-            return SourceError(f"{taken} exists since a moment ago: it stays, and nothing was written")
+            return SourceError(f"{taken} was created by another program just now: it was kept, and nothing was written")
         return SourceError(f"cannot write {self.path}: {error.strerror or error}")
 
     def _is_of(self, error: OSError) -> bool:
@@ -296,29 +296,33 @@ def check_free(path: Path, *, force: bool = False, contents: re.Pattern[str] | N
         found = os.lstat(path)
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:  # else that would be found when all is written
-            raise SettingsError(f"{path.name}: the name is too long for the file system: give a shorter one") from None
+            raise SettingsError(
+                f"{path.name}: this name is too long for the file system: choose a shorter one"
+            ) from None
         return
     kind = stat.S_IFMT(found.st_mode)
     if kind in (stat.S_IFIFO, stat.S_IFCHR) and contents is None:
         return
     if kind not in (stat.S_IFREG, stat.S_IFLNK, stat.S_IFDIR):
-        raise SettingsError(f"{path} is no place for files: give another name", "force")
+        raise SettingsError(f"{path} is not a regular file: choose another name", "force")
     if kind == stat.S_IFDIR:
         if contents is None:
-            raise SettingsError(f"{path} is a folder: name a file", "force")
+            raise SettingsError(f"{path} is a folder: give the name of a file", "force")
         entries = list(path.iterdir())
         if not entries:
             return
         foreign = next((one for one in entries if one.is_dir() or not contents.fullmatch(one.name)), None)
         if force and foreign is not None:
             raise SettingsError(
-                f"{path} holds other things ({foreign.name}): not even --force replaces that folder", "force"
+                f"{path} also holds other files ({foreign.name}): even --force does not replace such a folder", "force"
             )
         if not force:
-            raise SettingsError(f"{path} is not empty: give another name, or --force to replace the folder", "force")
+            raise SettingsError(
+                f"{path} is not empty: choose another name, or use --force to replace the folder", "force"
+            )
         return
     if not force:
-        raise SettingsError(f"{path} exists: give another name, or --force to put the new one in its place", "force")
+        raise SettingsError(f"{path} exists: choose another name, or use --force to replace it", "force")
 
 
 def part_names(path: Path, *, folder: bool = False) -> Iterator[Path]:
@@ -371,7 +375,7 @@ def _remove(path: Path) -> None:
             path.unlink(missing_ok=True)
     except OSError as error:
         if os.path.lexists(path):  # a folder that cannot be written to refuses this, too, for what never was there
-            log.warning("%s is left over: %s", path, error.strerror or error)
+            log.warning("%s could not be removed: %s", path, error.strerror or error)
 
 
 def _umask() -> int:

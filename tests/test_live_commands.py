@@ -132,7 +132,7 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
     ("words", "code", "says"),
     [
         (("publish", "sim:city", "--rate", "fast"), 2, "--rate fast"),
-        (("publish", "sim:city", "--link", "fast"), 2, "--link is 1mbit, 2mbit, 5mbit, lan"),
+        (("publish", "sim:city", "--link", "fast"), 2, "--link must be one of 1mbit, 2mbit, 5mbit, lan"),
         (("publish", "--config", "cars.yaml", "--link", "lan"), 2, "--link stands in the file"),
         (("publish", "sim:city", "--record", "kept", "--record-gb", "nan"), 2, "--record-gb"),
         (("publish", "sim:city", "--record-as", "lossless"), 2, "--record DIR"),

@@ -61,7 +61,7 @@ def _nobody_waits() -> Iterator[None]:
 def test_a_pipe_is_refused_by_every_reader(tmp_path: Path, name: str) -> None:
     file, read = READERS[name]
     os.mkfifo(tmp_path / file)
-    with pytest.raises((LidarCodecError, OSError), match="it is a pipe; a regular file is needed"):
+    with pytest.raises((LidarCodecError, OSError), match="it is a pipe; use a regular file"):
         read(tmp_path / file)
 
 
@@ -86,7 +86,7 @@ def test_a_command_says_which_file_is_a_pipe(tmp_path: Path, words: tuple[str, .
     done = run_here(*given)
     assert done.returncode in (1, 2)
     assert str(pipe) in the_one_line(done)
-    assert "it is a pipe; a regular file is needed" in done.stderr
+    assert "it is a pipe; use a regular file" in done.stderr
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
@@ -101,7 +101,7 @@ def test_each_kind_is_named_and_a_link_to_a_file_is_one(tmp_path: Path) -> None:
         listener.bind(str(tmp_path / "socket"))
         for path, kind in ((tmp_path / "socket", "a socket"), (tmp_path, "a folder"), (Path("/dev/zero"), "a device")):
             for refuse in (open_regular, check_regular):
-                with pytest.raises(NotRegularError, match=f"it is {kind}; a regular file is needed"):
+                with pytest.raises(NotRegularError, match=f"it is {kind}; use a regular file"):
                     refuse(path)
     with pytest.raises(FileNotFoundError):
         open_regular(tmp_path / "missing")

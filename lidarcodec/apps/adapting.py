@@ -71,9 +71,9 @@ class Adapting:
         if self._stalled:
             long = landing.send_s >= LIMIT_S  # less is a lost message, counted as `timeouts`
             level = logging.WARNING if long else logging.DEBUG
-            logger.log(level, "a message did not arrive within %.1f s; a bitrate that adapts falls", landing.send_s)
+            logger.log(level, "a message did not arrive within %.1f s: the automatic bitrate falls", landing.send_s)
         else:
-            logger.info("messages arrive again; the bitrate rises, for %.0f s with care", CAUTION_S)
+            logger.info("messages arrive again: the automatic bitrate rises, slowly for the first %.0f s", CAUTION_S)
 
 
 __all__ = ["Adapting", "Aimed"]

@@ -58,8 +58,8 @@ def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
             continue
         if not is_name(value) or value.endswith(".lcrw"):
             raise SettingsError(
-                f"codec_settings.{name} is a name from afar, of 1 to 64 of A-Z a-z 0-9 _ . - and without the ending "
-                "of a file: paths are for the vehicle's own command line",
+                f"codec_settings.{name} must be a name here, not a path: 1 to 64 of A-Z a-z 0-9 _ . - and no file "
+                "ending. Only the vehicle's own command line takes paths",
                 f"codec_settings.{name}",
             )
 
@@ -79,7 +79,7 @@ def object_of(data: bytes) -> dict[str, Any]:
     try:
         return read_object(data or b"{}")
     except JsonRefusedError as error:
-        raise SettingsError(f"the query is refused: {error}") from None
+        raise SettingsError(f"cannot read the query: {error}") from None
 
 
 def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[bytes], bytes]:

@@ -85,7 +85,7 @@ class Figures:
         return [
             ("frames", f"{self.frames:,}, {number(self.fps, 1)} a second"),
             ("ratio", f"{number(self.ratio, 2)} : 1, {self.fidelity}"),
-            ("bits per point", f"{number(self.bits_per_point, 2)}, everything counted"),
+            ("bits per point", f"{number(self.bits_per_point, 2)}, all data included"),
             ("bitrate", f"{number(self.kbps, 0, ' kbit/s')} instead of {number(self.raw_kbps, 0)}"),
             ("latency p50 / p99", pair(self.p50_ms, self.p99_ms)),
             ("encode / decode p50", pair(self.encode_ms, self.decode_ms)),
@@ -113,11 +113,11 @@ class Demo:
     ) -> None:
         self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
         self._browser = browser
-        self._fidelity = "packets come back byte for byte"
+        self._fidelity = "packets are restored byte for byte"
         if not table.codec(without_auto(settings).codec).bounded:
-            self._fidelity = "lossy, without a bound"
+            self._fidelity = "lossy, without an error bound"
         elif settings.step > 1:
-            self._fidelity = f"no range off by more than {settings.max_error_m} m"
+            self._fidelity = f"range errors up to {settings.max_error_m} m"
         elif settings.intensity_levels != 256:
             self._fidelity = f"ranges exact, intensity {settings.intensity}"
         self._interrupted, self._parent = False, os.getppid()
@@ -176,7 +176,7 @@ class Demo:
                 complaints.seek(0)
                 said = complaints.read().decode(errors="replace").strip().removeprefix("lidarcodec: ")
                 why = said or f"no frame in {FIRST_FRAME_S:g} s"
-                raise SourceError(f"the publisher of {self._source} sent nothing: {why}")
+                raise SourceError(f"the vehicle process sent nothing from {self._source}: {why}")
         return bool(page)
 
     def _open_page(self, server: PageServer) -> bool | None:
@@ -200,7 +200,7 @@ class Demo:
             return self._seconds
         if not page or not sys.stdout.isatty():
             return SECONDS
-        print("Ctrl-C ends the demonstration.", flush=True)
+        print("Press Ctrl-C to stop.", flush=True)
         return math.inf
 
     def _watch(
@@ -255,7 +255,7 @@ class Demo:
         return figures
 
     def _summarise(self, figures: Figures) -> None:
-        print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver over loopback:")
+        print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver on this machine:")
         for name, value in figures.rows():
             print(f"  {name:<20} {value}")
         if self._last is not None:

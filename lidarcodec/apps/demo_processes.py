@@ -94,7 +94,7 @@ class PageServer:
             said = self._complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")
         except queue.Empty:
             said = ""
-        raise TransportError(f"there is no page: {said or f'its server did not start in {START_S:g} s'}")
+        raise TransportError(f"the page cannot be shown: {said or f'its server did not start in {START_S:g} s'}")
 
     @property
     def ended(self) -> bool:

@@ -24,5 +24,5 @@ def ended(threads: Iterable[threading.Thread], limit_s: float = END_S) -> bool:
         thread.join(max(0.0, end - time.monotonic()))
     late = [thread.name for thread in begun if thread.is_alive()]
     if late:
-        logger.warning("did not end within %g s, and are left behind: %s", limit_s, ", ".join(late))
+        logger.warning("not finished after %g s, so they were abandoned: %s", limit_s, ", ".join(late))
     return not late

@@ -296,8 +296,8 @@ class Flight:
             return
         self._warned.add(name)
         logger.warning(
-            "receiver %s is followed now and slows the stream down: its reports take %.2f s, those of %s took %.2f s; "
-            "the setting follow=%s leaves it",
+            "the stream now waits for receiver %s, which slows it down: its reports take %.2f s, those of %s took "
+            "%.2f s; to change that, set follow=%s",
             *(name, usual_s, before, before_s, before),
         )
 

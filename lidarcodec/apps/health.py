@@ -4,7 +4,7 @@ A vehicle whose router is away, or refuses it, is well; one that hangs, or whose
 by the clock that no one sets (CLOCK_MONOTONIC), which is the same for all processes of a machine.
 
 >>> complaints({"monotonic_s": 100.0, "sensors": [{"stream": "car-7/roof", "quiet_s": 12.0}]}, now_s=100.5)
-['car-7/roof: no frame from the sensor for 12 s']
+['car-7/roof: no frame came from the sensor for 12 s']
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ class HealthFile:
             return
         writer = self._writer()
         if writer is None:
-            text = f"{self._path} exists and is no health file: give another name, or remove it"
+            text = f"{self._path} exists and is not a health file: choose another name, or remove it"
             raise SettingsError(text, "health_file")
         if writer != os.getpid() and _runs(writer):
-            logger.warning("%s is written by process %d, too: give each publisher a health file of its own", self._path,
+            logger.warning("%s is also written by process %d: give each publisher its own health file", self._path,
                            writer)  # fmt: skip
 
     def _writer(self) -> int | None:
@@ -177,17 +177,19 @@ def complaints(told: dict[str, Any], now_s: float) -> list[str]:
     """
     try:
         age_s = now_s - float(told["monotonic_s"])
-        wrong = [f"the publisher has said nothing for {age_s:.0f} s"] if not 0 <= age_s <= STALE_S else []
+        wrong = [f"the publisher has not written its state for {age_s:.0f} s"] if not 0 <= age_s <= STALE_S else []
         for sensor in told["sensors"]:
             quiet_s, unsent_s = float(sensor["quiet_s"]), float(sensor.get("unsent_s", 0.0))
             if sensor.get("failure"):
                 wrong.append(f"{sensor['stream']}: {sensor['failure']}")
             elif quiet_s > QUIET_S:
-                wrong.append(f"{sensor['stream']}: no frame from the sensor for {quiet_s:.0f} s")
+                wrong.append(f"{sensor['stream']}: no frame came from the sensor for {quiet_s:.0f} s")
             elif unsent_s > QUIET_S:
-                wrong.append(f"{sensor['stream']}: nothing was sent for {unsent_s:.0f} s, although somebody receives")
+                wrong.append(
+                    f"{sensor['stream']}: nothing was sent for {unsent_s:.0f} s, although a receiver is connected"
+                )
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise SourceError("that is no health file") from None
+        raise SourceError("not a health file") from None
     return wrong
 
 
@@ -202,4 +204,4 @@ def read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SourceError(f"{path}: {error.strerror}; is `lidarcodec publish --health-file {path}` running?") from None
     except JsonRefusedError as error:
-        raise SourceError(f"{path} is no health file: {error}") from None
+        raise SourceError(f"{path} is not a health file: {error}") from None

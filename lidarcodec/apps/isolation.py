@@ -33,7 +33,7 @@ def isolate_of(given: str | None) -> Isolate:
     """
     value = given or os.environ.get(VARIABLE) or "auto"
     if value not in get_args(Isolate):
-        raise SettingsError(f"isolate is {', '.join(get_args(Isolate))}, not '{value}'", "isolate")
+        raise SettingsError(f"isolate must be one of {', '.join(get_args(Isolate))}, not '{value}'", "isolate")
     return cast(Isolate, value)
 
 

@@ -91,7 +91,9 @@ class ReceiverStats:
                 if message.stream_id in self._earlier:
                     self.counts["second_publisher"] += 1
                     if self.counts["second_publisher"] == 1:
-                        logger.warning("two publishers send on the same key: give one of them another name")
+                        logger.warning(
+                            "two publishers use the same name: rename one of them with --vehicle or --sensor"
+                        )
                 self._stream_id = message.stream_id
                 self.clocks.restarted()
                 self._earlier.setdefault(message.stream_id, deque(maxlen=REMEMBERED))

@@ -27,4 +27,4 @@ class Once:
             if new:
                 self._causes.add(cause)
         if new:
-            self._logger.warning("%s: %s (further ones of this kind are only counted)", what, error)
+            self._logger.warning("%s: %s (more of this kind are only counted)", what, error)

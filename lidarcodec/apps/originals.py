@@ -27,7 +27,10 @@ JOIN_S = 5.0
 def check_local(endpoints: Endpoints) -> None:
     """Raise SettingsError if originals would leave the machine: they are 50 Mbit/s that no setting bounds."""
     if not endpoints.on_this_machine:
-        raise SettingsError("originals stay on this machine: leave out --original, or connect to 127.0.0.1", "original")
+        raise SettingsError(
+            "--original sends uncompressed frames on this machine only: leave it out, or connect to 127.0.0.1",
+            "original",
+        )
 
 
 class Originals:

@@ -201,7 +201,7 @@ class Publisher:
         Raises TransportError when the endpoints cannot be used.
         """
         if self._begun:
-            raise TransportError("a publisher is started once: make another one")
+            raise TransportError("a publisher can be started only once: create a new one")
         self._begun = True
         if self._recorder is not None:
             self._recorder.start()
@@ -371,7 +371,7 @@ class Publisher:
     # --- handlers, in threads of the transport ----------------------------------------------------------------------
 
     def _matched(self, matching: bool) -> None:
-        logger.info("%s: %s", self.keys.prefix, "somebody receives" if matching else "nobody receives")
+        logger.info("%s: %s", self.keys.prefix, "a receiver is connected" if matching else "no receiver is connected")
         if matching:
             self._sending.request_key()
         self._sending.matching = matching

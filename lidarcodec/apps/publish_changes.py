@@ -55,7 +55,7 @@ class Changes:
         with self._lock:
             asked = settings_with(self.asked, changes)
             first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
-        logger.info("settings changed from frame %d on: %s", first, changes)
+        logger.info("new settings from frame %d on: %s", first, changes)
         return Applied(asked, first, key)
 
     def _chosen(self, asked: StreamSettings, codec: str) -> None:
@@ -90,7 +90,7 @@ class Changes:
             if self._isolation.rests or not self._running() or time.monotonic() > end:
                 self.preparing = None
                 why = self._isolation.last_failure or "its process is not ready"
-                raise SettingsError(f"codec {wanted.codec} cannot be used now: {why}", "codec")
+                raise SettingsError(f"codec {wanted.codec} cannot be used at the moment: {why}", "codec")
         self.preparing = None
 
 

@@ -176,7 +176,7 @@ class Receiver:
             if self._stop.is_set():
                 return
             if not isinstance(error, TransportError):
-                logger.exception("%s: the receiver ends", self.keys.prefix)
+                logger.exception("%s: the receiver stops", self.keys.prefix)
             self.failure = self.failure or error
             self._end()
 
@@ -355,7 +355,7 @@ class Receiver:
             self._isolation.start(preparing)
 
     def _publisher_changed(self, key: str, alive: bool) -> None:
-        logger.info("%s: %s", self.keys.prefix, "the publisher is there" if alive else "the publisher is gone")
+        logger.info("%s: %s", self.keys.prefix, "the publisher is online" if alive else "the publisher is offline")
         self.alive = alive
         if alive:
             self._key_wanted = True

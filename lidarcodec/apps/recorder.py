@@ -104,7 +104,7 @@ class BackgroundRecorder:
         if self._thread.is_alive():
             self._thread.join(CLOSE_LIMIT_S)
         if self._thread.is_alive():
-            logger.error("recording: the disk did not take what was left within %g s", CLOSE_LIMIT_S)
+            logger.error("recording: the disk did not take the remaining data within %g s", CLOSE_LIMIT_S)
         self._recorded.close()
         self._sent.close()
 
@@ -136,7 +136,7 @@ class BackgroundRecorder:
                 except LidarCodecError as error:
                     self._once.add("errors", error)
                 except Exception as error:  # a fault of ours costs this item, and never the rest of the recording
-                    logger.exception("a fault while recording")
+                    logger.exception("unexpected error while recording")
                     self._once.add("errors", error)
         finally:
             self._files.close()

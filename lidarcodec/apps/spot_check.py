@@ -94,7 +94,7 @@ class SpotCheck:
             self._thread.join(CLOSE_LIMIT_S)
         wrong, checked = self.counts[f"{self._what} wrong"], self.counts[f"{self._what} checked"]
         if wrong:
-            logger.warning("%s: %d frames did not decode to what was encoded, %d did", self._what, wrong, checked)
+            logger.warning("%s: %d checked frames did not decode correctly, %d did", self._what, wrong, checked)
 
     def _may_begin(self, settings: StreamSettings, messages: Sequence[Message]) -> bool:
         """Whether a run may begin here. Not with codecs whose decoders have a process of their own: they may crash."""
@@ -131,7 +131,7 @@ class SpotCheck:
             self._wrong(error)
             return False
         except Exception as error:  # a fault of the check itself: the stream goes on
-            logger.exception("a fault while messages were checked")
+            logger.exception("unexpected error while checking messages")
             self._wrong(error)
             return False
         finally:
@@ -141,7 +141,7 @@ class SpotCheck:
     def _wrong(self, error: Exception) -> None:
         self.counts[f"{self._what} wrong"] += 1
         if self.counts[f"{self._what} wrong"] == 1:
-            logger.warning("%s: %s (further ones are only counted)", self._what, error)
+            logger.warning("%s: %s (more are only counted)", self._what, error)
 
     def _spent(self, seconds: float, *, enough: bool) -> None:
         """Count the time, and rest when a run has had its part, or went wrong."""

@@ -138,7 +138,7 @@ class LiveStream:
         Raises TransportError when the endpoints cannot be used, or the stream was open before.
         """
         if self._begun:
-            raise TransportError("a live stream is opened once: subscribe again")
+            raise TransportError("a live stream can be opened only once: call subscribe() again")
         self._begun = True
         for output in (self._udp, self._recorder):
             if output is not None:

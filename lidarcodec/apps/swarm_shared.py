@@ -110,7 +110,9 @@ class _Vehicle:
         return {"settings": self._settings.model_dump(), "status": self.status()}
 
     def _answer_set(self, query: dict[str, Any]) -> dict[str, Any]:
-        raise SettingsError("a vehicle of a shared swarm sends what was encoded before: its settings stay as they are")
+        raise SettingsError(
+            "a vehicle of a swarm with --shared sends frames that are already encoded: its settings cannot be changed"
+        )
 
     def _answer_keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
         merged, self._key_wanted = self._key_wanted, True

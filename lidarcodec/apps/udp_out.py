@@ -50,11 +50,11 @@ def address_of(text: str) -> tuple[socket.AddressFamily, tuple[str, int]]:
     if not colon:
         host, port = text, str(DATA_PORT)
     if not host or not is_number(port, 65535, 1) or (":" in host and host[0] != "["):
-        raise SettingsError(f"'{text}' is no UDP address: write HOST:PORT or [HOST]:PORT", "udp")
+        raise SettingsError(f"'{text}' is not a UDP address: write HOST:PORT or [HOST]:PORT", "udp")
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError) as error:
-        raise TransportError(f"the host of '{text}' is not known: {error}") from None
+        raise TransportError(f"unknown host in '{text}': {error}") from None
     return found[0], (str(found[4][0]), int(found[4][1]))
 
 
@@ -78,7 +78,7 @@ def target_of(text: str) -> Target:
     if not question:
         return Target(family, data, (data[0], POSITION_PORT) if data[1] == DATA_PORT else None)
     if name != "position" or (port != "off" and not is_number(port, 65535, 1)):
-        raise SettingsError(f"'{text}': write HOST:PORT?position=PORT, or position=off", "udp")
+        raise SettingsError(f"cannot read '{text}': write HOST:PORT?position=PORT, or position=off", "udp")
     return Target(family, data, None if port == "off" else (data[0], int(port)))
 
 
@@ -192,7 +192,9 @@ class UdpOut:
                 return
             address = self._target.position if packet.position else self._target.data
             if address is None:
-                self._once.add("position packets not sent", SettingsError("--udp HOST:PORT?position=PORT sends them"))
+                self._once.add(
+                    "position packets not sent", SettingsError("give their port with --udp HOST:PORT?position=PORT")
+                )
                 continue
             try:
                 self._socket.sendto(packet.payload, address)

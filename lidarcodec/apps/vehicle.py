@@ -170,7 +170,7 @@ class _Sensor:
             else:
                 return
             if not self.plan.live:
-                logger.warning("%s publishes nothing: %s", self.keys.prefix, self.failure)
+                logger.warning("%s stops publishing: %s", self.keys.prefix, self.failure)
                 return
             wait_s = FIRST_WAIT_S if time.monotonic() - begun > WELL_S else wait_s
             logger.warning("%s: %s; trying again in %g s", self.keys.prefix, self.failure, wait_s)

@@ -72,11 +72,11 @@ class WorkerKeeper:
         end = time.monotonic() + START_S
         while not self.ready(TICK_S):
             if self._closed.is_set() or self.rests or time.monotonic() > end:
-                raise WorkerError(f"the codec's process is not there: {self.last_failure}", "not there", resting=True)
+                raise WorkerError(f"the codec process is not running: {self.last_failure}", "not there", resting=True)
         with self._lock:
             process = self._process
         if process is None:
-            raise WorkerError("the codec's process was ended", "not there", resting=True)
+            raise WorkerError("the codec process was ended", "not there", resting=True)
         self._used_s = time.monotonic()
         try:
             if self._session is not session:
@@ -181,6 +181,4 @@ class WorkerKeeper:
             process.end()
         self._on_failure(error)
         if count == STORM:
-            logger.warning(
-                "%d failures of a codec's process within a minute: it is started more and more slowly", count
-            )
+            logger.warning("the codec process failed %d times within a minute: it is now restarted less often", count)

@@ -88,7 +88,7 @@ class WorkerProcess:
             )
         except (OSError, ValueError) as error:
             ours.close()
-            raise WorkerError(f"no process could be started: {error}", "not started") from None
+            raise WorkerError(f"cannot start a process for the codec: {error}", "not started") from None
         finally:
             theirs.close()
 
@@ -208,9 +208,9 @@ class WorkerProcess:
         try:
             return ask(time.monotonic() + self._limit_s)
         except TimeoutError:
-            raise self._failed(f"it gave no answer in {self._limit_s:g} s", "gave no answer") from None
+            raise self._failed(f"it did not answer in {self._limit_s:g} s", "gave no answer") from None
         except GarbledError as error:
-            raise self._failed(f"it answered what cannot be: {error}", "garbled") from None
+            raise self._failed(f"it gave an invalid answer: {error}", "garbled") from None
         except _CodecFaultError as error:
             raise self._failed(f"the codec raised {error}", "raised") from None
         except (EOFError, OSError, ValueError):  # ValueError: a socket that we closed
@@ -225,7 +225,7 @@ class WorkerProcess:
         self._collect()
         if code:
             why = cause = _named(code)
-        return WorkerError(f"the codec's process {self.pid}: {why}", cause)
+        return WorkerError(f"codec process {self.pid}: {why}", cause)
 
     def _collect(self) -> None:
         self._channel.close()

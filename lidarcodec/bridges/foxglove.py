@@ -48,20 +48,23 @@ STATISTICS_SCHEMA: Final = {
     "properties": {
         "vehicle": {"type": "string"},
         "sensor": {"type": "string"},
-        "alive": {"type": "boolean", "description": "whether a publisher is there"},
+        "alive": {"type": "boolean", "description": "whether the publisher is online"},
         "codec": {"type": ["string", "null"]},
-        "kbps": {**_NUMBER, "description": "received since the last statistics"},
-        "target_kbps": {**_NUMBER, "description": "with target_kbps=auto: what the path is given"},
-        "fps": {**_NUMBER, "description": "frames decoded a second"},
-        "latency_ms": {**_NUMBER, "description": "last packet of a frame to the decoded frame, median"},
+        "kbps": {**_NUMBER, "description": "received since the previous statistics"},
+        "target_kbps": {**_NUMBER, "description": "with target_kbps=auto: the bitrate that is used now"},
+        "fps": {**_NUMBER, "description": "decoded frames a second"},
+        "latency_ms": {**_NUMBER, "description": "from the last packet of a frame to the decoded frame, median"},
         "decode_ms": {**_NUMBER, "description": "median"},
-        "points": {**_NUMBER, "description": "of the last frame, measured"},
-        "made_up": {**_NUMBER, "description": "between those, filled in here; null while nobody looks"},
+        "points": {**_NUMBER, "description": "measured points in the last frame"},
+        "made_up": {**_NUMBER, "description": "interpolated points between those; null while no viewer is connected"},
         "frames": {**_NUMBER, "description": "decoded since the start"},
-        "replaced": {**_NUMBER, "description": "frames that gave way to newer ones before they were encoded"},
-        "missing": {**_NUMBER, "description": "frames that did not come here, those replaced among them"},
-        "skipped": {**_NUMBER, "description": "frames decoded here that gave way to newer ones"},
-        "errors": {**_NUMBER, "description": "messages not decoded, and frames not handed on"},
+        "replaced": {**_NUMBER, "description": "frames replaced by newer ones before they were encoded"},
+        "missing": {**_NUMBER, "description": "frames that did not arrive, including replaced ones"},
+        "skipped": {**_NUMBER, "description": "decoded frames replaced by newer ones before they were passed on"},
+        "errors": {
+            **_NUMBER,
+            "description": "messages that could not be decoded, and frames that could not be passed on",
+        },
     },
 }
 
@@ -156,7 +159,7 @@ class FoxgloveBridge:
         except (RuntimeError, OSError, ValueError) as error:
             self._viewer_log.close()
             self.gate.close()
-            raise TransportError(f"Foxglove's server cannot listen on {INSIDE}: {error}") from None
+            raise TransportError(f"the Foxglove server cannot listen on {INSIDE}: {error}") from None
         self.port = self.gate.port
         self._channels = {key: _Channels(key, self._context) for key in self._streams.keys}
         self.gate.open((INSIDE, self._server.port))

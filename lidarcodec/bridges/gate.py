@@ -77,7 +77,7 @@ class Gate:
         except (OSError, UnicodeError) as error:
             reason = str(error)
             if isinstance(error, socket.gaierror):
-                reason = "there is no such host"
+                reason = "this host does not exist"
             elif isinstance(error, OSError) and error.errno is not None:
                 reason = os.strerror(error.errno)
             raise TransportError(f"cannot listen on {self.host}:{self.port}: {reason}; choose another port") from None
@@ -138,9 +138,9 @@ class Gate:
         """Why there is no room for a viewer of a network; None if there is."""
         share = (self.most + 1) // 2
         if self._networks.total() >= self.most:
-            return f"{self.most} viewers are there, as many as are allowed"
+            return f"{self.most} viewers are connected, which is the limit"
         if self._networks[network] >= share:
-            return f"{share} viewers are there from its address, half of those that are allowed"
+            return f"{share} viewers from its address are connected, which is half of the limit"
         return None
 
     def _say(self, what: str, address: str, why: str) -> None:
@@ -148,7 +148,7 @@ class Gate:
         self.counts[what] += 1
         if what not in self._said:
             self._said.add(what)
-            logger.warning("%s a viewer at %s: %s (further ones are only counted)", what, address, why)
+            logger.warning("%s a viewer at %s: %s (more are only counted)", what, address, why)
 
 
 class _EndError(Exception):
@@ -187,7 +187,7 @@ async def _ask(viewer: asyncio.StreamReader, server: asyncio.StreamWriter) -> No
     allowed = Allowance(SENDS_A_SECOND, SENDS_AT_ONCE)
     while data := await viewer.read(_AT_ONCE):
         if allowed.take(len(data)):
-            raise _EndError(f"it sent more than {SENDS_AT_ONCE} bytes, and {SENDS_A_SECOND} a second besides")
+            raise _EndError(f"it sent more than {SENDS_AT_ONCE} bytes at once, or more than {SENDS_A_SECOND} a second")
         await _send(server, data)
 
 
@@ -197,7 +197,7 @@ async def _answer(server: asyncio.StreamReader, viewer: asyncio.StreamWriter) ->
         async with asyncio.timeout(BEGIN_S):
             data = await server.read(_AT_ONCE)
     except TimeoutError:
-        raise _EndError(f"it asked for nothing within {BEGIN_S:g} s") from None
+        raise _EndError(f"it sent no request within {BEGIN_S:g} s") from None
     while data:
         await _send(viewer, data)
         data = await server.read(_AT_ONCE)
@@ -209,7 +209,7 @@ async def _send(to: asyncio.StreamWriter, data: bytes) -> None:
         async with asyncio.timeout(LAG_S):
             await to.drain()
     except TimeoutError:
-        raise _EndError(f"it took too little of what was sent within {LAG_S:g} s") from None
+        raise _EndError(f"it received too slowly for {LAG_S:g} s") from None
 
 
 async def _closed(writer: asyncio.StreamWriter) -> None:

@@ -52,7 +52,7 @@ def checked_topic(topic: str) -> str:
     Raises SettingsError if ROS knows no such names.
     """
     if not _NAME.fullmatch(topic) or "__" in topic:
-        raise SettingsError(f"'{topic}' is no topic of ROS: write /parts/of_letters_and_digits", "topic")
+        raise SettingsError(f"'{topic}' is not a ROS topic: write /parts/of_letters_and_digits", "topic")
     return topic
 
 
@@ -67,7 +67,7 @@ class Node:
 
     def __post_init__(self) -> None:
         if not 0 <= self.domain <= MAX_DOMAIN:
-            raise SettingsError(f"a domain of ROS is 0 to {MAX_DOMAIN}, not {self.domain}", "domain")
+            raise SettingsError(f"a ROS domain is a number from 0 to {MAX_DOMAIN}, not {self.domain}", "domain")
 
     @property
     def token(self) -> str:

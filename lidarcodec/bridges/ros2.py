@@ -119,10 +119,12 @@ class RosBridge:
         self._fill = fill
         self._streams = Streams(streams, self._take, endpoints=endpoints, transport=transport, until_end=until_end)
         if len(self._streams.keys) > 1 and (self.names.topic or self.names.frame_id):
-            raise SettingsError("a topic or a frame can be named for one stream only", "topic")
+            raise SettingsError("--topic and --frame-id work with a single stream only", "topic")
         self.topics = {key: self.names.topic_of(key) for key in self._streams.keys}
         if len(set(self.topics.values())) < len(self.topics):
-            raise SettingsError("two streams have the same topic: name one with --topic, bridged by itself", "topic")
+            raise SettingsError(
+                "two streams have the same topic: bridge one of them separately, with its own --topic", "topic"
+            )
         Node(NODE, self.names.domain, "")  # what is wrong with it is said now
         self._ros_endpoints = ros or Endpoints.of(connect=ROUTER)
         self._given_transport, self._transport = ros_transport, ros_transport

@@ -44,7 +44,7 @@ class Streams:
         """Raises SettingsError for no stream, for one that is named twice, and for what is no stream."""
         self.keys = [StreamKeys.parse(one) for one in streams]
         if not self.keys:
-            raise SettingsError("which stream? write VEHICLE/SENSOR", "stream")
+            raise SettingsError("name at least one stream: VEHICLE/SENSOR", "stream")
         for key in self.keys:
             if self.keys.count(key) > 1:
                 raise SettingsError(f"{key.vehicle}/{key.sensor} is named twice", "stream")

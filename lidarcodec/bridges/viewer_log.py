@@ -59,4 +59,4 @@ class ViewerLog(logging.Handler):
         kind = kind_of(line)
         if kind not in self._kinds and len(self._kinds) < MOST_KINDS:
             self._kinds.add(kind)
-            logger.log(record.levelno, "%s (further ones of this kind are only counted)", line)
+            logger.log(record.levelno, "%s (more of this kind are only counted)", line)

@@ -94,8 +94,9 @@ def own_settings(model: type[Own], settings: StreamSettings) -> Own:
         key = ".".join(str(part) for part in first["loc"])
         field = f"codec_settings.{key}"
         if first["type"] == "extra_forbidden":
-            known = ", ".join(model.model_fields) or "none"
-            raise SettingsError(f"codec {settings.codec} has no setting '{key}': it has {known}", field) from None
+            known = ", ".join(model.model_fields)
+            its = f"its settings are {known}" if known else "it has no settings"
+            raise SettingsError(f"codec {settings.codec} has no setting '{key}': {its}", field) from None
         raise SettingsError(f"{field} of codec {settings.codec}: {first['msg']}", field) from None
 
 

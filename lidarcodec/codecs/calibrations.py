@@ -93,8 +93,8 @@ class SensorBook:
                 raise SectionError(f"{len(data)} bytes for a calibration's hash")
             if known is None:
                 raise MissingReferenceError(
-                    f"frame {message.frame_index} was measured with calibration {name}, which no key message"
-                    " has described yet: ask for a key frame",
+                    f"frame {message.frame_index} needs calibration {name}, which no key frame has brought yet: "
+                    "ask for a key frame",
                     message.frame_index,
                 )
             self._known.move_to_end(name)

@@ -13,7 +13,7 @@ class H264Settings(VideoSettings):
     """Settings of `h264`."""
 
     mapping: Literal["linear", "sqrt", "log"] = "linear"
-    """How ranges become samples (range_mapping.py)."""
+    """How ranges are mapped to samples. `sqrt` and `log` give near ranges finer steps."""
 
 
 class H264Encoder(VideoEncoder):

@@ -13,7 +13,7 @@ class H264LogSettings(VideoSettings):
     """Settings of `h264-log`."""
 
     mapping: Literal["log", "paper"] = "log"
-    """`log` fills the sample range; `paper` is the equation of Tu 2016 as printed (range_mapping.py)."""
+    """How ranges are mapped to samples. `log` uses the whole sample range. `paper` is the equation of Tu 2016."""
 
 
 class H264LogEncoder(VideoEncoder):

@@ -44,7 +44,7 @@ class LayeredSettings(JpegSettings):
     """Settings of `jpeg-layered`."""
 
     group: int = Field(default=8, ge=1, le=MAX_GROUP)
-    """Frames of a group: 8 fill the rows of a JPEG's blocks; the paper has 10."""
+    """Number of frames that are coded together. 8 fit the rows of JPEG blocks; the paper uses 10."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,13 +30,13 @@ class JpegSettings(CodecSettings):
     """Settings of `jpeg`; those of `jpeg-layered` are these and more."""
 
     quality: float = Field(default=90, ge=1, le=100)
-    """libjpeg's quality: how coarse the steps of the coefficients are. `tables=libjpeg` takes the nearest whole one."""
+    """Quality as in libjpeg: higher is finer and larger. `tables=libjpeg` rounds it to a whole number."""
     bits: Literal[8, 12] = 12
-    """Bits a sample. 8 are steps of 0.3 m at 80 m, and what decoders without 12-bit support read."""
+    """Bits of each sample. 8 bits: steps of 0.3 m at 80 m, readable by decoders without 12-bit support."""
     mapping: Literal["linear", "sqrt", "log"] = "linear"
-    """How ranges become samples (range_mapping.py)."""
+    """How ranges are mapped to samples. `sqrt` and `log` give near ranges finer steps."""
     tables: Tables = "even"
-    """Steps of the coefficients: all equal, or libjpeg's."""
+    """Quantisation tables. `even`: the same step for all coefficients. `libjpeg`: the tables of libjpeg."""
 
 
 def with_samples(own: JpegSettings, values: npt.NDArray[np.int32], known: Mask) -> tuple[bytes, bytes]:

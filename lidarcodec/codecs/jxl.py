@@ -32,7 +32,7 @@ class JxlSettings(CodecSettings):
     """Settings of `jxl`."""
 
     effort: int = Field(default=1, ge=1, le=9)
-    """JPEG XL's effort. 2 saves 1 to 6 % and takes ten times as long; more than 2 is larger or no smaller."""
+    """Effort of JPEG XL. 2 saves 1 to 6 % and takes ten times as long. More than 2 saves nothing more."""
 
 
 def _indices_added(sensor: SensorModel, step: int) -> Ranges:

@@ -66,7 +66,7 @@ def check_unfired(frame: Frame, cells: Mask) -> None:
     """
     unfired = ~cells
     if unfired.any() and (frame.range[unfired].any() or frame.intensity[unfired].any()):
-        raise LidarCodecError(f"frame {frame.index} has returns in cells that were not fired")
+        raise LidarCodecError(f"frame {frame.index} has returns in cells that did not fire")
 
 
 def encode_planes(
@@ -138,7 +138,7 @@ def pose_sections(frame: Frame) -> list[Section]:
     if frame.pose is None:
         return []
     if not is_rigid(frame.pose):
-        raise LidarCodecError(f"frame {frame.index} has a pose that is no rigid transform")
+        raise LidarCodecError(f"frame {frame.index} has a pose that is not a rigid transform")
     return [Section(SectionType.POSE, frame.pose[:3].astype("<f8").tobytes())]
 
 

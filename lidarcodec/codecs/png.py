@@ -42,7 +42,7 @@ class PngSettings(CodecSettings):
     """Settings of `png`."""
 
     level: int = Field(default=4, ge=0, le=9)
-    """zlib's compression level."""
+    """Compression level of zlib."""
 
 
 def write_png(image: Ranges, level: int) -> bytes:

@@ -59,15 +59,18 @@ class RiddleSettings(CodecSettings):
     """Settings of `riddle`."""
 
     effort: int = Field(2, ge=EFFORTS[0], le=EFFORTS[-1])
-    """1: no network, 2: a small one, 3: a large one, 4: the largest."""
+    """1: no network. 2: a small network. 3: a large network. 4: the largest network."""
     memory: bool = True
-    """Whether a frame goes on from what those since the last key frame taught: smaller, but then it needs them."""
+    """Whether a frame uses statistics of all frames since the last key frame. Frames get smaller, but need those
+    frames to be decoded."""
     motion: bool = True
-    """Whether it also expects what was seen a turn ago, moved as the sensor moved; only with `memory`."""
+    """Whether frames are predicted from the previous turn, with the motion of the sensor. Needs `memory`."""
     weights: str = ""
-    """A name, of the package or of the folder of `--weights-dir`; on the encoder's own command line also a path."""
+    """Name of a weight file in the package or in the folder of `--weights-dir`. On the command line of the encoder
+    also a path."""
     learn_ms: float = Field(0, ge=0, le=MOST_LEARN_MS)
-    """Milliseconds a frame that a live publisher may train the network on what it sends, on a spare core; 0: none."""
+    """Milliseconds a frame for training. A live publisher then trains the network on its stream, on a spare core. 0:
+    no training."""
 
     @property
     def expects(self) -> bool:

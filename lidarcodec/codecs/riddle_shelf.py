@@ -126,5 +126,7 @@ class Shelf:
         if name in self._brought:
             self._brought.move_to_end(name)
         if found is None:
-            raise MissingReferenceError(f"weights {name} are not here: they come with a key frame, ask for one", frame)
+            raise MissingReferenceError(
+                f"weights {name} have not arrived yet: they come with a key frame, so ask for one", frame
+            )
         return found

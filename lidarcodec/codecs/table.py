@@ -53,7 +53,7 @@ def codec_name(number: int) -> str:
     for name, (known, _) in _TABLE.items():
         if known == number:
             return name
-    raise UnsupportedVersionError(f"message of codec {number}: this build knows {', '.join(_TABLE)}", 12)
+    raise UnsupportedVersionError(f"this build does not know codec {number}: its codecs are {', '.join(_TABLE)}", 12)
 
 
 @cache
@@ -74,7 +74,7 @@ def check(settings: StreamSettings) -> StreamSettings:
     chosen = codec(settings.codec)
     own_settings(chosen.settings, settings)
     if settings.max_error_m is not None and not chosen.bounded:
-        raise SettingsError(f"codec {settings.codec} cannot keep a bound: leave max_error_m out", "max_error_m")
+        raise SettingsError(f"codec {settings.codec} cannot keep an error bound: leave max_error_m out", "max_error_m")
     _check_target(settings, chosen)
     return settings
 
@@ -92,8 +92,8 @@ def check_files(settings: StreamSettings) -> None:
 def _check_target(settings: StreamSettings, chosen: Codec) -> None:
     if settings.target_kbps is not None and chosen.knob is None:
         able = ", ".join(name for name in names() if codec(name).knob is not None)
-        raise SettingsError(f"codec {settings.codec} cannot be steered to a target bitrate: leave target_kbps out, "
-                            f"or take one of {able}", "target_kbps")  # fmt: skip
+        raise SettingsError(f"codec {settings.codec} cannot keep a target bitrate: leave target_kbps out, or "
+f"choose one of {able}", "target_kbps")  # fmt: skip
 
 
 def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:

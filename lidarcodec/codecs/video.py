@@ -43,11 +43,11 @@ class VideoSettings(CodecSettings):
     """Settings that `h264` and `h264-log` share."""
 
     crf: float = Field(default=12.0, ge=0.0, le=51.0)
-    """x264's quality: 6 more are twice the step of the coefficients."""
+    """Quality of x264: lower is better and larger. 6 more double the quantiser step."""
     bits: Literal[8, 10] = 10
-    """Bits a sample. 8 are steps of 0.3 m at 80 m, and what decoders without High 10 read."""
+    """Bits of each sample. 8 bits: steps of 0.3 m at 80 m, readable by decoders without High 10."""
     preset: Preset = "fast"
-    """x264's search for fewer bits: slower presets find more."""
+    """Preset of x264. Slower presets give smaller files."""
     mapping: MappingName
 
 

@@ -26,7 +26,7 @@ class ZstdSettings(CodecSettings):
     """Settings of `zstd`."""
 
     level: int = Field(default=3, ge=1, le=19)
-    """zstd's compression level: 3 takes 1 ms a frame, 19 more than 100 ms."""
+    """Compression level of zstd. 3 takes 1 ms a frame, 19 more than 100 ms."""
 
 
 def folded_differences(values: Ranges) -> bytes:

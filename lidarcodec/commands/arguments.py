@@ -11,44 +11,60 @@ from typer import Option
 MAX_FRAMES = 10**12
 """More than three thousand years of them, and what Python can count to in packets."""
 
-Source = Annotated[str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, sim:...")]
+Source = Annotated[
+    str, typer.Argument(metavar="SOURCE", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE.")
+]
 CalibrationFile = Annotated[
-    Path | None, Option("--calibration", metavar="FILE", help="db.xml or ROS yaml; else found as `info` says.")
+    Path | None,
+    Option(
+        "--calibration", metavar="FILE", help="Calibration: db.xml or ROS yaml. Default: the one that `info` names."
+    ),
 ]
 PosesFile = Annotated[
     Path | None,
-    Option("--poses", metavar="FILE", help="Where the sensor was (.npz, TUM or KITTI), sent with each frame."),
+    Option("--poses", metavar="FILE", help="Poses of the sensor (.npz, TUM or KITTI). They are sent with each frame."),
 ]
-CodecName = Annotated[str | None, Option("--codec", metavar="NAME", help="Default: pcodec.")]
+CodecName = Annotated[str | None, Option("--codec", metavar="NAME", help="Name of the codec. Default: pcodec.")]
 Pairs = Annotated[
     list[str] | None,
-    Option("--set", metavar="KEY=VALUE", help="A field of the stream's settings, else of the codec's. Repeatable."),
+    Option("--set", metavar="KEY=VALUE", help="A stream setting, or a setting of the codec. Repeatable."),
 ]
 FrameCount = Annotated[int | None, Option("--frames", min=1, max=MAX_FRAMES, metavar="N", help="Stop after N frames.")]
-SkipCount = Annotated[int, Option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Leave out the first N frames.")]
-AllowMissed = Annotated[bool, Option("--allow-missed", help="End with 0 though the target bitrate was missed.")]
-Force = Annotated[bool, Option("--force", help="Replace what has the name of an output.")]
+SkipCount = Annotated[int, Option("--skip", min=0, max=MAX_FRAMES, metavar="N", help="Skip the first N frames.")]
+AllowMissed = Annotated[bool, Option("--allow-missed", help="Exit with 0 even if the target bitrate was missed.")]
+Force = Annotated[bool, Option("--force", help="Replace outputs that exist.")]
 WithClouds = Annotated[
-    bool, Option("--with-clouds", help="Also keep the decoded points, for viewers such as Foxglove: 18 MB/s.")
+    bool, Option("--with-clouds", help="Also record decoded points for viewers such as Foxglove (18 MB/s).")
 ]
 LearnSteps = Annotated[
     int,
     Option(
-        "--learn", min=0, max=1_000_000, metavar="N", help="Train after each frame: N steps; for codecs that learn."
+        "--learn",
+        min=0,
+        max=1_000_000,
+        metavar="N",
+        help="Train N steps after each frame. Only for codecs that can learn.",
     ),
 ]
 AsJson = Annotated[bool, Option("--json", help="Print JSON.")]
 Connect = Annotated[
     list[str] | None,
-    Option("--connect", metavar="ENDPOINT", help="Where others listen, such as tcp/192.168.1.5:7447. Repeatable."),
+    Option(
+        "--connect", metavar="ENDPOINT", help="Connect to this address, for example tcp/192.168.1.5:7447. Repeatable."
+    ),
 ]
 Listen = Annotated[
     list[str] | None,
-    Option("--listen", metavar="ENDPOINT", help="Where to listen; without any, nothing leaves this machine."),
+    Option(
+        "--listen",
+        metavar="ENDPOINT",
+        help="Listen on this address. Repeatable. By default, nothing leaves this machine.",
+    ),
 ]
 ZenohConfig = Annotated[
-    Path | None, Option("--zenoh-config", metavar="FILE", help="A whole Zenoh configuration (JSON5), used as it is.")
+    Path | None,
+    Option("--zenoh-config", metavar="FILE", help="Zenoh configuration file (JSON5). It is used unchanged."),
 ]
 DatabasePassword = Annotated[
-    Path | None, Option("--database-password-file", metavar="FILE", help="The password of --database-url, kept apart.")
+    Path | None, Option("--database-password-file", metavar="FILE", help="File with the password for --database-url.")
 ]

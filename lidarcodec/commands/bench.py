@@ -55,9 +55,9 @@ def run(
 ) -> None:
     """Measure each setting and print the results; when stopped, those that were finished, and that there are more."""
     if metrics not in METRICS:
-        raise SettingsError(f"--metrics is {' or '.join(METRICS)}, not '{metrics}'", "metrics")
+        raise SettingsError(f"--metrics must be {' or '.join(METRICS)}, not '{metrics}'", "metrics")
     if plot is not None and plot.suffix.lower() not in PLOTS:
-        raise SettingsError(f"cannot draw {plot}: let it end in {' '.join(PLOTS)}", "plot")
+        raise SettingsError(f"cannot draw {plot}: the name must end in {' or '.join(PLOTS)}", "plot")
     if plot is not None and not plot.parent.is_dir():  # now, and not after an hour of measuring
         raise SettingsError(f"cannot draw {plot}: there is no folder {plot.parent}", "plot")
     if plot is not None:
@@ -89,7 +89,7 @@ def run(
             drawn = plot_bits if not as_curve else plot_curves if metrics == "usual" else plot_operating
             drawn(results, output.beside)
     if part:
-        raise StoppedError(f"stopped: {done} of {len(jobs)} settings were measured, the others are missing above")
+        raise StoppedError(f"stopped: {done} of {len(jobs)} settings were measured, the output lacks the others")
 
 
 def _codec_jobs(
@@ -101,7 +101,7 @@ def _codec_jobs(
         own = ",".join(name for name in codecs.split(",") if not table.is_peer(name.strip()))
         if not own:
             if pairs:
-                raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names nothing else")
+                raise SettingsError(f"--set {pairs[0]}: peers have no settings, and --codec names only peers")
             return []
     if not as_curve:
         return _jobs(sweep(own, pairs), partial(bench, poses=poses, learn=learn))

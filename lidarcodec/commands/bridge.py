@@ -19,13 +19,13 @@ from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import is_number
 
-app = typer.Typer(help="Hand live streams on to ROS 2 or Foxglove.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Pass live streams on to ROS 2 or Foxglove.", no_args_is_help=True, rich_markup_mode=None)
 
 EVERY_S = 1.0
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 StreamNames = Annotated[list[str], typer.Argument(metavar="VEHICLE/SENSOR...", show_default=False)]
-UntilEnd = Annotated[bool, Option("--until-end", help="Stop when the publishers have gone.")]
+UntilEnd = Annotated[bool, Option("--until-end", help="Stop when all publishers have stopped.")]
 
 
 class Bridge(Protocol):
@@ -47,33 +47,43 @@ def ros2(
     streams: StreamNames,
     ros_connect: Annotated[
         list[str] | None,
-        Option("--ros-connect", metavar="ENDPOINT", help="The router of ROS 2; default: tcp/127.0.0.1:7447."),
+        Option("--ros-connect", metavar="ENDPOINT", help="Address of the ROS 2 router. Default: tcp/127.0.0.1:7447."),
     ] = None,
     ros_config: Annotated[
-        Path | None, Option("--ros-config", metavar="FILE", help="A Zenoh configuration for that side, as it is.")
+        Path | None,
+        Option("--ros-config", metavar="FILE", help="Zenoh configuration for the ROS 2 side. It is used unchanged."),
     ] = None,
     domain: Annotated[
-        int | None, Option("--domain", min=0, max=232, metavar="N", help="Default: $ROS_DOMAIN_ID, else 0.")
+        int | None,
+        Option("--domain", min=0, max=232, metavar="N", help="ROS domain. Default: $ROS_DOMAIN_ID, otherwise 0."),
     ] = None,
     topic: Annotated[
-        str | None, Option("--topic", metavar="NAME", help="Of one stream; default: /VEHICLE/SENSOR/points.")
+        str | None,
+        Option("--topic", metavar="NAME", help="Topic; only for a single stream. Default: /VEHICLE/SENSOR/points."),
     ] = None,
     frame_id: Annotated[
-        str | None, Option("--frame-id", metavar="NAME", help="Of one stream; default: VEHICLE/SENSOR.")
+        str | None,
+        Option("--frame-id", metavar="NAME", help="frame_id; only for a single stream. Default: VEHICLE/SENSOR."),
     ] = None,
-    world: Annotated[str, Option("--world", metavar="NAME", help="The frame of the poses.")] = "map",
-    tf: Annotated[bool, Option("--tf/--no-tf", help="Publish poses on /tf, where streams have them.")] = True,
+    world: Annotated[
+        str, Option("--world", metavar="NAME", help="Name of the world frame, in which poses are given.")
+    ] = "map",
+    tf: Annotated[bool, Option("--tf/--no-tf", help="Publish poses on /tf if a stream has them.")] = True,
     fill: Annotated[
-        bool, Option("--fill/--no-fill", help="Fill gaps between columns that were sent, marked in a field `filled`.")
+        bool,
+        Option(
+            "--fill/--no-fill",
+            help="Interpolate points between the columns that were sent. The field `filled` marks them.",
+        ),
     ] = False,
-    type_hash: Annotated[bool, Option("--type-hash/--no-type-hash", help="Without: for ROS 2 Humble.")] = True,
+    type_hash: Annotated[bool, Option("--type-hash/--no-type-hash", help="--no-type-hash is for ROS 2 Humble.")] = True,
     until_end: UntilEnd = False,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
     as_json: AsJson = False,
 ) -> None:
-    """Publish clouds as sensor_msgs/PointCloud2 into the network of ROS 2 with rmw_zenoh, for rviz and all others."""
+    """Publish point clouds to ROS 2 as sensor_msgs/PointCloud2, for RViz and other nodes. ROS 2 must use rmw_zenoh."""
     from lidarcodec.bridges.ros2 import ROUTER, RosBridge, RosNames
 
     names = RosNames(topic, frame_id, world, tf, _domain(domain), type_hash)
@@ -88,18 +98,25 @@ def ros2(
 @app.command()
 def foxglove(
     streams: StreamNames,
-    host: Annotated[str, Option("--host", metavar="H", help="Where to listen.")] = "127.0.0.1",
-    port: Annotated[int, Option("--port", min=0, max=65535, metavar="P", help="0 takes a free one.")] = 8765,
+    host: Annotated[str, Option("--host", metavar="H", help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, Option("--port", min=0, max=65535, metavar="P", help="Port; 0 takes a free port.")] = 8765,
     fill: Annotated[
         bool | None,
         Option(
             "--fill/--no-fill",
-            help="Fill gaps between columns that were sent, marked in a field `filled`. "
-            "Default: not where a stream's purpose is localise or detect.",
+            help="Interpolate points between the columns that were sent. The field `filled` marks them. Default: "
+            "on, except for streams with the purpose localise or detect.",
         ),
     ] = None,
     max_viewers: Annotated[
-        int, Option("--max-viewers", min=1, max=1000, metavar="N", help="At once; half of them from one address.")
+        int,
+        Option(
+            "--max-viewers",
+            min=1,
+            max=1000,
+            metavar="N",
+            help="Largest number of viewers. One address can have half of them.",
+        ),
     ] = 16,
     until_end: UntilEnd = False,
     connect: Connect = None,
@@ -107,7 +124,7 @@ def foxglove(
     zenoh_config: ZenohConfig = None,
     as_json: AsJson = False,
 ) -> None:
-    """Serve clouds, poses and statistics to Foxglove over a WebSocket, until a signal comes."""
+    """Serve point clouds, poses and statistics to Foxglove over a WebSocket, until Ctrl-C is pressed."""
     from lidarcodec.bridges.foxglove import FoxgloveBridge
 
     given = endpoints_of((connect or [], listen or [], zenoh_config))
@@ -122,7 +139,7 @@ def _domain(given: int | None) -> int:
     if given is not None or not text:
         return given or 0
     if not is_number(text, 232):
-        raise SettingsError(f"{DOMAIN_VARIABLE} is a number from 0 to 232, not '{text}'", "domain")
+        raise SettingsError(f"{DOMAIN_VARIABLE} must be a number from 0 to 232, not '{text}'", "domain")
     return int(text)
 
 

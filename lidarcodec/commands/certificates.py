@@ -65,11 +65,11 @@ class Authority:
             certificate = x509.load_pem_x509_certificate(read_file(pem, "certificates"))
             key = serialization.load_pem_private_key(read_file(key_file, "certificates"), None)
         except (OSError, ValueError) as error:
-            raise SettingsError(f"{folder} has no certificate authority that can be used: {error}") from None
+            raise SettingsError(f"the certificate authority in {folder} cannot be used: {error}") from None
         if not isinstance(key, ec.EllipticCurvePrivateKey) or certificate.public_key() != key.public_key():
             raise SettingsError(f"{key_file} is not the key of {pem}")
         if certificate.not_valid_after_utc < datetime.now(UTC):
-            raise SettingsError(f"{pem} has expired: begin with an empty folder, and give every machine its new file")
+            raise SettingsError(f"{pem} has expired: start with an empty folder, and give every machine its new file")
         return cls(certificate, key)
 
     @property

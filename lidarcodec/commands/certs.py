@@ -98,7 +98,7 @@ def _change(
     gone: dict[str, Party] = {}
     for name in remove:
         if name not in deployment.parties:
-            raise SettingsError(f"--remove {name}: nobody of that name is in {folder / STATE}", "remove")
+            raise SettingsError(f"--remove {name}: {folder / STATE} has no such name", "remove")
         gone[name] = deployment.parties.pop(name)
     _check(deployment)
     for name in sorted(_files(deployment) - ours):
@@ -115,7 +115,7 @@ def _change(
         (folder / old).unlink(missing_ok=True)
     _save(folder / STATE, deployment)
     for left in sorted({path.name for path in folder.glob("*-*.json5")} - maker.expected() - gone_files):
-        print(f"{folder / left} is not of this deployment and was left as it is")
+        print(f"{folder / left} does not belong to this deployment and was left unchanged")
     for name in written:
         print(folder / name)
     _say_validity(deployment)
@@ -124,18 +124,20 @@ def _change(
 def _read(path: Path, auth: str | None, port: int | None) -> Deployment:
     """The deployment in a file, or a new one."""
     if auth not in (None, "certificate", "password", "none"):
-        raise SettingsError(f"--auth is certificate, password or none, not '{auth}'", "auth")
+        raise SettingsError(f"--auth must be certificate, password or none, not '{auth}'", "auth")
     try:
         found = Deployment.model_validate(read_object(read_file(path, "certificates"), largest("certificates") or 0))
     except FileNotFoundError:
         return Deployment(auth=cast(Auth, auth or "certificate"), port=port or 7447)
     except (FileTooLargeError, JsonRefusedError) as error:
-        raise SettingsError(f"{path} is no description of a deployment: {error}") from None
+        raise SettingsError(f"{path} does not describe a deployment: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         raise SettingsError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     if auth not in (None, found.auth) or port not in (None, found.port):
-        raise SettingsError(f"{path} has auth {found.auth} and port {found.port}: begin with another folder to change")
+        raise SettingsError(
+            f"{path} has auth {found.auth} and port {found.port}, which cannot be changed: use another folder"
+        )
     return found
 
 
@@ -150,14 +152,18 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
             name, at, hosts = text.partition("@")
             valid_name(name, role)
             if name.startswith(PLAYBACKS):
-                raise SettingsError(f"--{role} {name}: operators may speak for all vehicles named {PLAYBACKS}...", role)
+                raise SettingsError(
+                    f"--{role} {name}: names that begin with {PLAYBACKS} are reserved for playbacks", role
+                )
             before = deployment.parties.get(name)
             if name == ROUTER or name in named or (before is not None and before.role != role):
-                raise SettingsError(f"--{role} {name}: the name is taken; each has one role and its own name", role)
+                raise SettingsError(
+                    f"--{role} {name}: this name is already used: each has one role and its own name", role
+                )
             named.add(name)
             at_hosts = [_host(host) for host in hosts.split(",")] if at else (before.hosts if before else [])
             if at_hosts and role != "vehicle":
-                raise SettingsError(f"--{role} {text}: only vehicles listen, so only they have a host", role)
+                raise SettingsError(f"--{role} {text}: only vehicles listen: leave out @HOST", role)
             deployment.parties[name] = Party(role=cast(Literal["vehicle"], role), hosts=at_hosts)
     return named
 
@@ -167,7 +173,7 @@ def _host(text: str) -> str:
         return str(ipaddress.ip_address(text))
     except ValueError:
         if not _HOST.fullmatch(text):
-            raise SettingsError(f"'{text}' is not a host: a name or an IP address") from None
+            raise SettingsError(f"'{text}' is not a host: write a name or an IP address") from None
         return text
 
 
@@ -175,11 +181,11 @@ def _check(deployment: Deployment) -> None:
     lonely = [name for name in deployment.names("vehicle") if not deployment.parties[name].hosts]
     if not deployment.routers and (lonely or not deployment.parties):
         raise SettingsError(
-            "nobody would listen: give --router HOST, or each vehicle its own host as --vehicle NAME@HOST", "router"
+            "nobody would listen: give --router HOST, or a host for each vehicle (--vehicle NAME@HOST)", "router"
         )
     listening = [name for name, party in deployment.parties.items() if party.hosts]
     if deployment.routers and listening:
-        raise SettingsError(f"{listening[0]} connects to the routers: leave out the host behind its name", "vehicle")
+        raise SettingsError(f"{listening[0]} connects to the routers: leave out the host after its name", "vehicle")
 
 
 def _save(path: Path, deployment: Deployment) -> None:
@@ -193,7 +199,7 @@ def _say_validity(deployment: Deployment) -> None:
     for name, until in sorted(ends.items()):
         if datetime.fromisoformat(until) < soon:
             state = "has expired" if datetime.fromisoformat(until) < now else f"is valid until {until[:10]}"
-            print(f"the certificate of {name} {state}: name it again to renew it")
+            print(f"the certificate of {name} {state}: give its name again to renew it")
 
 
 def _files(deployment: Deployment) -> set[str]:
@@ -268,7 +274,7 @@ class _Maker:
         return f"tls/{f'[{host}]' if ':' in host else host}:{self._deployment.port}"
 
     def _put(self, name: str, options: dict[str, object]) -> str:
-        about = "// Holds a private key or a password: copy it to the one machine that it is for, and nowhere else.\n"
+        about = "// Holds a private key or a password: copy it only to the machine that it is for.\n"
         text = about + json.dumps(nested(options), indent=2) + "\n"
         write_private(self._folder / name, text.encode())
         return name

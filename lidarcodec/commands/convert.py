@@ -80,7 +80,7 @@ def run(
         if first is None and stopped():
             raise remaining.stopped(out, None, 0)
         if first is None:
-            raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
+            raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         with _opened(out, output.beside, wanted, source, about) as writer:
             for packet in chain((first,), packets):
@@ -111,15 +111,15 @@ def _wanted(
 ) -> Wanted:
     """Raises SettingsError for options that this form has no use for."""
     if form != "recording" and (codec or pairs):
-        raise SettingsError(f"--codec and --set are for recordings: {out} gets packets as they are", "codec")
+        raise SettingsError(f"--codec and --set are for recordings: {out} holds the original packets", "codec")
     if form not in ("recording", "rosbag") and clouds:
         raise SettingsError(f"--with-clouds is for recordings and rosbags: a {form} file holds packets only", "clouds")
     if form != "rosbag" and (topic or frame_id):
-        raise SettingsError(f"--topic and --frame-id are for rosbags, {out} is none", "topic")
+        raise SettingsError(f"--topic and --frame-id are for rosbags: {out} is not a rosbag", "topic")
     defaults = Wanted(form, clouds)
     topic = topic or defaults.topic
     if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
-        raise SettingsError(f"--topic {topic}: ROS names are /parts/of_letters_and_digits", "topic")
+        raise SettingsError(f"--topic {topic} is not a ROS name: write /parts/of_letters_and_digits", "topic")
     return Wanted(form, clouds, topic, frame_id or defaults.frame_id)
 
 
@@ -150,9 +150,9 @@ def _calibration_file(
     if same:
         return None
     if not force:
-        raise SettingsError(f"{path} is another calibration than that of {out}: --force replaces it", "force")
+        raise SettingsError(f"{path} holds another calibration than {out}: use --force to replace it", "force")
     if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
-        raise SettingsError(f"{path} is the calibration of what is read: give the output another name", "force")
+        raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
     return path
 
 

@@ -24,19 +24,30 @@ from lidarcodec.commands.arguments import (
 
 def convert(
     source: Source,
-    out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False, help=".pcap .mcap, or a folder: rosbag2")],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT", show_default=False, help="A file that ends in .pcap or .mcap, or a folder (rosbag2)."
+        ),
+    ],
     to: Annotated[
         str | None,
-        Option("--to", metavar="FORM", help="pcap, recording, packets (bare ones, .mcap) or rosbag; else as OUT ends."),
+        Option(
+            "--to",
+            metavar="FORM",
+            help="Output format: pcap, recording, packets (packets only, .mcap) or rosbag. "
+            "Default: by the ending of OUT.",
+        ),
     ] = None,
     codec: CodecName = None,
     pairs: Pairs = None,
     with_clouds: WithClouds = False,
     topic: Annotated[
-        str | None, Option("--topic", metavar="NAME", help="Of a rosbag's packets; default: /velodyne_packets.")
+        str | None,
+        Option("--topic", metavar="NAME", help="Topic of the packets in a rosbag. Default: /velodyne_packets."),
     ] = None,
     frame_id: Annotated[
-        str | None, Option("--frame-id", metavar="NAME", help="Of a rosbag's messages; default: velodyne.")
+        str | None, Option("--frame-id", metavar="NAME", help="frame_id in a rosbag. Default: velodyne.")
     ] = None,
     allow_missed: AllowMissed = False,
     force: Force = False,
@@ -45,7 +56,7 @@ def convert(
     calibration: CalibrationFile = None,
     poses: PosesFile = None,
 ) -> None:
-    """Turn a source into a capture, a recording, or a rosbag2 with velodyne_msgs/VelodyneScan: packets as they came."""
+    """Convert a source to a capture, a recording, or a rosbag2 (velodyne_msgs/VelodyneScan). Packets do not change."""
     from lidarcodec.commands import convert as command
 
     command.run(source, out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds, topic, frame_id,

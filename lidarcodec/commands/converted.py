@@ -62,14 +62,16 @@ def form_of(out: Path, given: str | None) -> Form:
     }
     possible = by_name.get(ending)
     if possible is None:
-        raise SettingsError(f"cannot write {out}: OUT ends in .pcap or .mcap, or has no ending and becomes a rosbag2")
+        raise SettingsError(f"cannot write {out}: its name must end in .pcap or .mcap, or have no ending for a rosbag2")
     if given is None:
         return possible[0]
     form = next((one for one in FORMS if one == given), None)
     if form is None:
-        raise SettingsError(f"--to {given}: choose one of {', '.join(FORMS)}", "to")
+        raise SettingsError(f"--to {given} is unknown: choose one of {', '.join(FORMS)}", "to")
     if form not in possible:
-        raise SettingsError(f"--to {given} does not write {out}: {' or '.join(possible)} has that ending", "to")
+        raise SettingsError(
+            f"--to {given} does not fit {out}: files with this ending hold {' or '.join(possible)}", "to"
+        )
     return form
 
 
@@ -158,7 +160,5 @@ class Bag:
             self.writer.write_cloud(posed(last, self._poses))
         self.writer.close()
         if self._positions:
-            log.warning(
-                "a rosbag: not kept: %d position packets (a VelodyneScan has no place for them)", self._positions
-            )
+            log.warning("a rosbag cannot hold position packets: %d were left out", self._positions)
         return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)

@@ -50,7 +50,7 @@ def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     for name in names:
         knob = knob_of(name)
         if knob in given:
-            raise SettingsError(f"--curve turns {knob} of {name} itself: leave out --set {knob}, or --curve", knob)
+            raise SettingsError(f"--curve sets {knob} of {name} itself: leave out --set {knob}, or --curve", knob)
         own = [] if knob is None else [f"{knob}={','.join(f'{value:g}' for value in POINTS[knob])}"]
         found += sweep(name, [*pairs, *own])
     return found
@@ -74,7 +74,7 @@ def operating(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
 def _names(codecs: str | None) -> list[str]:
     names = [name.strip() for name in codecs.split(",")] if codecs else [StreamSettings().codec]
     if "" in names:
-        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
+        raise SettingsError(f"--codec {codecs}: there is an empty name beside a comma", "codec")
     return names
 
 
@@ -82,5 +82,5 @@ def _given(pairs: Sequence[str]) -> set[str]:
     """Names of the settings that are given."""
     given = {pair.partition("=")[0].strip() for pair in pairs}
     if "target_kbps" in given:
-        raise SettingsError("--curve sets the points itself: leave out --set target_kbps", "target_kbps")
+        raise SettingsError("--curve sets target_kbps itself: leave out --set target_kbps", "target_kbps")
     return given

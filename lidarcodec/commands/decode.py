@@ -41,7 +41,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
         if first is None:
             _warn(recorded)
             raise SourceError(
-                f"{recording} has no frame behind the first {skip} that can be decoded: {out} was not written"
+                f"{recording} has no frame after the first {skip} that can be decoded: {out} was not written"
             )
         with _opened(out, output.beside) as writer:
             for frame in chain((first,), chosen):

@@ -38,7 +38,7 @@ def run(
 ) -> None:
     """Encode frame by frame. OUT is there whole at the end; after a signal what is done is kept under another name."""
     if out.suffix.lower() != ".mcap":
-        raise SettingsError(f"encode writes a recording: let {out} end in .mcap")
+        raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
     if learn:
         encoder.learn(0)
@@ -62,7 +62,7 @@ def run(
         if first is None and stopped():
             raise remaining.stopped(out, None, 0)
         if first is None:
-            raise SourceError(f"{spec} has no frame behind the first {skip}: nothing was encoded")
+            raise SourceError(f"{spec} has no frame after the first {skip}: nothing was encoded")
         with output.beside.open("wb") as handle, progress("encoding", frames) as tick:
             coded = CodedRecording(handle, encoder, about, clouds=clouds)
             for frame in chain((first,), chosen):
@@ -93,8 +93,8 @@ def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None
     if kbps <= settings.target_kbps * (1.0 + TOLERANCE):
         return None
     names = pinned(settings)
-    set_here = f"set by you: {', '.join(names)}; " if names else ""
+    set_here = f"you have set {', '.join(names)}; " if names else ""
     return (
-        f"the target of {settings.target_kbps:g} kbit/s was missed: {kbps:.0f} are needed ({set_here}take a higher "
-        "target, or set less); --allow-missed ends with 0"
+        f"the target of {settings.target_kbps:g} kbit/s was missed: {kbps:.0f} kbit/s are needed ({set_here}choose "
+        "a higher target, or set less); with --allow-missed the exit code is 0"
     )

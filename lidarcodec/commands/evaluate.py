@@ -22,66 +22,91 @@ def _group() -> None:
 def localisation(
     sources: Annotated[
         list[str],
-        typer.Argument(metavar="SOURCE...", show_default=False, help="Drives; errors are told over them too."),
+        typer.Argument(
+            metavar="SOURCE...",
+            show_default=False,
+            help="Drives. Errors are given for each drive and for all together.",
+        ),
     ],
     reduction: Annotated[
         list[str] | None,
         Option(
             "--reduction",
             metavar="NAME[,NAME...]",
-            help="Reducers, or harris, iss, oracle, oracle-spread, oracle-static.",
+            help="Reducers. For comparison also harris, iss, oracle, oracle-spread, oracle-static.",
         ),
     ] = None,
     codec: Annotated[
-        str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: predictive, to 1 cm.")
+        str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: predictive with max_error_m=0.01.")
     ] = None,
     pairs: Annotated[
-        list[str] | None, Option("--set", metavar="KEY=A[,B,C]", help="A setting; several values sweep. Repeatable.")
+        list[str] | None,
+        Option(
+            "--set", metavar="KEY=A[,B,C]", help="A setting and its values. Repeatable. All combinations are measured."
+        ),
     ] = None,
     keep_points: Annotated[
-        str, Option("--keep-points", metavar="N[,N...]", help="Budgets of a frame; default: 9000.")
+        str, Option("--keep-points", metavar="N[,N...]", help="Returns kept of each frame. Default: 9000.")
     ] = "9000",
     frame_bytes: Annotated[
-        int | None, Option("--frame-bytes", min=100, metavar="N", help="Fit each budget to frames of N bytes instead.")
+        int | None,
+        Option("--frame-bytes", min=100, metavar="N", help="Instead keep as many returns as fit into N bytes a frame."),
     ] = None,
     maps: Annotated[
         list[str] | None,
-        Option("--map", metavar="whole|own", help="Of all returns, or of what was sent. Repeatable; default: whole."),
+        Option(
+            "--map",
+            metavar="whole|own",
+            help="Build the map from all returns (whole) or from the returns that were sent "
+            "(own). Repeatable. Default: whole.",
+        ),
     ] = None,
     receivers: Annotated[
         list[str] | None,
-        Option("--receiver", metavar="decoded|voxel", help="The cloud as it is, or means of 0.5 m cells. Repeatable."),
+        Option(
+            "--receiver",
+            metavar="decoded|voxel",
+            help="Use the decoded cloud as it is, or means of 0.5 m cells. Repeatable.",
+        ),
     ] = None,
     localisers: Annotated[
         list[str] | None,
-        Option("--localiser", metavar="plane|vgicp", help="Point-to-plane ICP or VGICP. Repeatable; default: plane."),
+        Option("--localiser", metavar="plane|vgicp", help="Point-to-plane ICP or VGICP. Repeatable. Default: plane."),
     ] = None,
     protocols: Annotated[
         list[str] | None,
-        Option("--protocol", metavar="track|starts|near", help="How it is looked for. Repeatable; default: all."),
+        Option("--protocol", metavar="track|starts|near", help="Kind of test. Repeatable. Default: all."),
     ] = None,
     stride: Annotated[int, Option("--stride", min=1, max=100, metavar="N", help="Track every N-th scan.")] = 3,
     reference: Annotated[
-        str, Option("--reference", metavar="auto|given|refined", help="auto: exact poses if there are, else refined.")
+        str,
+        Option(
+            "--reference", metavar="auto|given|refined", help="auto: exact poses if there are any, otherwise refined."
+        ),
     ] = "auto",
     sweep: Annotated[
-        bool, Option("--sweep", help="Error against bitrate: every codec at the points of its own knob.")
+        bool, Option("--sweep", help="Error against bitrate: measure each codec over a range of its quality setting.")
     ] = False,
-    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Of starts, ties and bootstrap.")] = 1,
-    frames: Annotated[int | None, Option("--frames", min=2, metavar="N", help="Of each source.")] = None,
-    skip: Annotated[int, Option("--skip", min=0, metavar="N", help="Leave out the first N frames.")] = 0,
-    calibration: Annotated[Path | None, Option("--calibration", metavar="FILE", help="As everywhere.")] = None,
+    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of all random choices.")] = 1,
+    frames: Annotated[int | None, Option("--frames", min=2, metavar="N", help="Use N frames of each source.")] = None,
+    skip: Annotated[int, Option("--skip", min=0, metavar="N", help="Skip the first N frames.")] = 0,
+    calibration: Annotated[
+        Path | None, Option("--calibration", metavar="FILE", help="Calibration: db.xml or ROS yaml.")
+    ] = None,
     poses: Annotated[
-        Path | None, Option("--poses", metavar="FILE", help="For --reference given; of one source.")
+        Path | None, Option("--poses", metavar="FILE", help="Poses for --reference given. Only for a single source.")
     ] = None,
     cache: Annotated[
-        Path | None, Option("--cache", metavar="DIR", help="Keep what was computed; a second run is quick.")
+        Path | None,
+        Option("--cache", metavar="DIR", help="Keep intermediate results here. A second run is then quick."),
     ] = None,
-    plots: Annotated[Path | None, Option("--plots", metavar="DIR", help="Draw boxes and maps (extra `plot`).")] = None,
+    plots: Annotated[
+        Path | None, Option("--plots", metavar="DIR", help="Draw box plots and maps into DIR (extra `plot`).")
+    ] = None,
     force: Force = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Find the way through drives by reduced and coded scans alone, and say how far off and how often lost."""
+    """Localise in drives with reduced and coded scans alone. Print the errors, and how often the position was lost."""
     from lidarcodec.commands import localisation as command
 
     command.run(

@@ -16,25 +16,34 @@ def swarm(
     count: Annotated[int, typer.Argument(metavar="N", min=1, max=1000, show_default=False)],
     source: Annotated[str, typer.Argument(metavar="[SOURCE]")] = "sim:city",
     vehicle_prefix: Annotated[
-        str, Option("--vehicle-prefix", metavar="NAME", help="Of NAME-001, NAME-002 ...")
+        str, Option("--vehicle-prefix", metavar="NAME", help="Vehicles are named NAME-001, NAME-002 and so on.")
     ] = "car",
     codec: CodecName = None,
     pairs: Pairs = None,
     rate: Annotated[float, Option("--rate", min=0.01, max=1000.0, metavar="HZ", help="Frames a second.")] = 10.0,
-    frames: Annotated[int, Option("--frames", min=1, max=1000, metavar="N", help="Of SOURCE, over and over.")] = 50,
+    frames: Annotated[
+        int, Option("--frames", min=1, max=1000, metavar="N", help="Use N frames of SOURCE and repeat them.")
+    ] = 50,
     shared: Annotated[
-        bool, Option("--shared", help="Encode once and send that for all: little load here, all of it there.")
+        bool,
+        Option(
+            "--shared",
+            help="Encode each frame once and send it for all vehicles. This loads receivers, but hardly this machine.",
+        ),
     ] = False,
     processes: Annotated[
-        int | None, Option("--processes", min=1, max=64, metavar="N", help="Default: one a processor.")
+        int | None,
+        Option("--processes", min=1, max=64, metavar="N", help="Number of processes. Default: one for each processor."),
     ] = None,
-    seconds: Annotated[float | None, Option("--seconds", min=0.1, metavar="N", help="Default: until stopped.")] = None,
+    seconds: Annotated[
+        float | None, Option("--seconds", min=0.1, metavar="N", help="Duration. Default: until Ctrl-C.")
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
     first: Annotated[int, Option("--first", min=0, max=10**6, metavar="N", help="Number of the first vehicle.")] = 1,
 ) -> None:
-    """Publish as many vehicles at once, to load a network, a router or a server."""
+    """Publish N vehicles at once, to test a network, a router or a server under load."""
     from lidarcodec.commands import swarm as command
 
     keep_standard_output()
@@ -46,30 +55,35 @@ def swarm(
 def certs(
     folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False)],
     router: Annotated[
-        list[str] | None, Option("--router", metavar="HOST", help="Where a Zenoh router listens. Repeatable.")
+        list[str] | None, Option("--router", metavar="HOST", help="Host of a Zenoh router. Repeatable.")
     ] = None,
     vehicle: Annotated[
         list[str] | None,
-        Option("--vehicle", metavar="NAME[@HOST]", help="Publishes its own streams only. Repeatable."),
+        Option("--vehicle", metavar="NAME[@HOST]", help="A vehicle. It may publish its own streams only. Repeatable."),
     ] = None,
-    viewer: Annotated[list[str] | None, Option("--viewer", metavar="NAME", help="Receives. Repeatable.")] = None,
+    viewer: Annotated[
+        list[str] | None, Option("--viewer", metavar="NAME", help="A viewer. It may receive. Repeatable.")
+    ] = None,
     operator: Annotated[
-        list[str] | None, Option("--operator", metavar="NAME", help="Also changes settings. Repeatable.")
+        list[str] | None,
+        Option("--operator", metavar="NAME", help="An operator. It may receive and change settings. Repeatable."),
     ] = None,
     remove: Annotated[
-        list[str] | None, Option("--remove", metavar="NAME", help="May do nothing any more. Repeatable.")
+        list[str] | None, Option("--remove", metavar="NAME", help="Take all access from this name. Repeatable.")
     ] = None,
     auth: Annotated[
         str | None,
-        Option("--auth", metavar="certificate|password|none", help="How those who connect are known."),
+        Option("--auth", metavar="certificate|password|none", help="How clients prove their identity."),
     ] = None,
-    port: Annotated[int | None, Option("--port", min=1, max=65535, help="Default: 7447.")] = None,
-    days: Annotated[int, Option("--days", min=1, max=3650, help="How long certificates are valid.")] = 365,
+    port: Annotated[
+        int | None, Option("--port", min=1, max=65535, help="Port of the routers and vehicles. Default: 7447.")
+    ] = None,
+    days: Annotated[int, Option("--days", min=1, max=3650, help="Days for which certificates are valid.")] = 365,
     installed: Annotated[
-        Path | None, Option("--installed", metavar="DIR", help="Where users.txt will lie on the router.")
+        Path | None, Option("--installed", metavar="DIR", help="Folder on the router that will hold users.txt.")
     ] = None,
 ) -> None:
-    """Make or extend a secured deployment: an authority, and one Zenoh configuration for each machine and person."""
+    """Create or extend a secured deployment: an authority, and a Zenoh configuration for each machine and person."""
     from lidarcodec.commands import certs as command
 
     command.run(
@@ -78,80 +92,139 @@ def certs(
 
 
 def serve(
-    host: Annotated[str | None, Option("--host", metavar="H", help="Where to listen; default: 127.0.0.1.")] = None,
-    port: Annotated[int | None, Option("--port", min=0, max=65535, metavar="P", help="Default: 8080.")] = None,
+    host: Annotated[str | None, Option("--host", metavar="H", help="Address to listen on. Default: 127.0.0.1.")] = None,
+    port: Annotated[
+        int | None, Option("--port", min=0, max=65535, metavar="P", help="Port to listen on. Default: 8080.")
+    ] = None,
     database_url: Annotated[
-        str | None, Option("--database-url", metavar="URL", help="Default: an SQLite file in the user's state folder.")
+        str | None,
+        Option(
+            "--database-url",
+            metavar="URL",
+            help="Database of the server. Default: an SQLite file in the user's state folder.",
+        ),
     ] = None,
     database_password_file: DatabasePassword = None,
-    tls_certificate: Annotated[Path | None, Option("--tls-certificate", metavar="FILE", help="Serve HTTPS.")] = None,
-    tls_key: Annotated[Path | None, Option("--tls-key", metavar="FILE", help="The key of --tls-certificate.")] = None,
-    insecure: Annotated[
-        bool, Option("--insecure", help="Listen beyond this machine although there is no token.")
-    ] = False,
+    tls_certificate: Annotated[
+        Path | None, Option("--tls-certificate", metavar="FILE", help="Serve HTTPS with this certificate.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, Option("--tls-key", metavar="FILE", help="Private key of --tls-certificate.")
+    ] = None,
+    insecure: Annotated[bool, Option("--insecure", help="Listen beyond this machine even without any token.")] = False,
     open_again: Annotated[
-        bool, Option("--open", help="Let everybody in again, where tokens were needed and none works any more.")
+        bool,
+        Option("--open", help="Allow access without a token again. For a server whose tokens have all been revoked."),
     ] = False,
     metrics_open: Annotated[bool, Option("--metrics-open", help="Answer /metrics without a token.")] = False,
-    max_streams: Annotated[int | None, Option("--max-streams", min=1, metavar="N", help="Default: 256.")] = None,
+    max_streams: Annotated[
+        int | None, Option("--max-streams", min=1, metavar="N", help="Largest number of streams. Default: 256.")
+    ] = None,
     max_sensors: Annotated[
-        int | None, Option("--max-sensors", min=1, metavar="N", help="Streams of one vehicle. Default: 16.")
+        int | None,
+        Option("--max-sensors", min=1, metavar="N", help="Largest number of streams of one vehicle. Default: 16."),
     ] = None,
     max_viewers: Annotated[
-        int | None, Option("--max-viewers", min=1, metavar="N", help="Live sockets at once; default: 64.")
+        int | None, Option("--max-viewers", min=1, metavar="N", help="Largest number of live sockets. Default: 64.")
     ] = None,
     max_viewers_a_client: Annotated[
         int | None,
         Option(
-            "--max-viewers-a-client", min=1, metavar="N", help="Those of one client (token, or address); default: 32."
+            "--max-viewers-a-client",
+            min=1,
+            metavar="N",
+            help="Largest number of live sockets of one client (token or address). Default: 32.",
         ),
     ] = None,
     max_viewers_a_host: Annotated[
-        int | None, Option("--max-viewers-a-host", min=1, metavar="N", help="Those of one address; default: 48.")
+        int | None,
+        Option(
+            "--max-viewers-a-host",
+            min=1,
+            metavar="N",
+            help="Largest number of live sockets of one address. Default: 48.",
+        ),
     ] = None,
     max_connections: Annotated[
-        int | None, Option("--max-connections", min=1, metavar="N", help="Of all hosts at once; default: 1000.")
+        int | None,
+        Option("--max-connections", min=1, metavar="N", help="Largest number of connections. Default: 1000."),
     ] = None,
     max_connections_a_host: Annotated[
-        int | None, Option("--max-connections-a-host", min=1, metavar="N", help="Of one host; default: 200.")
+        int | None,
+        Option(
+            "--max-connections-a-host",
+            min=1,
+            metavar="N",
+            help="Largest number of connections of one host. Default: 200.",
+        ),
     ] = None,
     reserved_connections: Annotated[
         int | None,
         Option(
-            "--reserved-connections", min=1, metavar="N", help="More, for health checks and operators; default: 16."
+            "--reserved-connections",
+            min=1,
+            metavar="N",
+            help="Additional connections for health checks and operators. Default: 16.",
         ),
     ] = None,
     max_requests_a_host: Annotated[
         int | None,
-        Option("--max-requests-a-host", min=1, metavar="N", help="Of one host, worked on at once; default: 16."),
+        Option(
+            "--max-requests-a-host",
+            min=1,
+            metavar="N",
+            help="Largest number of simultaneous requests of one host. Default: 16.",
+        ),
     ] = None,
     proxy: Annotated[
         list[str] | None,
-        Option("--proxy", metavar="ADDRESS", help="A reverse proxy, which has no limits of one host. Repeatable."),
+        Option(
+            "--proxy",
+            metavar="ADDRESS",
+            help="Address of a reverse proxy. Limits of one host do not apply to it. Repeatable.",
+        ),
     ] = None,
     request_seconds: Annotated[
         float | None,
-        Option("--request-seconds", min=0.1, metavar="N", help="For a request's headers, and its body; default: 10."),
+        Option(
+            "--request-seconds",
+            min=0.1,
+            metavar="N",
+            help="Time limit for the headers of a request, and for its body. Default: 10.",
+        ),
     ] = None,
     keep_alive_seconds: Annotated[
-        float | None, Option("--keep-alive-seconds", min=0.1, metavar="N", help="Between requests; default: 5.")
+        float | None,
+        Option(
+            "--keep-alive-seconds",
+            min=0.1,
+            metavar="N",
+            help="Time limit between two requests of a connection. Default: 5.",
+        ),
     ] = None,
     read_seconds: Annotated[
         float | None,
-        Option("--read-seconds", min=0.1, metavar="N", help="How long an answer may stay unread; default: 30."),
+        Option("--read-seconds", min=0.1, metavar="N", help="Time limit for a client to read an answer. Default: 30."),
     ] = None,
     recordings: Annotated[
-        Path | None, Option("--recordings", metavar="DIR", help="Default: in the user's state folder.")
+        Path | None,
+        Option("--recordings", metavar="DIR", help="Folder for recordings. Default: in the user's state folder."),
     ] = None,
     recordings_gb: Annotated[
         float | None,
-        Option("--recordings-gb", min=0.001, max=1e6, metavar="N", help="Size of that folder; default: 64."),
+        Option(
+            "--recordings-gb",
+            min=0.001,
+            max=1e6,
+            metavar="N",
+            help="Size limit of the recordings folder in GB. Default: 64.",
+        ),
     ] = None,
     connect: Connect = None,
     listen: Listen = None,
     zenoh_config: ZenohConfig = None,
 ) -> None:
-    """Serve the streams of a fleet over HTTP until a signal comes: look at them, change them (extra `server`)."""
+    """Serve the streams of a fleet over HTTP, to watch and change them (extra `server`). Ctrl-C stops it."""
     from lidarcodec.commands import serve as command
 
     keep_standard_output()
@@ -173,13 +246,13 @@ def serve(
 
 def health(
     health_file: Annotated[
-        Path | None, Option("--health-file", metavar="FILE", help="That of `publish --health-file`.")
+        Path | None, Option("--health-file", metavar="FILE", help="The file of `publish --health-file`.")
     ] = None,
     url: Annotated[
-        str | None, Option("--url", metavar="URL", help="Of a server, such as http://127.0.0.1:8080.")
+        str | None, Option("--url", metavar="URL", help="Address of a server, for example http://127.0.0.1:8080.")
     ] = None,
 ) -> None:
-    """Say whether a publisher or a server of this machine is well: exit code 0, or 1 and what is not."""
+    """Check whether a publisher or a server of this machine works. If not: print what is wrong and exit with 1."""
     from lidarcodec.commands import health as command
 
     command.run(health_file, url)

@@ -51,7 +51,7 @@ def _take(handle: int, folder: Path, until_s: float) -> None:
         except OSError as error:
             if error.errno not in _UNKNOWN:
                 raise SourceError(f"cannot lock {folder}: {error.strerror or error}") from None
-            log.warning("%s cannot be locked there: let no other command change it at the same time", folder)
+            log.warning("%s cannot be locked: make sure that no other command changes it at the same time", folder)
             return
         else:
             return

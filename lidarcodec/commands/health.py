@@ -26,7 +26,7 @@ def run(file: Path | None, url: str | None) -> None:
     Raises SourceError that says what is not, SettingsError when it is not said who is asked about.
     """
     if (file is None) == (url is None):
-        raise SettingsError("whose health? give --health-file FILE of a publisher, or --url URL of a server", "url")
+        raise SettingsError("health needs --health-file FILE for a publisher, or --url URL for a server", "url")
     wrong = health.complaints(health.read(file), time.monotonic()) if file is not None else _of_server(str(url))
     if wrong:
         raise SourceError("; ".join(wrong))
@@ -36,7 +36,7 @@ def run(file: Path | None, url: str | None) -> None:
 def _of_server(url: str) -> list[str]:
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise SettingsError(f"{url} is no address of a server, such as http://127.0.0.1:8080", "url")
+        raise SettingsError(f"{url} is not the address of a server: write for example http://127.0.0.1:8080", "url")
     handlers: list[urllib.request.BaseHandler] = [urllib.request.ProxyHandler({})]
     if parts.scheme == "https":
         handlers.append(urllib.request.HTTPSHandler(context=_trust(parts.hostname)))

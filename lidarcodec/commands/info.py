@@ -30,9 +30,9 @@ def _of_source(source: str, message: int | None, calibration: Path | None) -> di
     spec = parse(source, SCHEMES)
     recording = kind_of(spec) == "recording"
     if message is not None and not recording:
-        raise SettingsError(f"{source} is no recording: it has no messages", "message")
+        raise SettingsError(f"{source} is not a recording: it has no messages", "message")
     if message is not None and spec.options:
-        raise SettingsError(f"--message counts all messages of {spec.path}: leave out what is behind the ?", "message")
+        raise SettingsError(f"--message counts all messages of {spec.path}: leave out the part after the ?", "message")
     if recording and not spec.options:
         from lidarcodec.commands.inspect_recording import explain_message, inspect_recording
 

@@ -99,7 +99,9 @@ def explain_message(path: Path, number: int) -> dict[str, Any]:
     with open_regular(path) as handle:
         data = next(islice((data for _, data in RecordingReader(handle).messages()), number, None), None)
     if data is None:
-        raise SettingsError(f"{path} has no message {number}: `lidarcodec info {path}` says how many", "message")
+        raise SettingsError(
+            f"{path} has no message {number}: `lidarcodec info {path}` shows how many it has", "message"
+        )
     rows = [
         {"offset": part.offset, "bytes": part.size, "what": part.name, "value": part.value} for part in explain(data)
     ]

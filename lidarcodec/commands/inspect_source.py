@@ -95,8 +95,8 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         if source.live and not packets + positions:
             besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))
             raise SourceError(
-                f"{source.label}: nothing came within {quiet_s:g} s{besides}: is the sensor on, and does it send here? "
-                "?idle=60 waits for 60 s"
+                f"{source.label}: nothing came within {quiet_s:g} s{besides}. Check that the sensor is on and "
+                "sends to this address. ?idle=60 waits for 60 s"
             )
         label, fidelity = source.label, getattr(source, "fidelity", None)
     del noticed["packets"], noticed["frames"], noticed["position packets"]

@@ -13,15 +13,16 @@ from lidarcodec.commands.arguments import Force
 
 def join(
     parts: Annotated[
-        list[Path], typer.Argument(metavar="PART...", show_default=False, help="In order: all .mcap, or .pcap")
+        list[Path],
+        typer.Argument(metavar="PART...", show_default=False, help="Parts in order: all .mcap, or all .pcap."),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", show_default=False)],
     allow_gap: Annotated[
-        bool, Option("--allow-gap", help="Also join parts that are damaged, or between which frames are missing.")
+        bool, Option("--allow-gap", help="Also join damaged parts, and parts with missing frames between them.")
     ] = False,
     force: Force = False,
 ) -> None:
-    """Put parts of a drive together: recordings (.mcap) or captures (.pcap), every message and packet as it is."""
+    """Join parts of a drive: recordings (.mcap) or captures (.pcap). Messages and packets do not change."""
     from lidarcodec.commands import joined_captures, joined_recordings
     from lidarcodec.commands.sources import check_not_input
     from lidarcodec.errors import SettingsError
@@ -29,9 +30,11 @@ def join(
 
     ending = out.suffix.lower()
     if ending not in (".mcap", ".pcap") or any(part.suffix.lower() != ending for part in parts):
-        raise SettingsError(f"join puts .mcap files together, or .pcap files: let all names and {out} end so")
+        raise SettingsError(
+            f"join takes only .mcap files or only .pcap files: all parts and {out} must have the same ending"
+        )
     if len(parts) < 2:
-        raise SettingsError("join needs two parts or more, and OUT behind them")
+        raise SettingsError("join needs at least two parts, then OUT")
     for part in parts:
         check_not_input(out, part)
     check_free(out, force=force)

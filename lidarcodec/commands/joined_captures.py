@@ -56,9 +56,11 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
             with open_regular(path) as handle:
                 found = handle.read(_HEADER_BYTES)
                 if found[:4] not in _ORDERS or len(found) != _HEADER_BYTES:
-                    raise SourceError(f"{path} is no classic pcap file: `convert` makes one of it")
+                    raise SourceError(f"{path} is not a classic pcap file: convert it first with `lidarcodec convert`")
                 if header and found != header:
-                    raise SettingsError(f"{path} has another form than {paths[0]}: `convert` gives both the same")
+                    raise SettingsError(
+                        f"{path} has another pcap format than {paths[0]}: convert both first with `lidarcodec convert`"
+                    )
                 if not header:
                     header = found
                     to.write(header)
@@ -66,15 +68,14 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
                 for number, record in enumerate(watched):
                     if number == 0 and record.stamp < last:
                         raise SettingsError(
-                            f"{path} begins before the part before it ends: parts must not overlap, and stand in"
-                            " their order"
+                            f"{path} begins before the previous part ends: give the parts in order, and without overlap"
                         )
                     last = max(last, record.stamp)
                     to.write(record.data)
                     count += 1
                 tick()
                 if watched.cut:
-                    raise StoppedError(f"stopped: {out} was not written; the parts are as they were")
+                    raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
         if table is not None and not output.straight:
             output.companion(_calibration_of, ".xml").write_bytes(table)
     print(f"{output.kept}: {count} packets of {len(paths)} parts")
@@ -87,10 +88,10 @@ def _records(handle: BinaryIO, path: Path, order: str, allow_gap: bool) -> Itera
         yield record
         number += 1
     if head:
-        damage = f"{path} is damaged: packet {number} and what follows are not whole"
+        damage = f"{path} is damaged: packet {number} and the rest are incomplete"
         if not allow_gap:
-            raise SourceError(f"{damage}; --allow-gap joins the rest")
-        log.warning("%s, and were left out", damage)
+            raise SourceError(f"{damage}; use --allow-gap to join the other packets")
+        log.warning("%s and were left out", damage)
 
 
 def _record(handle: BinaryIO, head: bytes, order: str) -> Record | None:
@@ -112,7 +113,9 @@ def _calibration(paths: Sequence[Path]) -> bytes | None:
     found = [(path, _read(_calibration_of(path))) for path in paths if _calibration_of(path).is_file()]
     for path, table in found:
         if table != found[0][1]:
-            raise SettingsError(f"{path} has another calibration beside it than {found[0][0]}: they are of two sensors")
+            raise SettingsError(
+                f"{path} has another calibration beside it than {found[0][0]}: they come from two sensors"
+            )
     return found[0][1] if found else None
 
 

@@ -62,7 +62,7 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
         parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
         for part in parts if not allow_gap else ():
             if part.damaged:
-                raise SourceError(f"{part.path} {part.damaged}: --allow-gap joins the rest")
+                raise SourceError(f"{part.path} {part.damaged}: use --allow-gap to join the rest")
         for before, after in pairwise(parts):
             _check_kin(parts[0], after)
             _check_order(before, after, allow_gap)
@@ -78,7 +78,7 @@ def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
                 count += 1
                 tick()
             if watched.cut:
-                raise StoppedError(f"stopped: {out} was not written; the parts are as they were")
+                raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
             writer.close()
     print(f"{output.kept}: {count} messages of {len(parts)} parts")
 
@@ -93,7 +93,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     """Raises SourceError if it is no recording of ours, or an empty one."""
     reader = RecordingReader(handle)
     if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
-        raise SourceError(f"{path} is not a recording of lidarcodec: `convert` makes one of it")
+        raise SourceError(f"{path} is not a recording of lidarcodec: convert it first with `lidarcodec convert`")
     found = Part(path, reader)
     quiet = RecordingReader(handle, warn=False)
     for _, data in quiet.messages():
@@ -107,7 +107,7 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     if found.first is not None and found.last is not None:
         found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
         if not found.first.key:
-            raise SourceError(f"{path} begins with a message that needs one before it: it cannot be joined")
+            raise SourceError(f"{path} cannot be joined: its first message needs an earlier one")
         if not found.counted:
             found.last_ns = _last_packet_ns(quiet, found.last_ns)
         return found
@@ -145,11 +145,11 @@ def _check_kin(first: Part, other: Part) -> None:
     for name in names:
         if _plain(name, ours.get(name)) != _plain(name, theirs.get(name)):
             raise SettingsError(
-                f"{first.path} and {other.path} have another {name} ({ours.get(name)} and {theirs.get(name)}):"
-                " only parts of the same can be joined", name
+                f"{first.path} and {other.path} differ in {name} ({ours.get(name)} and {theirs.get(name)}): only "
+"parts of the same drive can be joined", name
             )  # fmt: skip
     if (first.first is None) != (other.first is None):
-        raise SettingsError(f"{first.path} and {other.path}: one holds messages, the other packets as they are")
+        raise SettingsError(f"{first.path} and {other.path} cannot be joined: one holds messages, the other packets")
 
 
 def _plain(name: str, text: str | None) -> str | None:
@@ -164,15 +164,15 @@ def _check_order(before: Part, after: Part, allow_gap: bool) -> None:
         next_index = before.last.frame_index + before.last.frame_count
         if after.first.frame_index < next_index:
             raise SettingsError(
-                f"{after.path} begins with frame {after.first.frame_index} and {before.path} ends with frame"
-                f" {next_index - 1}: parts must not overlap, and stand in their order"
+                f"{after.path} begins with frame {after.first.frame_index}, but {before.path} ends with frame "
+                f"{next_index - 1}: give the parts in order, and without overlap"
             )
         if after.first.frame_index > next_index and not allow_gap:
             raise SettingsError(
-                f"frames {next_index} to {after.first.frame_index - 1} are missing between {before.path} and"
-                f" {after.path}: give the part that has them, or --allow-gap", "allow_gap"
+                f"frames {next_index} to {after.first.frame_index - 1} are missing between {before.path} and "
+f"{after.path}: add the missing part, or use --allow-gap", "allow_gap"
             )  # fmt: skip
     elif after.first_ns < before.last_ns:
         raise SettingsError(
-            f"{after.path} begins before {before.path} ends: parts must not overlap, and stand in their order"
+            f"{after.path} begins before {before.path} ends: give the parts in order, and without overlap"
         )

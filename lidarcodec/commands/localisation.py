@@ -91,9 +91,11 @@ class Asked:
         try:
             budgets = [int(text) for text in self.keep_points.split(",")]
         except ValueError:
-            raise SettingsError(f"--keep-points {self.keep_points}: whole numbers, with commas between") from None
+            raise SettingsError(
+                f"--keep-points {self.keep_points}: write whole numbers with commas between them"
+            ) from None
         if not all(1 <= budget <= MOST_POINTS for budget in budgets):
-            raise SettingsError(f"--keep-points {self.keep_points}: each is 1 to {MOST_POINTS}", "keep_points")
+            raise SettingsError(f"--keep-points {self.keep_points}: each must be 1 to {MOST_POINTS}", "keep_points")
         return budgets
 
 
@@ -113,7 +115,7 @@ def run(
     for source in asked.sources:
         check_finite(source, frames)
     if poses is not None and len(asked.sources) > 1:
-        raise SettingsError("--poses belongs to one source: give one", "poses")
+        raise SettingsError("--poses works with a single source only", "poses")
     if plots is not None:
         check_plot()
         check_free(plots, force=force, contents=PICTURES)
@@ -147,7 +149,7 @@ def run(
                 output.only_part()
             _draw(asked, options, outcomes, output.beside)
     if done < wanted:
-        raise StoppedError(f"stopped: {done} of {wanted} methods were measured, the others are missing above")
+        raise StoppedError(f"stopped: {done} of {wanted} methods were measured, the output lacks the others")
 
 
 def _print(asked: Asked, outcomes: Sequence[Outcome], as_json: bool, end: list[dict[str, bool | int]]) -> None:
@@ -191,5 +193,5 @@ def _draw(asked: Asked, options: Options, outcomes: Sequence[Outcome], plots: Pa
 def _known(option: str, names: Sequence[str], known: Sequence[Name]) -> list[Name]:
     for name in names:
         if name not in known:
-            raise SettingsError(f"{option} is {' or '.join(known)}, not '{name}'", option.lstrip("-"))
+            raise SettingsError(f"{option} must be {' or '.join(known)}, not '{name}'", option.lstrip("-"))
     return [value for name in names for value in known if value == name]

@@ -47,7 +47,7 @@ class OperatingPoints:
                 )
             (found,) = self._evaluation.method(Method(settings.reduction, settings))
         except LidarCodecError as error:
-            print(f"localisation is not measured: {error}", file=sys.stderr)
+            print(f"localisation cannot be measured: {error}", file=sys.stderr)
             self._failed = True
             return None
         near = found.result["near"]

@@ -220,10 +220,10 @@ def check_output(path: Path, *, force: bool = False) -> None:
     suffix = _suffix(path)
     if suffix not in OUTPUTS:
         raise SettingsError(
-            f"cannot write {path}: OUT ends in .pcap .npz .ply .las, or is a folder of KITTI .bin files"
+            f"cannot write {path}: its name must end in .pcap .npz .ply or .las, or be a folder for KITTI .bin files"
         )
     if suffix != ".pcap" and (path.is_fifo() or path.is_char_device()):
-        raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can go there")
+        raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can be written to it")
     check_free(path, force=force, contents=contents_of(path))
 
 

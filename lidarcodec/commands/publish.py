@@ -56,7 +56,9 @@ def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
         return given or "vehicle"
     if party.role != "vehicle" or given not in (None, party.name):
         as_whom = "publish" if given is None else f"publish as {given}"
-        raise SettingsError(f"{endpoints.config} is for {party.role} {party.name}, who may not {as_whom}", "vehicle")
+        raise SettingsError(
+            f"{endpoints.config} belongs to {party.role} {party.name}, which may not {as_whom}", "vehicle"
+        )
     return party.name
 
 
@@ -64,7 +66,7 @@ def check_alone(given: dict[str, object]) -> None:
     """Raise SettingsError if something was given that stands in the file of --config."""
     for name, value in given.items():
         if value:
-            raise SettingsError(f"{name} stands in the file that --config names: leave it out", "config")
+            raise SettingsError(f"{name} cannot be combined with --config: write it into that file", "config")
 
 
 def run(
@@ -87,17 +89,17 @@ def run(
 ) -> None:
     """Publish until the source ends or a signal comes."""
     if record_as not in ("packets", "lossless"):
-        raise SettingsError(f"--record-as is packets or lossless, not '{record_as}'", "record_as")
+        raise SettingsError(f"--record-as must be packets or lossless, not '{record_as}'", "record_as")
     if weights_dir is not None:
         look_in(weights_dir)
     settings = one_setting(codec, pairs, link)
     if link is not None:
-        print(f"--link {link} is {preset(link).text}", file=sys.stderr)
+        print(f"--link {link} sets {preset(link).text}", file=sys.stderr)
     endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
     own_poses = poses == OWN_POSES
     with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
         if own_poses and source.poses is None:
-            raise SettingsError(f"{spec} does not say where the sensor was: give a file of poses", "poses")
+            raise SettingsError(f"{spec} has no poses of its own: give a file with --poses FILE", "poses")
         publisher = Publisher(
             source,
             settings,

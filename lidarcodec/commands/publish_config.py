@@ -71,7 +71,7 @@ class SensorConfig(_Strict):
     @classmethod
     def _rate(cls, value: float | str | None) -> float | str | None:
         if isinstance(value, float) and not 0.01 <= value <= 1000.0:
-            raise ValueError("frames a second, from 0.01 to 1000, or max")
+            raise ValueError("write frames a second, from 0.01 to 1000, or max")
         return value
 
     @model_validator(mode="after")
@@ -153,7 +153,7 @@ def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConf
     except YamlRefusedError as error:
         raise SettingsError(f"{where}: {error}", "config") from None
     if not isinstance(values, dict):
-        raise SettingsError(f"{where} holds no fields: it begins with `vehicle: NAME` and `sensors:`", "config")
+        raise SettingsError(f"{where} holds no fields: start with `vehicle: NAME` and `sensors:`", "config")
     folder = weights_dir or values.get("weights_dir")
     try:
         if isinstance(folder, str | Path):
@@ -166,7 +166,7 @@ def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConf
         place = ".".join(str(part) for part in first["loc"])
         reason = first["msg"].removeprefix("Value error, ")
         if first["type"] == "extra_forbidden":
-            reason = "there is no such field"
+            reason = "this field does not exist"
         joint = "." if reason.startswith("settings: ") else ": "
         raise SettingsError(f"{where}: {place}{joint}{reason}" if place else f"{where}: {reason}", place) from None
 

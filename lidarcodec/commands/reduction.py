@@ -12,10 +12,14 @@ from typing import Annotated
 from typer import Option
 
 ReductionName = Annotated[
-    str | None, Option("--reduction", metavar="NAME", help="Which returns are sent: all (default), voxel, ...")
+    str | None, Option("--reduction", metavar="NAME", help="How returns are chosen: all (default), voxel and others.")
 ]
-KeepPoints = Annotated[str | None, Option("--keep-points", metavar="N", help="How many returns of a frame stay.")]
-KeepFraction = Annotated[str | None, Option("--keep-fraction", metavar="X", help="Or which share of them, up to 1.")]
+KeepPoints = Annotated[
+    str | None, Option("--keep-points", metavar="N", help="Number of returns to keep of each frame.")
+]
+KeepFraction = Annotated[
+    str | None, Option("--keep-fraction", metavar="X", help="Or the share of returns to keep, up to 1.")
+]
 
 
 def reduced(

@@ -33,11 +33,11 @@ def stopped(
     if kept is None:
         return StoppedError(f"stopped before the first frame: {out} was not written")
     if live:
-        return StoppedError(f"stopped: {done} frames of {frames} are kept in {kept}")
+        return StoppedError(f"stopped: {done} of {frames} frames are kept in {kept}")
     rest = _free(out)
     left = None if frames is None else frames - done
     lines = [
-        f"stopped: {done} frames are kept in {kept}, which is not all that was asked for",
+        f"stopped: {done} frames are kept in {kept}, the others are missing",
         f"  the rest:  {_quoted(rest_words(_given, out, rest, skip + done, left))}",
     ]
     if out.suffix.lower() in JOINED:

@@ -46,10 +46,14 @@ def _complain(error: BaseException) -> int:
         sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
         return WRONG_USAGE
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
-        sys.stderr.write("lidarcodec: there is not enough memory for this: close other programs, or do it in parts\n")
+        sys.stderr.write("lidarcodec: not enough memory: close other programs, or process smaller parts\n")
         return FAILED
     known = isinstance(error, LidarCodecError | OSError)
-    text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
+    text = (
+        _one_line(error)
+        if known
+        else f"unexpected {type(error).__name__}: {_one_line(error)}; for details, add --debug"
+    )
     sys.stderr.write(f"lidarcodec: {text}\n")
     return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
 
@@ -110,7 +114,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
         return _stopped(given)
     if unprinted is not None:
         # As cp, mv and tee have it: a script that keeps what is printed must know that it is lost.
-        lost = "what the command printed is lost; the files that it wrote are whole"
+        lost = "the printed output is lost, but all output files are complete"
         sys.stderr.write(f"lidarcodec: cannot write to standard output: {unprinted}: {lost}\n")
     return int(code or (DONE if unprinted is None else FAILED))
 
@@ -123,7 +127,7 @@ def _stopped(words: list[str], said: str = "") -> int:
         return DONE
     if not said:
         goes_on = any(word in _GO_ON for word in words[:1])
-        said = "stopped: the same command goes on from here" if goes_on else "stopped before it was done"
+        said = "stopped: run the same command again to continue" if goes_on else "stopped before it was finished"
     sys.stderr.write(f"lidarcodec: {said}\n")
     return INTERRUPTED + (signal_that_came() or signal.SIGINT)
 

@@ -40,7 +40,7 @@ def sweep(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     """
     names: list[str | None] = [name.strip() for name in codecs.split(",")] if codecs else [None]
     if "" in names:
-        raise SettingsError(f"--codec {codecs}: a name is missing beside a comma", "codec")
+        raise SettingsError(f"--codec {codecs}: there is an empty name beside a comma", "codec")
     choices = [[(key, value) for value in text.split(",")] for key, text in map(_key_and_text, pairs)]
     return [check_offline(_settings(name, chosen)) for name in names for chosen in product(*choices)]
 

@@ -21,9 +21,9 @@ from lidarcodec.whole_files import check_free, whole
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:
     """Write the packets, and the calibration of the simulated sensor beside them, where every reader finds it."""
     if not spec.startswith("sim:"):
-        raise SettingsError(f"simulate takes sim:city, sim:road, sim:street, sim:bend or sim:motorway, not {spec}")
+        raise SettingsError(f"simulate needs sim:city, sim:road, sim:street, sim:bend or sim:motorway, not {spec}")
     if out.suffix.lower() != ".pcap":
-        raise SettingsError(f"simulate writes a capture: let {out} end in .pcap")
+        raise SettingsError(f"simulate writes a capture: {out} must end in .pcap")
     check_finite(spec, frames)
     check_free(out, force=force)
     check_free(_calibration_of(out), force=force)
@@ -46,7 +46,7 @@ def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = F
         if turns.packets == 0 and turns.cut:
             raise remaining.stopped(out, None, 0)
         if turns.packets == 0:
-            raise SourceError(f"{spec} has no packet behind the first {skip} frames: {out} was not written")
+            raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
         if turns.cut:
             output.only_part()
     count = turns.packets

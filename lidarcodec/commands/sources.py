@@ -17,13 +17,15 @@ def is_endless(spec: str) -> bool:
 def check_finite(spec: str, frames: int | None, live_too: bool = True) -> None:
     """Raise SettingsError if reading this source would never end; a live one counts when `live_too`."""
     if frames is None and is_endless(spec) and (live_too or parse(spec).scheme != "udp"):
-        raise SettingsError(f"{spec} has no end: say how much of it with --frames N", "frames")
+        raise SettingsError(f"{spec} has no end: set its length with --frames N", "frames")
 
 
 def check_recorded(spec: str) -> None:
     """Raise SettingsError if this source is live: what it gave once it never gives again."""
     if parse(spec).scheme == "udp":
-        raise SettingsError(f"{spec} is live: compare with what the recording was made from, which is read again")
+        raise SettingsError(
+            f"{spec} is live and cannot be read again: give the capture from which the recording was made"
+        )
 
 
 def check_not_input(out: Path, spec: str | Path) -> None:
@@ -33,7 +35,7 @@ def check_not_input(out: Path, spec: str | Path) -> None:
         return
     ours, read = out.resolve(), path.resolve()
     if out.samefile(path) or ours in read.parents or read in ours.parents:
-        raise SettingsError(f"{out} is what is read, or a part of it: give the output another name")
+        raise SettingsError(f"{out} is the input, or a part of it: give the output another name")
 
 
 def identity(spec: str) -> str:

@@ -18,10 +18,11 @@ from lidarcodec.commands.arguments import DatabasePassword
 from lidarcodec.commands.server_extra import server_config, server_module
 from lidarcodec.errors import SettingsError, SourceError
 
-app = typer.Typer(help="Make, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Create, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)
 
 Database = Annotated[
-    str | None, Option("--database-url", metavar="URL", help="The server's database; default: as `serve` has it.")
+    str | None,
+    Option("--database-url", metavar="URL", help="Database of the server. Default: the same as for `serve`."),
 ]
 Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 
@@ -30,12 +31,12 @@ Name = Annotated[str, typer.Argument(metavar="NAME", show_default=False)]
 def create(
     name: Name,
     role: Annotated[
-        str, Option("--role", metavar="viewer|operator", help="A viewer looks, an operator changes.")
+        str, Option("--role", metavar="viewer|operator", help="Viewers can look. Operators can also change settings.")
     ] = "viewer",
     database_url: Database = None,
     database_password_file: DatabasePassword = None,
 ) -> None:
-    """Make a token and print it, this once. As soon as there is one, every request needs one."""
+    """Create a token and print it. It is shown only once. From the first token on, every request needs a token."""
     store = _store(database_url, database_password_file, create=True)
     try:
         token = server_module("tokens").create_token(store, name, role, _who())
@@ -43,12 +44,12 @@ def create(
         if unprinted is not None:  # nobody has it: it must not stay valid
             store.revoke_token(name, _who())
             raise SourceError(
-                f"the token cannot be printed ({unprinted}), so it was revoked: try again with another name"
+                f"the token could not be printed ({unprinted}), so it was revoked: try again with another name"
             )
     finally:
         store.close()
     if sys.stderr.isatty():
-        sys.stderr.write("This is shown once; only a digest of it is kept.\n")
+        sys.stderr.write("This token is shown only once: the server keeps only its digest.\n")
 
 
 @app.command("list")
@@ -57,7 +58,7 @@ def show(
     database_password_file: DatabasePassword = None,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the tokens; never what they are."""
+    """List the names and roles of all tokens. The tokens themselves are not shown."""
     store = _store(database_url, database_password_file)
     try:
         known = [_about(token) for token in store.tokens()]
@@ -73,11 +74,11 @@ def show(
 
 @app.command()
 def revoke(name: Name, database_url: Database = None, database_password_file: DatabasePassword = None) -> None:
-    """Make a token worthless, within a second. Its name stays in the audit log and cannot be used again."""
+    """Revoke a token. It stops working within a second. Its name stays in the audit log and cannot be used again."""
     store = _store(database_url, database_password_file)
     try:
         if not store.revoke_token(name, _who()):
-            raise SettingsError(f"there is no token '{name}' that works", "name")
+            raise SettingsError(f"there is no valid token '{name}'", "name")
     finally:
         store.close()
 

@@ -7,7 +7,7 @@ import typer
 from lidarcodec.commands import train_poconet, train_riddle
 
 app = typer.Typer(
-    help="Train networks on drives of one's own (extra `learned`).", no_args_is_help=True, rich_markup_mode=None
+    help="Train networks on your own drives (extra `learned`).", no_args_is_help=True, rich_markup_mode=None
 )
 
 

@@ -16,19 +16,21 @@ from lidarcodec.training import training_module
 from lidarcodec.whole_files import check_free
 
 Drives = Annotated[
-    list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives that `annotate` has labelled.")
+    list[Path], typer.Argument(metavar="DIR...", show_default=False, help="Drives labelled by `annotate`.")
 ]
 Out = Annotated[
-    Path, Option("--out", metavar="FILE", show_default=False, help="The checkpoint; resumed if it is there.")
+    Path, Option("--out", metavar="FILE", show_default=False, help="Checkpoint file. An existing one is continued.")
 ]
 Test = Annotated[
     list[Path] | None, Option("--test", metavar="DIR", help="Measure on this drive at the end. Repeatable.")
 ]
-Seed = Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same weights.")]
-Device = Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda, cuda:1 ...")]
-Threads = Annotated[int, Option("--threads", min=1, metavar="N", help="Of the CPU.")]
-Every = Annotated[int, Option("--every", min=1, metavar="N", help="Every N-th labelled frame.")]
-Seconds = Annotated[float | None, Option("--seconds", min=1.0, metavar="S", help="Stop after so long, to go on later.")]
+Seed = Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="The same seed gives the same weights.")]
+Device = Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda, cuda:1 and so on.")]
+Threads = Annotated[int, Option("--threads", min=1, metavar="N", help="Number of CPU threads.")]
+Every = Annotated[int, Option("--every", min=1, metavar="N", help="Use every N-th labelled frame.")]
+Seconds = Annotated[
+    float | None, Option("--seconds", min=1.0, metavar="S", help="Stop after S seconds. The same command continues.")
+]
 
 
 def poconet(
@@ -36,9 +38,10 @@ def poconet(
     out: Out,
     test: Test = None,
     epochs: Annotated[int, Option("--epochs", min=1, metavar="N")] = 30,
-    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Scans in a step.")] = 1,
+    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Scans in each step.")] = 1,
     points: Annotated[
-        int | None, Option("--points", min=512, metavar="N", help="Of a scan; default: 122880 on a GPU, else 8192.")
+        int | None,
+        Option("--points", min=512, metavar="N", help="Points of each scan. Default: 122880 on a GPU, otherwise 8192."),
     ] = None,
     every: Every = 1,
     seconds: Seconds = None,
@@ -61,10 +64,10 @@ def scores(
     drives: Drives,
     out: Out,
     onnx: Annotated[
-        Path | None, Option("--onnx", metavar="FILE", help="Also write the network as `poconet` reads it.")
+        Path | None, Option("--onnx", metavar="FILE", help="Also write the network in the form that `poconet` reads.")
     ] = None,
-    note: Annotated[str, Option("--note", help="What the ONNX file says that it was trained on.")] = "unknown drives",
-    licence: Annotated[str, Option("--licence", help="What it says of the licence of its weights.")] = "unknown",
+    note: Annotated[str, Option("--note", help="Training data, as noted in the ONNX file.")] = "unknown drives",
+    licence: Annotated[str, Option("--licence", help="Licence of the weights, as noted in the ONNX file.")] = "unknown",
     force: Force = False,
     test: Test = None,
     steps: Annotated[int, Option("--steps", min=1, metavar="N")] = 1300,
@@ -91,7 +94,9 @@ def scores(
 def _begun(drives: list[Path], test: list[Path] | None, threads: int, module: str) -> Any:
     for drive in [*drives, *(test or [])]:
         if not (drive / "annotation.json").is_file():
-            raise SettingsError(f"{drive} is no annotated drive: make one with `lidarcodec annotate`", "drives")
+            raise SettingsError(
+                f"{drive} is not an annotated drive: label it first with `lidarcodec annotate`", "drives"
+            )
     training_module("runs").limit_threads(threads)
     return training_module(module)
 

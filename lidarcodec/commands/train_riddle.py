@@ -19,23 +19,33 @@ def riddle(
     sources: Names = None,
     out: Annotated[
         Path,
-        Option("--out", metavar="FILE", show_default=False, help="The weight file; FILE.run beside it is resumed."),
+        Option(
+            "--out",
+            metavar="FILE",
+            show_default=False,
+            help="Weight file to write. FILE.run beside it holds the run, which can be continued.",
+        ),
     ] = ...,  # type: ignore[assignment]
     holdout: Annotated[
         list[str] | None,
-        Option("--holdout", metavar="SOURCE", help="A drive to measure on, never learned. Repeatable."),
+        Option("--holdout", metavar="SOURCE", help="A drive for measuring only. Repeatable."),
     ] = None,
     scans: Annotated[
-        list[str] | None, Option("--scans", metavar="SOURCE", help="Scans that do not follow each other. Repeatable.")
+        list[str] | None,
+        Option("--scans", metavar="SOURCE", help="Single scans that do not follow each other. Repeatable."),
     ] = None,
     simulated: Annotated[
-        int, Option("--simulated", min=0, metavar="N", help="Also N simulated drives of all kinds.")
+        int, Option("--simulated", min=0, metavar="N", help="Also train on N simulated drives of all kinds.")
     ] = 0,
     begin: Annotated[
-        str | None, Option("--begin", metavar="package|FILE", help="Go on from the package's weights, or a file's.")
+        str | None,
+        Option("--begin", metavar="package|FILE", help="Start from the weights of the package, or of a file."),
     ] = None,
     beside: Annotated[
-        bool, Option("--beside", help="Also learn beside what contexts say, of the drives coded with --begin.")
+        bool,
+        Option(
+            "--beside", help="Also train together with the context models, on drives coded with the weights of --begin."
+        ),
     ] = False,
     tiles: Annotated[
         float | None,
@@ -43,42 +53,50 @@ def riddle(
             "--tiles",
             metavar="SHARE",
             show_default="0.3 to 0.6, by network",
-            help="Share of their weights that large networks keep, up to 1: slower with more, a little better.",
+            help="Share of weights that large networks keep, up to 1. More is slower and slightly better.",
         ),
     ] = None,
     size: Annotated[
         str, Option("--size", metavar="NAME[,NAME]", help="Networks to train: small, large, largest.")
     ] = "small,large",
     kind: Annotated[
-        str, Option("--kind", metavar="NAME[,NAME]", help="alone: for key frames; expecting: for all others.")
+        str, Option("--kind", metavar="NAME[,NAME]", help="alone: for key frames. expecting: for all others.")
     ] = "alone,expecting",
-    steps: Annotated[int, Option("--steps", min=1, metavar="N", help="Steps of each network.")] = 8000,
-    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Returns in a step.")] = 8192,
-    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Same seed, same networks.")] = 1,
+    steps: Annotated[int, Option("--steps", min=1, metavar="N", help="Training steps of each network.")] = 8000,
+    batch: Annotated[int, Option("--batch", min=1, metavar="N", help="Returns in each training step.")] = 8192,
+    seed: Annotated[
+        int, Option("--seed", min=0, max=2**31, metavar="N", help="The same seed gives the same networks.")
+    ] = 1,
     frames: Annotated[
-        int | None, Option("--frames", min=1, metavar="N", help="At most N frames of each source.")
+        int | None, Option("--frames", min=1, metavar="N", help="Use at most N frames of each source.")
     ] = None,
-    framing: Annotated[str, Option("--framing", help="How frames are cut, as the stream will have it.")] = "packets",
+    framing: Annotated[str, Option("--framing", help="Framing of the stream that will use the networks.")] = "packets",
     frame_rows: Annotated[
-        int, Option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame at each step.")
+        int, Option("--frame-rows", min=1, metavar="N", help="Returns kept of a frame for each quantiser step.")
     ] = 5000,
-    passes: Annotated[int, Option("--passes", min=1, metavar="N", help="Go N times through each source.")] = 1,
+    passes: Annotated[int, Option("--passes", min=1, metavar="N", help="Go through each source N times.")] = 1,
     units: Annotated[
         str,
-        Option("--units", metavar="auto|varied|own", help="Also learn other units of the sensor; auto: if simulated."),
+        Option(
+            "--units",
+            metavar="auto|varied|own",
+            help="varied: also train for other units of the same sensor. own: do not. auto: "
+            "varied for simulated drives.",
+        ),
     ] = "auto",
     precision: Annotated[
-        str, Option("--precision", metavar="float32|mixed", help="mixed: bfloat16 first, for processors that have it.")
+        str,
+        Option("--precision", metavar="float32|mixed", help="mixed: use bfloat16 first, on processors that have it."),
     ] = "float32",
-    device: Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda, ...")] = "auto",
-    threads: Annotated[int, Option("--threads", min=1, metavar="N", help="Of the CPU.")] = 1,
+    device: Annotated[str, Option("--device", metavar="NAME", help="auto, cpu, cuda and so on.")] = "auto",
+    threads: Annotated[int, Option("--threads", min=1, metavar="N", help="Number of CPU threads.")] = 1,
     licence: Annotated[
-        str | None, Option("--licence", metavar="TEXT", help="Of the data, written into the file.")
+        str | None, Option("--licence", metavar="TEXT", help="Licence of the training data, as noted in the file.")
     ] = None,
     force: Force = False,
-    date: Annotated[str | None, Option("--date", metavar="TEXT", help="Written into the file.")] = None,
+    date: Annotated[str | None, Option("--date", metavar="TEXT", help="Date, as noted in the file.")] = None,
 ) -> None:
-    """Train the networks of codec riddle; the same command again goes on where it was stopped."""
+    """Train the networks of codec riddle. After a stop, the same command continues."""
     from lidarcodec.commands.sources import check_finite, check_not_input, identity
     from lidarcodec.training import training_module
 
@@ -90,9 +108,11 @@ def riddle(
         check_not_input(out, spec)
     learned_from = {identity(spec) for spec in (*learned, *single)}
     if shared := [spec for spec in held if identity(spec) in learned_from]:
-        raise SettingsError(f"{shared[0]} is held out and learned from", "holdout")
+        raise SettingsError(
+            f"{shared[0]} is given for training and with --holdout: use it for only one of them", "holdout"
+        )
     if not out.parent.is_dir():
-        raise SettingsError(f"{out.parent} is no folder", "out")
+        raise SettingsError(f"there is no folder {out.parent}", "out")
     check_free(out, force=force)
     runs.limit_threads(threads)
     how = samples.Gathering(seed, frame_rows, passes, frames, framing, units)

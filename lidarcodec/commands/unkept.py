@@ -36,7 +36,7 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
         dropped = state["counts"].get("dropped", 0)
         if dropped:
             log.warning(
-                "%s: %d messages or batches of packets were not recorded: the disk was too slow", stream, dropped
+                "%s: %d messages or batches of packets were not recorded because the disk was too slow", stream, dropped
             )
         if state["stopped"]:
             lacking.append(f"{stream}: {state['stopped']}")

@@ -51,9 +51,11 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
     if coverage is None and not comparison.frames:
         raise StoppedError(f"stopped before the first frame of {recording} was compared")
     if not comparison.frames:
-        raise SourceError(f"{recording} holds no frame that can be decoded: there is nothing to compare")
+        raise SourceError(f"{recording} holds no frame that can be decoded: nothing can be compared")
     if comparison.not_in_source == comparison.frames:
-        raise SourceError(f"{spec} has no packet of the times in {recording}: it was not made from this source")
+        raise SourceError(
+            f"{spec} has no packet of the times in {recording}: the recording was not made from this source"
+        )
     broken = [
         *missing_parts(recorded),
         *broken_promises(settings, comparison),
@@ -71,7 +73,7 @@ def run(recording: Path, spec: str, calibration: Path | None, as_json: bool, all
     with suppress(BrokenPipeError):  # nobody reads on, but the exit code still counts
         print(json.dumps(result, indent=2) if as_json else _text(result), flush=True)
     if coverage is None:
-        raise StoppedError(f"stopped: {recording} was not compared to its end, {comparison.frames} frames were")
+        raise StoppedError(f"stopped: only the first {comparison.frames} frames of {recording} were compared")
     return not broken
 
 
@@ -80,17 +82,20 @@ def not_covered(found: Coverage) -> list[str]:
     if found.whole:
         return []
     missing = found.source_packets - found.packets
-    return [f"{missing} of {found.source_packets} packets of the source are missing; --allow-part if a part was meant"]
+    return [
+        f"{missing} of {found.source_packets} packets of the source are missing; use --allow-part if only a "
+        "part was recorded"
+    ]
 
 
 def not_given(counts: Counter[str]) -> list[str]:
     """What the source holds, or held before it was damaged, and never gave: no recording of it can have that."""
     broken = []
     if counts["truncated"] or counts["damaged"]:
-        broken.append("the source itself is cut or damaged, and ends before its time; --allow-part if that is known")
+        broken.append("the source itself is cut off or damaged; use --allow-part if that is known")
     left = unkept(Counter({cause: counts[cause] for cause in OF_THE_SENSOR}))
     if left is not None:
-        broken.append(f"the source holds more that was not kept: {left}; --allow-part if that is known")
+        broken.append(f"the source holds data that was not kept: {left}; use --allow-part if that is known")
     return broken
 
 
@@ -102,7 +107,7 @@ def missing_parts(recorded: RecordedFrames) -> list[str]:
     if recorded.counts["damaged"]:
         missing.append(f"{recorded.counts['damaged']} parts of the recording are damaged and were left out")
     if recorded.counts["cut"]:
-        missing.append("the recording is cut: its end is missing")
+        missing.append("the end of the recording is missing")
     return missing
 
 
@@ -114,15 +119,15 @@ def broken_promises(settings: StreamSettings | None, found: Comparison) -> list[
         broken.append(f"{found.not_in_source} frames are not in the source")
     if found.beyond:
         broken.append(
-            f"{found.beyond} frames are farther off than their messages allow, by up to {found.beyond_m:.3f} m in all"
+            f"{found.beyond} frames have larger errors than their messages allow, by up to {found.beyond_m:.3f} m"
         )
     if found.differing:
-        broken.append(f"{found.differing} packets differ although their messages hold them byte for byte")
+        broken.append(f"{found.differing} packets differ, although their messages promise exact packets")
     broken += broken_positions(found)
     if not found.steps:
         return broken + _broken_settings(settings, found)
     if None not in found.steps and (found.errors.lost or found.errors.invented):
-        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
+        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} were added")
     if settings is not None and settings.codec == "raw":
         broken += _broken_settings(settings, found) if set(found.steps) == {1} else []
     return broken
@@ -132,7 +137,7 @@ def broken_positions(found: Comparison) -> list[str]:
     """What differs among position packets, which every message holds byte for byte: a sentence each."""
     positions, broken = found.positions, []
     if differing := positions.recorded - positions.identical:
-        broken.append(f"{differing} position packets are not those of the source at their place")
+        broken.append(f"{differing} position packets differ from those of the source")
     if positions.missing:
         broken.append(f"{positions.missing} position packets of the source are missing")
     return broken
@@ -146,11 +151,11 @@ def changed_since_the_start(settings: StreamSettings | None, found: Comparison) 
     noted = 1 if settings.codec == "raw" else settings.step
     changed = []
     if unbounded := found.steps[None]:
-        changed.append(f"{unbounded} frames are of a codec that keeps no bound")
+        changed.append(f"{unbounded} frames come from a codec without an error bound")
     coarser = {step: count for step, count in found.steps.items() if step is not None and step > noted}
     if coarser:
-        changed.append(f"{sum(coarser.values())} frames have a bound of up to {bound_of(max(coarser)):.3f} m")
-    return [f"{text}; {bound_of(noted):.3f} m were noted at the start" for text in changed]
+        changed.append(f"{sum(coarser.values())} frames have an error bound of up to {bound_of(max(coarser)):.3f} m")
+    return [f"{text}; the recording began with {bound_of(noted):.3f} m" for text in changed]
 
 
 def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list[str]:
@@ -162,7 +167,7 @@ def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list
     if worst_m is not None and worst_m > bound_m + 1e-9:
         broken.append(f"the largest error is {worst_m:.3f} m, the bound is {bound_m:.3f} m")
     if found.errors.lost or found.errors.invented:
-        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} invented")
+        broken.append(f"{found.errors.lost} returns were lost and {found.errors.invented} were added")
     whole = settings.step == 1 and settings.intensity_levels == 256 and not settings.reduces
     if whole and not found.packets_identical:
         broken.append(f"only {found.identical_packets} of {found.packets} packets are identical")

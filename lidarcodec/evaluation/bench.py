@@ -76,7 +76,7 @@ def bench(
         found = {"origin": source.sensor.origin, "hash": source.sensor.hash}
         name = f"{spec} ({source.caveat})" if source.caveat else str(spec)
     if not run.frames:
-        raise SourceError(f"{spec} has no frame behind the first {skip}: nothing to measure")
+        raise SourceError(f"{spec} has no frame after the first {skip}: nothing to measure")
     return {"source": name, **run.result(), "calibration": found, "version": lidarcodec.__version__}
 
 
@@ -184,7 +184,7 @@ class _Run:
         self._encode(self.encoder.flush)
         self._compare(self.decoder.flush())
         if self.waiting:
-            raise DecodeError(f"{len(self.waiting)} of {self.frames} frames never came out of the decoder")
+            raise DecodeError(f"the decoder did not return {len(self.waiting)} of {self.frames} frames")
 
     def _reduced_and_encoded(self, frame: Frame, payloads: list[bytes]) -> list[Message]:
         messages = self.encoder.encode(frame)

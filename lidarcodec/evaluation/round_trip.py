@@ -65,7 +65,7 @@ class RoundTrip:
             step, told = promise_of(message).step, told_of(message)
         except LidarCodecError as error:
             raise _fault(
-                f"{self._named()} does not decode again as {self.settings.codec} encoded it ({error})"
+                f"{self._named()} cannot be decoded after {self.settings.codec} encoded it ({error})"
             ) from None
         for frame in frames:
             self._compare(frame, step, told)
@@ -78,21 +78,23 @@ class RoundTrip:
             self._compare(frame, None)
         if self._sent:
             others = f", nor did {self.waiting - 1} more" * (self.waiting > 1)
-            raise _fault(f"{self._named()} did not come out of what {self.settings.codec} encoded{others}")
+            raise _fault(f"the decoder of {self.settings.codec} did not return {self._named()}{others}")
         return frames
 
     def _compare(self, came: Frame, step: int | None, told: Quality | None = None) -> None:
         if not self._sent or self._sent[0][0].index != came.index:
             if self._joining:
                 return
-            raise _fault(f"frame {came.index} came out of what {self.settings.codec} encoded, and was not sent now")
+            raise _fault(
+                f"the decoder of {self.settings.codec} returned frame {came.index}, which was not encoded at this point"
+            )
         sent, settings = self._sent.popleft()
         self._joining = False
         if settings.intensity != AUTO or settings.target_kbps is None:
             told = None
         wrong = difference(came, sent, settings, step, told)
         if wrong is not None:
-            raise _fault(f"frame {came.index} was encoded by {settings.codec} and came out with {wrong}")
+            raise _fault(f"{settings.codec} did not keep frame {came.index}: it was decoded with {wrong}")
         self.compared += 1
 
     def _named(self) -> str:
@@ -100,7 +102,7 @@ class RoundTrip:
 
 
 def _fault(what: str) -> RoundTripError:
-    return RoundTripError(f"{what}: take another codec or other settings, and report this")
+    return RoundTripError(f"{what}: please report this, and use another codec or other settings")
 
 
 def told_of(message: Message) -> Quality:
@@ -121,18 +123,18 @@ def difference(
     intensities, None: as in settings
     """
     if came.range.shape != sent.range.shape:
-        return f"{came.width} columns, where it had {sent.width}"
+        return f"{came.width} columns instead of {sent.width}"
     if sent.lattice is not None or came.lattice is not None:
         if not np.array_equal(came.lattice, sent.lattice):  # type: ignore[arg-type]
-            return "other columns than were sent"
+            return "different columns"
         if not _same_side(came.side, sent.side):
             return "other packets"
         if not np.array_equal(came.fired, sent.fired):
-            return "other halves of columns fired"
+            return "different halves of columns that fired"
         came, sent = thinned(came), thinned(sent)
     valid = sent.valid
     if not np.array_equal(came.range > 0, valid):
-        return f"{came.points} returns, where {int(np.count_nonzero(valid))} were sent, or others"
+        return f"{came.points} returns instead of {int(np.count_nonzero(valid))}, or others"
     same = (
         came.stamp_ns == sent.stamp_ns
         and np.array_equal(came.azimuth, sent.azimuth)
@@ -141,7 +143,7 @@ def difference(
         and (came.pose is None if sent.pose is None else np.array_equal(came.pose, sent.pose))  # type: ignore[arg-type]
     )
     if not same:
-        return "another time, pose or calibration, or other azimuths"
+        return "a different time, pose or calibration, or different azimuths"
     if not _same_side(came.side, sent.side):
         return "other packets"
     return _range_difference(came, sent, settings, step) or _intensity_difference(
@@ -158,22 +160,24 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
     off = int(np.abs(came.range.astype(np.int32) - sent.range)[sent.valid].max(initial=0))
     if off <= allowed:
         return None
-    return f"a range {bound_of(2 * off):g} m off, where {bound_of(2 * allowed):g} m are allowed"
+    return f"a range error of {bound_of(2 * off):g} m, although only {bound_of(2 * allowed):g} m are allowed"
 
 
 def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: bool) -> str | None:
     """exact: whether the encoder chose with this very quality."""
     if not quality.levels:
-        return "intensities, which are off" if came.intensity.any() else None
+        return "intensities, although they are off" if came.intensity.any() else None
     if quality.lossless:
         kept = sent.intensity if sent.keep is None else np.where(sent.valid, sent.intensity, np.uint8(0))
-        return None if np.array_equal(came.intensity, kept) else "other intensities"
+        return None if np.array_equal(came.intensity, kept) else "different intensities"
     if exact:
-        return None if np.array_equal(came.intensity, reduced(sent, quality)) else "other intensities than were chosen"
+        return (
+            None if np.array_equal(came.intensity, reduced(sent, quality)) else "different intensities than were chosen"
+        )
     given, off = (plane[sent.valid].astype(np.float64) for plane in (sent.intensity, came.intensity))
     off -= given
     if off.size and np.square(off).mean() > given.var() + 0.25:  # of one value, the mean as an integer
-        return "intensities further off than any choice of values"
+        return "larger intensity errors than any choice of values allows"
     return None
 
 

@@ -140,7 +140,7 @@ class Trajectory:
             raise SourceError(f"cannot read the trajectory {path}: {error}") from None
         count = len(found.stamps_ns)
         if found.matrices.shape != (count, 4, 4) or found.velocities.shape != (count, 6):
-            raise SourceError(f"{path} is no trajectory: its arrays do not fit each other")
+            raise SourceError(f"{path} is not a trajectory: its arrays do not match")
         return found
 
 
@@ -150,7 +150,7 @@ def _looked_up(poses: Poses, stamps: npt.NDArray[np.int64]) -> Matrix:
     found = [poses.at(int(stamp)) for stamp in stamps]
     missing = next((int(stamp) for stamp, pose in zip(stamps, found, strict=True) if pose is None), None)
     if missing is not None:
-        raise SourceError(f"the poses say nothing about {missing / 1e9:.3f} s, where a scan is")
+        raise SourceError(f"the poses do not cover {missing / 1e9:.3f} s in which there are scans")
     return np.stack([pose for pose in found if pose is not None])
 
 
@@ -199,7 +199,7 @@ class CellMeans:
         self._new = []
         cells = np.floor(means / self._cell_m).astype(np.int64) + (1 << 20)
         if len(cells) and not 0 <= cells.min() <= cells.max() < 1 << 21:
-            raise SourceError("a map of scans is more than 100 km wide: the poses cannot be right")
+            raise SourceError("a map of scans is more than 100 km wide: the poses must be wrong")
         _, place = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_inverse=True)
         self._seen = np.bincount(place, seen).astype(np.int64)
         self._sums = np.stack([np.bincount(place, means[:, axis] * seen) for axis in range(3)], axis=1)
@@ -298,7 +298,7 @@ def odometry(scans: Iterable[Scan], method: str = "auto", tick: Tick = lambda: N
             first.append(scan)
         tick()
     if not first:
-        raise SourceError("no frame to find the way from")
+        raise SourceError("there is no frame for odometry")
     poses = chain.poses
     if len(first) > 2:
         last = len(first) - 1

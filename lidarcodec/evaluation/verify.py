@@ -268,8 +268,8 @@ class Comparison:
     def _compare(self, original: Frame, decoded: Frame, promise: Promise | None) -> None:
         if original.range.shape != decoded.range.shape:
             raise SourceError(
-                f"frame {decoded.index} of the recording has {decoded.width} columns, the packets of that time have "
-                f"{original.width}: this recording was not made from this source"
+                f"frame {decoded.index} of the recording has {decoded.width} columns, but the packets of that time "
+                f"have {original.width}: the recording was not made from this source"
             )
         errors, sent = RangeErrors(), original.range
         if promise is not None and promise.reduced:

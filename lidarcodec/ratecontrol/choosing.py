@@ -60,7 +60,7 @@ def with_codec(settings: StreamSettings, name: str) -> StreamSettings:
     if settings.codec_settings:
         given = ", ".join(settings.codec_settings)
         raise SettingsError(
-            f"codec auto has no settings of its own: leave out {given}, or name the codec", "codec_settings"
+            f"codec auto has no settings of its own: leave out {given}, or name a codec", "codec_settings"
         )
     return settings.model_copy(update={"codec": name})
 
@@ -84,13 +84,13 @@ def choice(settings: StreamSettings, encode_ms: Mapping[str, float], budget_ms: 
         if name not in encode_ms:
             continue
         if encode_ms[name] <= budget_ms:
-            most = "shows most" if settings.target_kbps is not None else "takes the fewest bits"
+            most = "gives the best picture" if settings.target_kbps is not None else "takes the fewest bits"
             of = f" of those that encode a frame within {budget_ms:.0f} ms here"
             other = f"; too slow: {', '.join(slower)}" * bool(slower)
             return Choice(name, f"{most}{of} ({times[name]:g} ms){other}", times, budget_ms)
         slower.append(f"{name} ({times[name]:g} ms)")
     quickest = min(encode_ms, key=lambda name: encode_ms[name])
-    because = f"the quickest: none encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(slower)}"
+    because = f"the fastest: no codec encodes a frame within {budget_ms:.0f} ms here; tried: {', '.join(slower)}"
     return Choice(quickest, because, times, budget_ms)
 
 

@@ -219,7 +219,7 @@ class RateControl:
     def _take(self, settings: StreamSettings) -> None:
         knob = table.codec(settings.codec).knob
         if knob is None or settings.target_kbps is None:
-            raise SettingsError(f"codec {settings.codec} cannot be steered to {settings.target_kbps}", "target_kbps")
+            raise SettingsError(f"codec {settings.codec} cannot keep a target bitrate", "target_kbps")
         own = {name: value for name, value in settings.codec_settings.items() if name != knob.setting}
         model = f"{settings.codec} {json.dumps(own, sort_keys=True, default=str)}"
         if settings.purpose == "localise":
@@ -267,7 +267,7 @@ class RateControl:
         low, high = reachable_kbps(self._state, self._plan) or (0.0, 0.0)
         logger.log(
             logging.INFO if reached else logging.WARNING,
-            "target of %.0f kbit/s %s: sending %.0f; codec %s can send %.0f to %.0f of this scene",
+            "target of %.0f kbit/s %s: sending %.0f kbit/s; codec %s can send %.0f to %.0f kbit/s of this scene",
             self._plan.target_bps / 1e3,
             "reached" if reached else "missed",
             mean,

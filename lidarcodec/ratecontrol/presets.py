@@ -54,7 +54,7 @@ def preset(name: str) -> Preset:
     Raises SettingsError.
     """
     if name not in PRESETS:
-        raise SettingsError(f"--link is {', '.join(PRESETS)}, not '{name}'", "link")
+        raise SettingsError(f"--link must be one of {', '.join(PRESETS)}, not '{name}'", "link")
     return PRESETS[name]
 
 

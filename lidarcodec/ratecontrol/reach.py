@@ -128,12 +128,12 @@ def _freed(settings: StreamSettings, names: list[str]) -> StreamSettings:
 def _remedy(settings: StreamSettings, names: tuple[str, ...], needed: float) -> str:
     """What to do where all frames take `needed` kbit/s."""
     instead = (
-        "take another codec, or a better path"
+        "choose another codec, or use a better path"
         if settings.target_kbps == AUTO
         else f"set a target of {needed:,.0f} kbit/s or more"
     )
     if not names:
-        return instead if settings.target_kbps == AUTO else f"{instead}, or another codec"
+        return instead if settings.target_kbps == AUTO else f"{instead}, or choose another codec"
     least, free = least_kbps(settings), least_kbps(_freed(settings, list(names)))
     takes = f", which needs about {needed * free / least:,.0f} kbit/s" if least and free else ""
     return f"set {_listed(names)} back{takes}, or {instead}"

@@ -61,7 +61,7 @@ class RecordingReader:
         self._name = str(getattr(stream, "name", "this"))
         magic = records.read(stream, 0, min(self._size, len(records.MAGIC)))
         if not magic or not records.MAGIC.startswith(magic):
-            raise SourceError(f"{self._name} is no recording: it does not begin as an MCAP file does")
+            raise SourceError(f"{self._name} is not a recording: it does not begin like an MCAP file")
         self._data_start = min(self._size, len(records.MAGIC))
         self._read_beginning()
 
@@ -108,7 +108,7 @@ class RecordingReader:
 
     def leave_out_rest(self, why: str) -> None:
         """Note and say that somebody stops reading here, because what follows is nothing that a recording holds."""
-        self._damaged(DamagedError(f"{why}; what follows was left out"))
+        self._damaged(DamagedError(f"{why}; the rest was not read"))
 
     def topics(self) -> dict[str, str]:
         """Topic to type of every channel with a schema, wherever in the file it is told of."""
@@ -190,7 +190,7 @@ class RecordingReader:
             count += len(stored)
             yield record.offset, stored
         self.counts["cut"], self.counts["bytes lost"] = 1, self._size - end
-        self._warn(f"{self._name} was cut: {self._size - end} bytes after its last whole message are lost")
+        self._warn(f"{self._name} was cut off: {self._size - end} bytes after its last complete message are lost")
 
     def _compare(self, count: int) -> None:
         """Count and say that the file has more messages than were found. A wrong bit may make a chunk something else,
@@ -213,7 +213,9 @@ class RecordingReader:
         behind = self._size - end - len(records.MAGIC)
         if behind > 0:
             self.counts["bytes lost"] = behind
-            self._damaged(DamagedError(f"{behind} bytes behind its end, not read: join recordings by lidarcodec join"))
+            self._damaged(
+                DamagedError(f"{behind} bytes after its end were not read; to join recordings, use `lidarcodec join`")
+            )
 
     def _read(
         self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
@@ -294,14 +296,11 @@ class RecordingReader:
 
     def _damaged(self, error: Exception) -> None:
         self.counts["damaged"] += 1
-        self._warn(f"{self._name} is damaged and a part of it left out: {error}")
+        self._warn(f"{self._name} is damaged, and a part of it was left out: {error}")
 
     def _mixed(self) -> None:
         self.counts["mixed streams"] += 1
-        self._warn(
-            f"{self._name} holds two streams, one among the other: two publishers had the same name, and frames of "
-            "both come in turn"
-        )
+        self._warn(f"{self._name} holds frames of two streams: two publishers used the same name")
 
     def _of_another_topic(self, topic: str) -> None:
         self.counts["other topics"] += 1

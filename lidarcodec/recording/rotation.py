@@ -65,8 +65,8 @@ class RotatingRecorder:
         """
         if max_file_bytes < MIN_FILE_BYTES or max_total_bytes < 2 * max_file_bytes:
             raise SettingsError(
-                f"recording files of {max_file_bytes} bytes in a folder of {max_total_bytes}: a file needs at least"
-                f" {MIN_FILE_BYTES} and the folder twice as much as a file", "max_file_bytes",
+                f"recording needs more room: a file needs at least {MIN_FILE_BYTES} bytes, not {max_file_bytes}, "
+f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_bytes",
             )  # fmt: skip
         self.folder = folder
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
@@ -149,7 +149,7 @@ class RotatingRecorder:
         if file is None or (what := _lost(file)) is None:
             return
         self.counts["lost files"] += 1
-        log.error("%s was %s while it was being written: what it held is lost", file.name, what)
+        log.error("%s was %s during recording: its content is lost", file.name, what)
         self._writer = self._file = None
         with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
             os.dup2(nowhere.fileno(), file.fileno())  # what waits in its buffer must not get into a file of others
@@ -229,10 +229,13 @@ class RotatingRecorder:
             total -= size
             self.counts["deleted files"] += 1
         if needed + total > self.max_total_bytes and total:
-            raise OSError(f"another recorder writes files of the same name in {self.folder}: give each its own folder")
+            raise OSError(
+                f"another program already writes recordings of this stream in {self.folder}: use another folder"
+            )
         if needed > self.max_total_bytes:
             raise OSError(
-                f"a file of {needed} bytes in a folder of {self.max_total_bytes}: no key message began another"
+                f"the recording file would have {needed} bytes, more than the {self.max_total_bytes} bytes of its "
+                "folder: no key frame came to begin another file"
             )
 
     def _end(self) -> None:

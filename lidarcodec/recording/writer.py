@@ -108,7 +108,9 @@ class RecordingWriter:
             if schema:
                 known = {one.name: one for one in (foxglove.POINT_CLOUD, foxglove.FRAME_TRANSFORM)}.get(schema)
                 if known is None:
-                    raise SourceError(f"{channel.topic} holds {schema}, which no recording of ours does: leave it out")
+                    raise SourceError(
+                        f"{channel.topic} holds {schema}, which recordings of lidarcodec never have: leave it out"
+                    )
                 number = self._mcap.register_schema(known.name, foxglove.ENCODING, known.data)
             self._channels[channel.topic] = self._mcap.register_channel(channel.topic, channel.encoding, number)
         self._store(self._channels[channel.topic], stored.log_time, stored.data(), stored.sequence)

@@ -56,5 +56,5 @@ class Poconet(Reducer):
 
 
 REDUCTION = Reduction(
-    Poconet, note="leaves out what looks as if it moved, cars and people: for localisation only, not to look at"
+    Poconet, note="removes what seems to move, such as cars and people: for localisation only, not for people who watch"
 )

@@ -51,7 +51,7 @@ def reduction(name: str) -> Reduction:
         raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
     if not _is_offered(name):
         raise SettingsError(
-            f"reduction {name} needs {_NEEDED[name]}, which is not installed here: pip install 'lidarcodec[poconet]'",
+            f"reduction {name} needs {_NEEDED[name]}, which is not installed: pip install 'lidarcodec[poconet]'",
             "reduction",
         )
     return cast(Reduction, import_module(_TABLE[name]).REDUCTION)
@@ -70,7 +70,9 @@ def check(settings: StreamSettings) -> StreamSettings:
     name, argument = _parts(settings.reduction)
     chosen = reduction(name)
     if argument is not None and chosen.argument is None:
-        raise SettingsError(f"reduction {name} takes nothing behind a colon: not '{settings.reduction}'", "reduction")
+        raise SettingsError(
+            f"reduction {name} takes no value after a colon: '{settings.reduction}' is not allowed", "reduction"
+        )
     if chosen.argument is not None:
         try:
             chosen.argument(argument or "")
@@ -79,8 +81,8 @@ def check(settings: StreamSettings) -> StreamSettings:
     for field in ("keep_points", "keep_fraction"):
         if getattr(settings, field) is not None and not chosen.budgeted:
             able = ", ".join(other for other in names() if reduction(other).budgeted)
-            raise SettingsError(f"{field} says nothing to the reduction '{settings.reduction}': leave it out, or take "
-                                f"one of {able}", field)  # fmt: skip
+            raise SettingsError(f"{field} has no effect on reduction '{settings.reduction}': leave it out, or "
+f"choose one of {able}", field)  # fmt: skip
     return settings
 
 

@@ -117,5 +117,5 @@ class VoxelSeen(Reducer):
 
 REDUCTION = Reduction(
     VoxelSeen,
-    note="removes what moves, cars and people among it: for localisation only, not for who has to see them",
+    note="removes what moves, such as cars and people: for localisation only, not for people who watch",
 )

@@ -45,9 +45,9 @@ def read_calibration(path: Path, origin: Origin = "given") -> SensorModel:
     try:
         data = read_file(Path(path), "calibration")
     except OSError as error:
-        raise CalibrationError(f"calibration {path} cannot be read: {error.strerror or error}") from error
+        raise CalibrationError(f"cannot read calibration {path}: {error.strerror or error}") from error
     except FileTooLargeError as error:
-        raise CalibrationError(f"calibration {path}: {error}, so it is no calibration") from None
+        raise CalibrationError(f"calibration {path}: {error}: this is not a calibration file") from None
     reader: Callable[[bytes], Calibration]
     reader = db_xml.parse if data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" else ros_yaml.parse
     try:
@@ -89,7 +89,7 @@ def _write(path: Path, text: str) -> None:
         with written_whole(Path(path)) as beside:
             beside.write_text(text, encoding="utf-8")
     except LidarCodecError as error:
-        raise CalibrationError(f"calibration {path} cannot be written: {error}") from None
+        raise CalibrationError(f"cannot write calibration {path}: {error}") from None
 
 
 def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M) -> Calibration:
@@ -99,12 +99,12 @@ def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_ST
     """
     if len(lasers) != LASERS:
         whose = OTHER_SENSORS.get(len(lasers), "another sensor")
-        raise CalibrationError(f"it holds {len(lasers)} lasers and is of {whose}: an HDL-64E has {LASERS}")
+        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: an HDL-64E has {LASERS}")
     if not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
-        raise CalibrationError(f"distances in steps of {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
+        raise CalibrationError(f"its distance step is {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
     ids = [_laser_id(laser) for laser in lasers]
     if double := sorted({number for number in ids if ids.count(number) > 1}):
-        raise CalibrationError(f"laser {double[0]} is there twice")
+        raise CalibrationError(f"laser {double[0]} occurs twice")
     values: dict[str, list[float]] = {name: [0.0] * LASERS for name in CALIBRATION_FIELDS}
     for number, laser in zip(ids, lasers, strict=True):
         for name, value in _laser_values(number, laser).items():
@@ -117,7 +117,7 @@ def _laser_id(laser: Mapping[str, Any]) -> int:
     if isinstance(number, bool) or not isinstance(number, int):
         raise CalibrationError(f"a laser has no number: laser_id is {number!r:.40}")
     if not 0 <= number < LASERS:
-        raise CalibrationError(f"laser {number}: an HDL-64E's are 0 to {LASERS - 1}")
+        raise CalibrationError(f"laser {number} does not exist: an HDL-64E has 0 to {LASERS - 1}")
     return number
 
 
@@ -133,7 +133,7 @@ def _laser_values(number: int, laser: Mapping[str, Any]) -> dict[str, float]:
         except (TypeError, ValueError, OverflowError):
             value = math.nan
         if isinstance(given, bool) or not abs(value) <= LIMITS.get(name, math.inf) or math.isinf(value):
-            raise CalibrationError(f"laser {number}: {name} is {given!r:.40}")
+            raise CalibrationError(f"laser {number}: {name} must be a number in a possible range, not {given!r:.40}")
         values[name] = math.floor(value) if name.endswith("intensity") else value
     near = (values["dist_correction_x_m"], values["dist_correction_y_m"])
     if 0.0 in near or laser.get("two_point", True) is False:

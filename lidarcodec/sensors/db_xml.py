@@ -43,7 +43,7 @@ def parse(data: bytes) -> Calibration:
     database = root.find("DB")
     points = None if database is None else database.find("points_")
     if database is None or points is None:
-        raise CalibrationError("it has no DB/points_: a db.xml of Velodyne has")
+        raise CalibrationError("it lacks DB/points_, which every Velodyne db.xml has")
     lasers = [_laser(px) for px in points.iterfind("item/px")]
     _check_enabled(_numbers(database, "enabled_"), len(lasers))
     for name, tag in (("min_intensity", "minIntensity_"), ("max_intensity", "maxIntensity_")):
@@ -114,7 +114,7 @@ def _tree(data: bytes) -> ElementTree.Element:
         depth, elements = depth + 1, elements + 1
         if elements > MAX_ELEMENTS or depth > MAX_DEPTH:
             raise CalibrationError(
-                f"it has more than {MAX_ELEMENTS} elements, or {MAX_DEPTH} levels: that is no db.xml"
+                f"it has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels: this is not a db.xml"
             )
         builder.start(tag, attributes)
 
@@ -124,14 +124,14 @@ def _tree(data: bytes) -> ElementTree.Element:
         builder.end(tag)
 
     def entity(*_declaration: object) -> None:
-        raise CalibrationError("it declares XML entities, which no db.xml needs")
+        raise CalibrationError("it declares XML entities: this is not a db.xml")
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler, parser.EntityDeclHandler = builder.data, entity
     try:
         parser.Parse(data, True)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        raise CalibrationError(f"it is not XML: {error}") from error
+        raise CalibrationError(f"it is not valid XML: {error}") from error
     return builder.close()
 
 
@@ -154,7 +154,7 @@ def _number(found: str, tag: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise CalibrationError(f"{tag} is {found.strip()!r:.40}")
+        raise CalibrationError(f"{tag} must be a number, not {found.strip()!r:.40}")
     return value
 
 
@@ -165,7 +165,7 @@ def _numbers(database: ElementTree.Element, tag: str) -> list[float]:
 def _check_enabled(enabled: list[float], lasers: int) -> None:
     used = sum(value != 0 for value in enabled)
     if lasers == LASERS and used in OTHER_SENSORS:
-        raise CalibrationError(f"{used} lasers are enabled, so it is of {OTHER_SENSORS[used]}: an HDL-64E has {LASERS}")
+        raise CalibrationError(f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: an HDL-64E has {LASERS}")
 
 
 def _shortest(value: float, decimals: int) -> str:

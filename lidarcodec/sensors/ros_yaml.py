@@ -37,10 +37,10 @@ def parse(data: bytes) -> Calibration:
         raise CalibrationError(str(error)) from None
     lasers = tree.get("lasers") if isinstance(tree, dict) else None
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
-        raise CalibrationError("it has no list 'lasers': a ROS calibration has")
+        raise CalibrationError("it lacks the list 'lasers', which every ROS calibration has")
     step = tree.get("distance_resolution", RANGE_STEP_M)
     if isinstance(step, bool) or not isinstance(step, (int, float)) or not abs(step) < 1e9:
-        raise CalibrationError(f"distance_resolution is {step!r:.40}")
+        raise CalibrationError(f"distance_resolution must be a number, not {step!r:.40}")
     rows = []
     for laser in lasers:
         row = {name: laser.get(key) for name, key in KEYS.items()}

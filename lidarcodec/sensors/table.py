@@ -49,7 +49,7 @@ def identify(payload: bytes) -> str:
     """
     other = _other_sensor(_of_right_length(payload))
     if other is not None:
-        raise PacketError(f"this is a packet of a Velodyne {other}: {SUPPORTED}", PACKET_BYTES - 1)
+        raise PacketError(f"this packet comes from a Velodyne {other}: {SUPPORTED}", PACKET_BYTES - 1)
     return HDL64
 
 
@@ -64,7 +64,7 @@ def identify_stream(payloads: Sequence[bytes]) -> str:
         _of_right_length(payloads[0])
     named = {_other_sensor(payload) for payload in data}
     if len(named) == 1 and None not in named:
-        raise PacketError(f"these are packets of a Velodyne {named.pop()}: {SUPPORTED}", PACKET_BYTES - 1)
+        raise PacketError(f"these packets come from a Velodyne {named.pop()}: {SUPPORTED}", PACKET_BYTES - 1)
     return HDL64
 
 
@@ -75,7 +75,7 @@ def _of_right_length(payload: bytes) -> bytes:
     if size == POSITION_BYTES:
         what = "is a Velodyne position packet (512 bytes, port 8308), which holds no ranges"
     elif size == PACKET_BYTES + ETHERNET_BYTES:
-        what = f"has {size} bytes: the {PACKET_BYTES} of a sensor with Ethernet, IP and UDP headers before them?"
+        what = f"has {size} bytes: is it a packet of {PACKET_BYTES} bytes with Ethernet, IP and UDP headers before it?"
     else:
         what = f"has {size} bytes: a packet of an HDL-64E has {PACKET_BYTES}"
     raise PacketError(f"this payload {what}", min(size, PACKET_BYTES))

@@ -63,7 +63,7 @@ def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Endin
     if head[:4] == PCAPNG_MAGIC:
         return read_pcapng(stream, head, ending, counts)
     what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
-    raise SourceError(f"{path} is no pcap or pcapng file: {what}")
+    raise SourceError(f"{path} is not a pcap or pcapng file: {what}")
 
 
 class CaptureSource(PacketSource):
@@ -124,7 +124,9 @@ class CaptureSource(PacketSource):
             counts[ending.cause] = 1
             if not self._warned:
                 self._warned = True
-                logger.warning("%s is %s: %s; what is whole before was read", self.path, ending.cause, ending.text)
+                logger.warning(
+                    "%s is %s: %s; only the packets before that were read", self.path, ending.cause, ending.text
+                )
 
     def _other(self, stream: Stream, size: int) -> str:
         """What to count a datagram as that is no data packet of the chosen stream: POSITIONS if it is kept."""
@@ -164,7 +166,7 @@ def _choose(path: Path, port: int | None, source: bytes | None, search: bool) ->
         if count == FIRST_PACKETS:
             break
     if not streams and others:
-        raise SourceError(f"{path} has no such stream; there are: {', '.join(map(_name, others))}")
+        raise SourceError(f"{path} has no such stream; its streams are: {', '.join(map(_name, others))}")
     if not streams:
         raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
     chosen = _supported(sorted(streams, key=lambda stream: -len(streams[stream])), streams)

@@ -10,7 +10,7 @@ is the work: data that expands more than a thousandfold is no capture and ends t
 ...     file.flush()
 ...     stream = ByteStream(Path(file.name))
 ...     stream.read(), stream.read(), stream.problem
-(b'packets', b'', 'the gzip data is cut')
+(b'packets', b'', 'the gzip data is cut off')
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ class ByteStream:
             if not data and self._decoder.hungry:
                 data = self._read_file(CHUNK // 16)
                 if not data:
-                    self.problem = f"the {self._member.kind} data is cut"
+                    self.problem = f"the {self._member.kind} data is cut off"
                     break
             out = self._decompressed(self._member, self._decoder, data)
             if out:
@@ -189,7 +189,7 @@ class ByteStream:
             elif self._head.startswith(member.magic):
                 self._decoder = member.decoder()
             else:
-                self.problem = f"there is something else behind the {member.kind} data"
+                self.problem = f"there is other data after the {member.kind} data"
         return out
 
     def _past_empty_frames(self, data: bytes) -> bytes:

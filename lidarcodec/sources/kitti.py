@@ -66,7 +66,10 @@ class KittiSource(PacketSource):
             sensor = without_two_point_correction(sensor or fit_rings(first) or generic_sensor())
             sensor = replace(sensor, name=f"HDL-64E ({REGRIDDED})")
             logger.warning(
-                "%s: %s to 64 x %d, it has no native form; say so beside any figure", path, REGRIDDED, columns
+                "%s: %s to 64 x %d, because it has no native form: mention this with every result",
+                path,
+                REGRIDDED,
+                columns,
             )
         super().__init__(sensor or generic_sensor())
         self._geometry = Geometry(self.sensor)
@@ -157,8 +160,9 @@ def _kind_of(scan: Scan, points: Points, sensor: SensorModel | None) -> Kind:
     share = invert(points, Geometry(sensor))[1].within_1mm
     if share < FITS:
         raise SourceError(
-            f"{scan.path} is a raw scan, but only {share:.1%} of its points fit the calibration {sensor.hash} "
-            f"({sensor.origin}): give the recovered one of KITTI's sensor, or add ?kind=odometry to re-grid it"
+            f"{scan.path} is a raw scan, but only {share:.1%} of its points fit calibration {sensor.hash} "
+            f"({sensor.origin}): give the recovered calibration of KITTI's sensor, or add ?kind=odometry to "
+            "re-grid the scan"
         )
     return "raw"
 

@@ -68,7 +68,9 @@ def read_points(path: Path) -> tuple[Points, int]:
     if stream.problem:
         raise SourceError(f"{path}: {stream.problem}")
     if len(data) % POINT_BYTES or len(data) > MAX_POINTS * POINT_BYTES:
-        raise SourceError(f"{path} is no KITTI scan: {len(data)} bytes are not up to {MAX_POINTS} points of 16 bytes")
+        raise SourceError(
+            f"{path} is not a KITTI scan: its {len(data)} bytes are not 1 to {MAX_POINTS} points of 16 bytes"
+        )
     points = np.frombuffer(data, "<f4").reshape(-1, 4)
     good = np.isfinite(points).all(axis=1) & (np.abs(points) < 1e4).all(axis=1)
     return points[good].astype(np.float64), int(np.count_nonzero(~good))
@@ -87,7 +89,7 @@ def _files(folder: Path) -> list[Path]:
             found = sorted(file for file in inner.iterdir() if file.name.endswith((".bin", ".bin.xz")))
             if found:  # a scan that is there as .bin and as .bin.xz is one scan
                 return sorted({file.name.partition(".")[0]: file for file in reversed(found)}.values(), key=_place)
-    raise SourceError(f"{folder} holds no scans: *.bin are looked for there and in {', '.join(FOLDERS[1:])}")
+    raise SourceError(f"{folder} holds no scans: there is no *.bin in it, nor in {', '.join(FOLDERS[1:])}")
 
 
 def _place(file: Path) -> tuple[int, str]:
@@ -121,7 +123,7 @@ def _turns(folder: Path, numbers: Sequence[int]) -> list[tuple[int, int]]:
 def _at(stamps: list[int | None], number: int, folder: Path) -> int:
     stamp = stamps[number] if number < len(stamps) else None
     if stamp is None:
-        raise SourceError(f"{folder}: its time stamps have none for scan {number}")
+        raise SourceError(f"{folder}: scan {number} has no time stamp")
     return stamp
 
 
@@ -137,14 +139,14 @@ def _nanoseconds(path: Path, text: str) -> int:
             raise ValueError("not a time")  # noqa: TRY301
         return int(stamp.astype(np.int64))
     except ValueError:
-        raise SourceError(f"{path}: '{text[:40]}' is no time like 2011-09-26 13:04:32.334529952") from None
+        raise SourceError(f"{path}: '{text[:40]}' is not a time: write it like 2011-09-26 13:04:32.334529952") from None
 
 
 def _seconds(path: Path) -> list[int | None]:
     try:
         return [round(float(line) * 1e9) for line in _lines(path) if line.strip()]
     except (ValueError, OverflowError):
-        raise SourceError(f"{path}: its lines are no seconds") from None
+        raise SourceError(f"{path}: a line is not a number of seconds") from None
 
 
 def _lines(path: Path) -> list[str]:

@@ -37,7 +37,7 @@ class PacedSource(PacketSource):
         now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         if not speed > 0.0:
-            raise SourceError(f"a replay speed is greater than 0, not {speed}")
+            raise SourceError(f"a replay speed must be greater than 0, not {speed}")
         super().__init__(inner.sensor, live=True)
         self.inner, self.speed, self.loop, self.restamp, self._now_ns = inner, speed, loop, restamp, now_ns
         self.shift_ns = 0

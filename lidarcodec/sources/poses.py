@@ -50,14 +50,14 @@ class Poses:
 
     def __init__(self, stamps_ns: npt.NDArray[np.int64], matrices: Matrix, *, relative: bool = False) -> None:
         if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) != len(stamps_ns) or not len(stamps_ns):
-            raise SourceError(f"poses are (F, 4, 4) with F times, not {matrices.shape} with {stamps_ns.shape}")
+            raise SourceError(f"poses must be (F, 4, 4) with F times, not {matrices.shape} with {stamps_ns.shape}")
         turns = matrices[:, :3, :3]
         if not np.isfinite(matrices).all() or np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-3:
             raise SourceError("poses must be rigid transforms: a rotation matrix and a position, all finite")
         if np.any(np.linalg.det(turns) < 0):
             raise SourceError("poses must be rigid transforms, not mirrored ones")
         if np.any(np.diff(stamps_ns) <= 0):
-            raise SourceError("the times of poses must rise from one to the next")
+            raise SourceError("the times of poses must increase")
         self.stamps_ns = stamps_ns.astype(np.int64)
         self.positions = np.ascontiguousarray(matrices[:, :3, 3], dtype=np.float64)
         self.quaternions = _quaternions(turns)
@@ -85,7 +85,7 @@ class Poses:
             self._told = True
             first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
             logger.warning(
-                "frames go without a pose where none is known, first that of %s: the poses are of %s to %s",
+                "some frames are sent without a pose, first the one of %s: the poses cover %s to %s",
                 _time_text(stamp_ns),
                 first,
                 last,
@@ -118,9 +118,9 @@ def read_poses(path: Path) -> Poses:
             return _from_tum(table)
         if table.shape[1] == 12:
             return _from_kitti(path, table)
-        raise SourceError(f"{path}: a line of poses has 8 numbers (TUM) or 12 (KITTI), not {table.shape[1]}")
+        raise SourceError(f"{path}: a line of poses must have 8 numbers (TUM) or 12 (KITTI), not {table.shape[1]}")
     except UnicodeDecodeError:
-        raise SourceError(f"cannot read poses from {path}: it is no text") from None
+        raise SourceError(f"cannot read poses from {path}: it is not a text file") from None
     except OSError as error:
         raise SourceError(f"cannot read poses from {path}: {error.strerror or error}") from None
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -131,7 +131,7 @@ def _read_npz(path: Path) -> Poses:
     file = read_npz(path, (*NPZ_POSES, *NPZ_TIMES), most_bytes=largest("npz") or 0)
     name = next((n for n in NPZ_POSES if n in file), None)
     if name is None:
-        raise SourceError(f"{path} holds no T_world_velo (F, 4, 4)")
+        raise SourceError(f"{path} has no array T_world_velo (F, 4, 4)")
     matrices = np.asarray(file[name], np.float64)
     time = next((n for n in NPZ_TIMES if n in file), None)
     if time is None:
@@ -143,7 +143,7 @@ def _read_npz(path: Path) -> Poses:
 def _from_tum(table: Matrix) -> Poses:
     length = np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
     if np.any(np.abs(length - 1.0) > 1e-2):
-        raise SourceError("a quaternion of poses has not the length 1")
+        raise SourceError("a quaternion of the poses does not have length 1")
     x, y, z, w = (table[:, 4:] / length).T
     matrices = np.zeros((len(table), 4, 4))
     matrices[:, :3, :3] = _rotations(np.stack([w, x, y, z], axis=1))
@@ -160,18 +160,20 @@ def _from_kitti(path: Path, table: Matrix) -> Poses:
         T_camera_velo = _camera_from_velo(calibration)
         matrices = np.linalg.inv(T_camera_velo) @ matrices @ T_camera_velo
     else:
-        logger.warning("%s: no calib.txt beside it, so its poses are taken as the sensor's, not the camera's", path)
+        logger.warning(
+            "%s: without a calib.txt beside it, its poses are read as poses of the sensor, not of the camera", path
+        )
     times = path.with_name("times.txt")
     if not times.exists():
         return _without_times(path, matrices, 0)
     stamps = _nanoseconds(_table(times)[:, 0])
     if len(stamps) < len(matrices):
-        raise SourceError(f"{times} has {len(stamps)} times for {len(matrices)} poses")
+        raise SourceError(f"{times} has {len(stamps)} times, but there are {len(matrices)} poses")
     return Poses(stamps[: len(matrices)], matrices, relative=True)
 
 
 def _without_times(path: Path, matrices: Matrix, first_ns: int) -> Poses:
-    logger.warning("%s has no times: one revolution of %.1f ms a pose is assumed", path, REVOLUTION_NS / 1e6)
+    logger.warning("%s has no times: it is read as one pose for each turn of %.1f ms", path, REVOLUTION_NS / 1e6)
     stamps = np.arange(len(matrices), dtype=np.int64) * REVOLUTION_NS + first_ns
     return Poses(stamps, matrices, relative=True)
 
@@ -194,7 +196,7 @@ def _table(path: Path) -> Matrix:
             row = line.split(maxsplit=MAX_COLUMNS)
             columns = columns or len(row)
             if len(row) != columns or columns > MAX_COLUMNS:
-                raise SourceError(f"{path} is no table of poses: its lines have not the same few numbers")
+                raise SourceError(f"{path} is not a table of poses: all lines must have the same number of values")
             numbers.extend(map(float, row))
     if not columns:
         raise SourceError(f"{path} is empty")

@@ -97,7 +97,7 @@ class PositionListener:
         try:
             take_only_from(self._socket, wanted)
         except OSError as error:  # closed meanwhile, or a kernel without filters: they are refused one by one
-            logger.debug("no filter on the port of position packets: %s", error)
+            logger.debug("the port of position packets has no filter: %s", error)
             self._filters = False
         else:
             self._only = wanted
@@ -168,7 +168,9 @@ def listener_beside(
     except SourceError as error:
         if port is not None:
             raise
-        logger.warning("position packets of the sensor are not received: %s; ?position=off asks for none", error)
+        logger.warning(
+            "position packets of the sensor cannot be received: %s; to go without them, add ?position=off", error
+        )
         return None
 
 

@@ -54,7 +54,7 @@ class RosbagSource(PacketSource):
         self.topic = _topic_of(path, self.files, topic)
         first = list(islice(self._read(Counter(), warn=False), SEARCHED_PACKETS))
         if not first:
-            raise SourceError(f"{path} has no packet on topic {self.topic} that can be read")
+            raise SourceError(f"{path} has no readable packet on topic {self.topic}")
         payloads = [packet.payload for packet in first]
         identify_stream(payloads)
         super().__init__(find_calibration(path, calibration, payloads))
@@ -105,13 +105,13 @@ def _files_of(path: Path) -> list[Path]:
     about = _information(path / METADATA)
     names = about.get("relative_file_paths")
     if not isinstance(names, list) or not 0 < len(names) <= _MAX_FILES or not all(isinstance(n, str) for n in names):
-        raise SourceError(f"{path / METADATA} names no files")
+        raise SourceError(f"{path / METADATA} does not name any file")
     if about.get("compression_mode") == "file":
-        raise SourceError(f"the files of {path} are compressed as a whole: decompress them first (zstd -d)")
+        raise SourceError(f"the files of {path} are compressed: decompress them first (zstd -d)")
     files = [path / Path(name).name for name in names]  # some versions write the folder before the name
     for file in files:
         if not file.is_file():
-            raise SourceError(f"{path} lacks {file.name}, which its {METADATA} names")
+            raise SourceError(f"{path} lacks {file.name}, which {METADATA} names")
     return files
 
 
@@ -121,10 +121,10 @@ def _information(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
     except (FileTooLargeError, YamlRefusedError) as error:
-        raise SourceError(f"{path} is no description of a bag: {error}") from None
+        raise SourceError(f"{path} does not describe a rosbag: {error}") from None
     about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
     if not isinstance(about, dict):
-        raise SourceError(f"{path} is no description of a bag")
+        raise SourceError(f"{path} does not describe a rosbag")
     return about
 
 
@@ -147,12 +147,12 @@ def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
     names = (ros.VELODYNE_SCAN.name, ros.VELODYNE_SCAN.name.replace("/msg/", "/"))
     scans = sorted(name for name, kind in topics.items() if kind in names)
     if wanted is not None and wanted not in scans:
-        raise SourceError(f"{path} has no {names[0]} on topic {wanted}; there are: {', '.join(scans) or 'none'}")
+        raise SourceError(f"{path} has no {names[0]} on topic {wanted}; it has these: {', '.join(scans) or 'none'}")
     if len(scans) > 1 and wanted is None:
-        raise SourceError(f"{path} has packets on several topics: choose one with ?topic=, of {', '.join(scans)}")
+        raise SourceError(f"{path} has packets on several topics: choose one with ?topic=NAME, of {', '.join(scans)}")
     if not scans:
         points = [name for name, kind in topics.items() if kind in POINTS]
-        why = f"; points on {', '.join(sorted(points)[:3])} do not go back to packets" if points else ""
+        why = f"; points on {', '.join(sorted(points)[:3])} cannot be turned back into packets" if points else ""
         raise SourceError(f"{path} has no {names[0]} among its {len(topics)} topics{why}")
     return wanted or scans[0]
 
@@ -182,6 +182,6 @@ def _plain(data: bytes, expands: Allowance, seen: int) -> bytes:
             raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
         plain = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT).decompress(data, max_output_size=MAX_RECORD)
     except zstandard.ZstdError as error:
-        raise SectionError(f"a compressed message that cannot be had: {error}") from None
+        raise SectionError(f"a compressed message cannot be read: {error}") from None
     expands.spend(len(plain), seen)
     return plain

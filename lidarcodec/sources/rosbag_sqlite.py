@@ -63,7 +63,7 @@ def topics(path: Path) -> dict[str, str]:
         with closing(_open(path)) as database:
             rows = database.execute("SELECT name, type FROM topics LIMIT ?", (MAX_TOPICS,)).fetchall()
     except (sqlite3.Error, ValueError, OSError) as error:
-        raise SourceError(f"{path} is no rosbag2: {_reason(error)}") from None
+        raise SourceError(f"{path} is not a rosbag2: {_reason(error)}") from None
     return {str(name)[:1024]: str(kind)[:1024] for name, kind in rows}
 
 

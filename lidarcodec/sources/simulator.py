@@ -90,7 +90,7 @@ class SimulatedPoses(Poses):
         """
         times = np.asarray(stamps_ns, np.int64).reshape(-1) - self._start_ns
         if times.size and not 0 <= times.min() <= times.max() <= LONGEST_NS:
-            raise SourceError(f"sim:{self._options[0]}: poses are known from the start of the drive for 30 days")
+            raise SourceError(f"sim:{self._options[0]}: poses are known only for the first 30 days of the drive")
         order = np.argsort(times, kind="stable")
         found: npt.NDArray[np.float64] = np.empty((len(times), 4, 4))
         found[order] = self._finder.at(np.ascontiguousarray(times[order]))
@@ -140,17 +140,17 @@ class SimulatorSource(PacketSource):
         if scene not in SCENES:
             raise UnknownNameError("simulated scene", scene, SCENES)
         if not 0 <= seed <= MAX_SEED:
-            raise SourceError(f"sim:{scene}: seed is a whole number from 0 to {MAX_SEED}, not {seed}")
+            raise SourceError(f"sim:{scene}: seed must be a whole number from 0 to {MAX_SEED}, not {seed}")
         if frames is not None and not 1 <= frames <= MAX_FRAMES:
-            raise SourceError(f"sim:{scene}: frames is a whole number from 1 to {MAX_FRAMES}, not {frames}")
+            raise SourceError(f"sim:{scene}: frames must be a whole number from 1 to {MAX_FRAMES}, not {frames}")
         if speed is not None and not 0.5 <= speed <= 40.0:
-            raise SourceError(f"sim:{scene}: speed is 0.5 to 40 m/s, not {speed}")
+            raise SourceError(f"sim:{scene}: speed must be 0.5 to 40 m/s, not {speed}")
         if not 0.0 <= traffic <= 3.0:
-            raise SourceError(f"sim:{scene}: traffic is a share from 0 to 3, not {traffic}")
+            raise SourceError(f"sim:{scene}: traffic must be a number from 0 to 3, not {traffic}")
         if not 0 <= skip <= MAX_SKIP:
-            raise SourceError(f"sim:{scene}: skip is a whole number from 0 to {MAX_SKIP}, not {skip}")
+            raise SourceError(f"sim:{scene}: skip must be a whole number from 0 to {MAX_SKIP}, not {skip}")
         if not 0 <= start_ns < 2**61:
-            raise SourceError(f"sim:{scene}: start_ns is a time since 1970 in ns, not {start_ns}")
+            raise SourceError(f"sim:{scene}: start_ns must be a time since 1970 in ns, not {start_ns}")
         super().__init__(simulated_sensor())
         self.label = f"simulated {scene}, seed {seed}"
         self.scene, self.seed, self.frames = scene, seed, frames
@@ -169,7 +169,7 @@ class SimulatorSource(PacketSource):
         given = parse(spec) if isinstance(spec, str) else spec
         if given.scheme != "sim":
             raise SourceError(
-                f"'{given.text}' is no simulator: sim:city, sim:road, sim:street, sim:bend or sim:motorway is needed"
+                f"'{given.text}' is not a simulated drive: use sim:city, sim:road, sim:street, sim:bend or sim:motorway"
             )
         given.only("seed", "frames", "skip", "speed", "traffic")
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)

@@ -56,7 +56,7 @@ class Spec:
         except ValueError:
             value = float("nan")
         if not low <= value <= high:
-            raise SourceError(f"source option {name}={text}: a number from {low:g} to {high:g} is needed")
+            raise SourceError(f"source option {name}={text}: write a number from {low:g} to {high:g}")
         return value
 
     def whole(self, name: str, low: int, high: int) -> int | None:
@@ -66,7 +66,7 @@ class Spec:
         """
         value = self.number(name, low, high)
         if value is not None and value != int(value):
-            raise SourceError(f"source option {name}={self.options[name]}: a whole number is needed")
+            raise SourceError(f"source option {name}={self.options[name]}: write a whole number")
         return None if value is None else int(value)
 
     def position_port(self) -> int | None:
@@ -83,7 +83,7 @@ class Spec:
         """
         text = self.options.get(name, "no").lower()
         if text not in TRUE | FALSE:
-            raise SourceError(f"source option {name}={text}: 1 or 0 is needed")
+            raise SourceError(f"source option {name}={text}: write 1 or 0")
         return text in TRUE
 
 
@@ -95,7 +95,7 @@ def address_of(text: str) -> IPv4Address | IPv6Address:
     try:
         return ip_address(text)
     except ValueError:
-        raise SourceError(f"source option src={text}: an IP address is needed") from None
+        raise SourceError(f"source option src={text}: write an IP address") from None
 
 
 def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "sim")) -> Spec:
@@ -105,7 +105,7 @@ def parse(text: str | Path, schemes: tuple[str, ...] = ("udp", "sim")) -> Spec:
     """
     name = str(text)
     if not name:
-        raise SourceError("no source given: a path, udp://HOST:PORT or sim:city is needed")
+        raise SourceError("no source given: write a path, udp://HOST:PORT or sim:city")
     if isinstance(text, Path) or Path(name).exists():
         return Spec(name, "", name)
     place, _, query = name.partition("?")

@@ -111,7 +111,7 @@ def kind_of(spec: Spec) -> str:
 def _poses(path: Path, source: PacketSource) -> Poses:
     poses = read_poses(path)
     if poses.relative and source.start_ns is None:
-        raise SourceError(f"{path} has no absolute times, and the source no beginning that is known")
+        raise SourceError(f"{path} has no absolute times, and the start time of the source is not known")
     return poses.starting(source.start_ns or 0)
 
 

@@ -111,7 +111,7 @@ class UdpSource(PacketSource):
         if not host and not port.isdigit():
             host, port = port, ""
         if port and not is_number(port, 65535):
-            raise SourceError(f"{spec.text}: the port is a number up to 65535")
+            raise SourceError(f"{spec.text}: the port must be a number up to 65535")
         return cls(
             host.strip("[]"),
             int(port or DATA_PORT),
@@ -147,7 +147,7 @@ class UdpSource(PacketSource):
             elif self._last_ns is not None:
                 return
             elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
-                logger.info("%s: nothing for %g s", self.label, self._idle_s)
+                logger.info("%s: nothing came for %g s", self.label, self._idle_s)
                 return
             elif not told and time.monotonic() - heard >= SAY_S:
                 told = True
@@ -169,7 +169,7 @@ class UdpSource(PacketSource):
     def _say_silent(self) -> None:
         limit_s = self._idle_s
         until = "until Ctrl-C (?idle=60 gives up after 60 s)" if limit_s is None else f"for up to {limit_s:g} s"
-        logger.warning("%s: nothing has come in %g s; waiting %s", self.label, SAY_S, until)
+        logger.warning("%s: nothing came within %g s; waiting %s", self.label, SAY_S, until)
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
         """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
@@ -221,7 +221,7 @@ class UdpSource(PacketSource):
         if table.sensor is not None:
             late = self._opened
             self.sensor = table.sensor.with_convention(self.sensor.convention)
-            text = "%s: calibration %s from the sensor's status bytes is used from now on"
+            text = "%s: from now on the calibration %s from the sensor's status bytes is used"
             logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
 
     def _address_of(self, sender: int) -> bytes | None:

@@ -64,7 +64,7 @@ class Senders:
             self._strangers(judge, places, now_s)
             self._ambiguous(judge, places, now_s)
         for cause, text in (
-            ("wrong length", "refused {packets}: a packet of an HDL-64E has 1206 bytes"),
+            ("wrong length", "refused {packets}: packets of an HDL-64E have 1206 bytes"),
             ("other sensor", "refused {packets} of another sensor: only the HDL-64E is supported"),
         ):
             self._notices.tell(cause, counts.get(cause, 0), text, now_s)
@@ -72,7 +72,7 @@ class Senders:
     def refused_positions(self, count: int, stranger: str) -> None:
         """Say that others than the sensor sent to the port of position packets. stranger: the first one's address"""
         text = f"refused {{packets}} from {stranger} or others on the port of position packets"
-        self._notices.tell("positions", count, f"{text}: only those of the sensor are taken", time.monotonic())
+        self._notices.tell("positions", count, f"{text}: only those of the sensor are accepted", time.monotonic())
 
     def close(self) -> None:
         """Say the last counts."""
@@ -85,10 +85,10 @@ class Senders:
             why = (
                 f"{self._place} fell silent"
                 if judge.reason == SenderReason.SILENT
-                else f"packets of {self._place} do not hang together as a sensor's do"
+                else f"packets of {self._place} do not follow each other as those of a sensor do"
             )
             logger.warning(
-                "%s: packets from %s from now on, because %s; ?src=ADDRESS names the sensor for good",
+                "%s: now reading packets from %s, because %s; to choose a sensor for good, add ?src=ADDRESS",
                 self._label,
                 place,
                 why,
@@ -103,8 +103,10 @@ class Senders:
         names = " and ".join(places[sender] for _, sender in most[:SHOWN])
         more = f" and {len(most) - SHOWN} others" if len(most) > SHOWN else ""
         which = f"from {names}{more}" if names else "before this was known"
-        text = f"refused {{packets}} {which}: the sensor is taken to be {self._place}"
-        self._notices.tell("strangers", refused, f"{text}; ?src=ADDRESS names it, ?any=1 takes all", now_s)
+        text = f"refused {{packets}} {which}: the sensor is assumed to be {self._place}"
+        self._notices.tell(
+            "strangers", refused, f"{text}; to choose another, add ?src=ADDRESS; to accept all, add ?any=1", now_s
+        )
 
     def _ambiguous(self, judge: SenderJudge, places: Mapping[int, str], now_s: float) -> None:
         scores = {sender: score for sender, *_, score in judge.report()}
@@ -114,8 +116,8 @@ class Senders:
             if sender == judge.chosen or score < RIVAL:
                 continue
             text = (
-                f"two senders look like a sensor, {self._place} and {places[sender]}: the first is taken, and "
-                "{packets} of the other refused; name the right one with ?src=ADDRESS"
+                f"two senders look like sensors, {self._place} and {places[sender]}: the first is used, and "
+                f"{{packets}} of the other were refused; choose one with ?src=ADDRESS"
             )
             self._notices.tell(f"rival {self._place} {places[sender]}", refused, text, now_s)
 

@@ -64,7 +64,7 @@ def open_socket(
         size = _grow(sock)
         if size < least_bytes:
             logger.warning(
-                "the receive buffer of udp://%s holds only %d ms of an HDL-64: raise net.core.rmem_max from %d to %d",
+                "the receive buffer of udp://%s holds only %d ms of an HDL-64E: raise net.core.rmem_max from %d to %d",
                 place,
                 size // KERNEL_BYTES * 1000 // PACKETS_PER_SECOND,
                 size // 2,

@@ -12,7 +12,7 @@ from lidarcodec.sources.base import REGRIDDED
 
 logger = logging.getLogger(__name__)
 
-MEANING: Final = "clouds can be off by up to about half a metre; packets and ranges are not touched"
+MEANING: Final = "clouds can be wrong by up to about half a metre; packets and ranges are not affected"
 REMEDY: Final = "give --calibration FILE, or put NAME_db.xml beside the capture"
 LIVE_REMEDY: Final = "give --calibration FILE, or wait for the sensor's own table"
 MAX_SAID: Final = 256
@@ -48,5 +48,7 @@ def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> b
             _said.clear()
         _said.add(label)
         remedy = LIVE_REMEDY if live else REMEDY
-        logger.warning("%s: no calibration of this unit, a generic one is used: %s; %s", label, MEANING, remedy)
+        logger.warning(
+            "%s: this unit has no calibration of its own, so a generic one is used: %s; %s", label, MEANING, remedy
+        )
     return True

@@ -119,7 +119,7 @@ class Guard:
         except Exception as error:
             if (what, type(error)) not in self._seen:
                 self._seen.add((what, type(error)))
-                logger.exception("the handler of %s failed; further failures of this kind are not logged", what)
+                logger.exception("the handler of %s failed; more failures of this kind are not logged", what)
             return None
 
     def fits(self, what: str, size: int) -> bool:

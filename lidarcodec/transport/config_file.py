@@ -27,9 +27,9 @@ def check_config_file(path: Path) -> None:
     except OSError as error:
         raise TransportError(f"cannot read the Zenoh configuration {path}: {error.strerror or error}") from None
     except FileTooLargeError as error:
-        raise TransportError(f"{path} is no Zenoh configuration: {error}") from None
+        raise TransportError(f"{path} is not a Zenoh configuration: {error}") from None
     for token in _TOKENS.finditer(data):
         first = data[token.start()]
         depth += (first in b"[{") - (first in b"]}")
         if depth > MAX_DEPTH:
-            raise TransportError(f"{path} is no Zenoh configuration: it is nested more than {MAX_DEPTH} deep")
+            raise TransportError(f"{path} is not a Zenoh configuration: it is nested more than {MAX_DEPTH} deep")

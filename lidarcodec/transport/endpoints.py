@@ -49,7 +49,7 @@ def default_loopback_port() -> int:
     if not text:
         return LOOPBACK_PORT
     if not is_number(text, 65535, 1):
-        raise TransportError(f"{PORT_VARIABLE} is 1 to 65535, not '{text}'")
+        raise TransportError(f"{PORT_VARIABLE} must be 1 to 65535, not '{text}'")
     return int(text)
 
 
@@ -61,7 +61,9 @@ def _check_options(endpoint: str, kind: str, options: str | None) -> None:
     for option in options.split(";"):
         name, _, value = option.partition("=")
         if name not in known:
-            raise TransportError(f"'{endpoint}': {kind} has no option '{name}', but {', '.join(sorted(known))}")
+            raise TransportError(
+                f"'{endpoint}': {kind} has no option '{name}': choose one of {', '.join(sorted(known))}"
+            )
         if not value or (name in _NUMBERS and not is_number(value, 2**31 - 1)):
             raise TransportError(f"'{endpoint}': {name} needs a {'number' if name in _NUMBERS else 'value'}")
 
@@ -97,13 +99,13 @@ class Endpoints:
                 raise TransportError(f"'{endpoint}' is not an endpoint: write for example tcp/192.168.1.5:7447")
             _check_options(endpoint, found["kind"] or "", found["options"])
         if self.mode not in (None, "peer", "client", "router"):
-            raise TransportError(f"mode is peer, client or router, not '{self.mode}'")
+            raise TransportError(f"mode must be peer, client or router, not '{self.mode}'")
         if self.mode == "client" and self.listen:
-            raise TransportError("a client does not listen: leave out mode or listen")
+            raise TransportError("a client cannot listen: leave out mode or listen")
         if self.mode == "client" and not self.connect and self.config is None:
-            raise TransportError("a client needs an endpoint to connect to")
+            raise TransportError("a client needs an endpoint: give one with connect")
         if not 1 <= self.loopback_port <= 65535:
-            raise TransportError(f"loopback_port is 1 to 65535, not {self.loopback_port}")
+            raise TransportError(f"loopback_port must be 1 to 65535, not {self.loopback_port}")
         if self.config is not None and not self.config.is_file():
             raise TransportError(f"there is no Zenoh configuration file {self.config}")
 

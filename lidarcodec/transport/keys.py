@@ -41,7 +41,7 @@ class StreamKeys:
         """
         parts = key.removeprefix(PREFIX + "/").split("/")
         if len(parts) != 2:
-            raise SettingsError(f"'{key}' is no stream: write {PREFIX}/VEHICLE/SENSOR or VEHICLE/SENSOR", "key")
+            raise SettingsError(f"'{key}' is not a stream: write {PREFIX}/VEHICLE/SENSOR or VEHICLE/SENSOR", "key")
         return cls(*parts)
 
     @property
@@ -100,11 +100,11 @@ def check_key(key: str, *, wild: bool = False) -> str:
     """
     parts = key.split("/")
     if not key or not all(parts) or any(sign in key for sign in "?#$"):
-        raise TransportError(f"'{key}' is not a key: parts separated by single '/', without ? # $")
+        raise TransportError(f"'{key}' is not a key: write parts with a single '/' between them, without ? # $")
     if any("*" in part and part not in ("*", "**") for part in parts):
-        raise TransportError(f"'{key}' is not a key: * and ** stand for whole parts")
+        raise TransportError(f"'{key}' is not a key: * and ** must be whole parts")
     if not wild and "*" in key:
-        raise TransportError(f"'{key}' has wildcards where one key is needed")
+        raise TransportError(f"'{key}' has wildcards, but must be a single key")
     return key
 
 

@@ -91,6 +91,7 @@ class MeetingPoint:
             elif time.monotonic() - alone_since > ALONE_S:
                 told = True
                 logger.warning(
-                    "port %d of this machine is taken by a program that is no Zenoh: choose another loopback port",
+                    "port %d of this machine is used by a program that does not speak Zenoh: choose another "
+                    "loopback port",
                     self._port,
                 )

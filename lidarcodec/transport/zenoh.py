@@ -82,7 +82,7 @@ def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zen
         for path, value in options.items():
             config.insert_json5(path, json.dumps(value))
     except zenoh.ZError as error:
-        raise TransportError(f"Zenoh does not take {path} = {value!r}: {_reason(error)}") from None
+        raise TransportError(f"Zenoh does not accept {path} = {value!r}: {_reason(error)}") from None
     return config
 
 
@@ -99,7 +99,7 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
     thread.start()
     thread.join(CLOSE_LIMIT_S)
     if thread.is_alive():
-        logger.warning("closing %s did not end within %g s; left behind", what, CLOSE_LIMIT_S)
+        logger.warning("closing %s took more than %g s and was abandoned", what, CLOSE_LIMIT_S)
 
 
 class _Declared:
@@ -345,7 +345,7 @@ def _read(path: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
-        raise TransportError(f"{path} is no Zenoh configuration: {_reason(error)}") from None
+        raise TransportError(f"{path} is not a Zenoh configuration: {_reason(error)}") from None
 
 
 def options_in(path: Path) -> Callable[[str], Any]:
@@ -373,10 +373,10 @@ def _open_at_last(config: zenoh.Config, stop: threading.Event | None, waits_for:
             if waits_for is None or waits_for not in str(error):
                 raise
             if not told:
-                logger.warning("%s; trying again until it can be reached", error)
+                logger.warning("%s; trying again until it works", error)
                 told = True
             if (stop or threading.Event()).wait(RETRY_S):
-                raise TransportError("stopped before the network was reached") from None
+                raise TransportError("stopped before the network could be reached") from None
 
 
 def _open(config: zenoh.Config) -> zenoh.Session:
@@ -384,7 +384,7 @@ def _open(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise TransportError(f"no Zenoh session: {_reason(error)}") from None
+        raise TransportError(f"cannot open a Zenoh session: {_reason(error)}") from None
 
 
 __all__ = ["ZenohTransport", "options_in"]

@@ -62,9 +62,11 @@ def unpack(data: bytes) -> Message:
         raise TruncatedError(f"a message of {len(data)} bytes is shorter than the shortest possible", len(data))
     total = int.from_bytes(data[8:12], "little")
     if len(data) > MAX_MESSAGE or total < HEADER_BYTES + CHECKSUM_BYTES or len(data) > total:
-        raise HeaderError(f"a message that announces {total} bytes and has {len(data)}; at most {MAX_MESSAGE}", 8)
+        raise HeaderError(
+            f"a message announces {total} bytes, but has {len(data)}; at most {MAX_MESSAGE} are allowed", 8
+        )
     if len(data) < total:
-        raise TruncatedError(f"a message of {total} bytes was cut after {len(data)}", len(data))
+        raise TruncatedError(f"a message of {total} bytes was cut off after {len(data)}", len(data))
     body = checked_body(data)
     header = read_header(data)
     return Message(

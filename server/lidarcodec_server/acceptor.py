@@ -104,7 +104,7 @@ class Acceptor:
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
             except OSError as error:
-                self._warnings.warning("no connection can be taken: %s", error)
+                self._warnings.warning("cannot accept connections: %s", error)
                 self._loop.remove_reader(self._listener.fileno())
                 self._loop.call_later(PAUSE_S, self._again)
                 return

@@ -38,7 +38,7 @@ def require_viewer(connection: HTTPConnection) -> Client:
     if client is None:
         service.metrics.refused("wrong")
         service.warnings.warning("a wrong token from %s", host(connection))
-        raise ProblemError(401, "this token does not work", "token", CHALLENGE)
+        raise ProblemError(401, "this token is not valid", "token", CHALLENGE)
     return client
 
 
@@ -98,15 +98,15 @@ def subprotocol_of(connection: HTTPConnection) -> str | None:
 
 def _missing(service: Service) -> ProblemError:
     service.metrics.refused("missing")
-    return ProblemError(401, "a token is needed: Authorization: Bearer TOKEN", "token", CHALLENGE)
+    return ProblemError(401, "a token is needed: send the header Authorization: Bearer TOKEN", "token", CHALLENGE)
 
 
 def _check_role(connection: HTTPConnection, client: Client) -> None:
     if client.role != "operator":
         service = cast(Service, connection.app.state.service)
         service.metrics.refused("role")
-        service.warnings.warning("%s of %s may look, and wanted to change something", client.name, host(connection))
-        raise ProblemError(403, f"'{client.name}' is a viewer: an operator's token is needed", "role")
+        service.warnings.warning("%s of %s is a viewer and tried to change something", client.name, host(connection))
+        raise ProblemError(403, f"'{client.name}' is a viewer: this needs the token of an operator", "role")
 
 
 def _token(connection: HTTPConnection) -> str | None:

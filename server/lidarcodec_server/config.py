@@ -101,7 +101,7 @@ class ServerConfig(BaseModel):
             try:
                 ipaddress.ip_address(one)
             except ValueError:
-                raise ValueError(f"'{one}' is no address of a proxy: write for example 10.0.0.2") from None
+                raise ValueError(f"'{one}' is not the address of a proxy: write for example 10.0.0.2") from None
         return value
 
     @property

@@ -184,7 +184,7 @@ class Connections:
     def end(self, reason: str, address: str, why: str) -> None:
         """Count a connection that its own protocol ends for what its client does, and say so; reason: one of REASONS"""
         self.ended[reason] += 1
-        self._logs[reason].warning("a connection of %s is ended: %s", host_of(address), why)
+        self._logs[reason].warning("a connection of %s was closed: %s", host_of(address), why)
 
     def _place(self, host: str) -> Place:
         ordinary, reserved = self._counts["ordinary"], self._counts["reserved"]

@@ -137,7 +137,7 @@ class Control:
         StoreError, BusyError. Nothing changed then.
         """
         if not changes:
-            raise SettingsError("no setting is given")
+            raise SettingsError("no setting is given: name at least one")
         check_settings_size(changes)
         check_names(changes.get("codec_settings"))
         with self._turn(keys):
@@ -219,10 +219,10 @@ class Control:
             try:
                 settled = self._settle(keys)
             except LidarCodecError as error:
-                self._warnings.warning("%s: settings cannot be sent, tried again: %s", keys.prefix, error)
+                self._warnings.warning("%s: settings could not be sent and will be tried again: %s", keys.prefix, error)
                 settled = False
             except Exception:
-                logger.exception("%s: settings cannot be sent", keys.prefix)
+                logger.exception("%s: settings could not be sent", keys.prefix)
                 settled = True
             if settled:
                 self._tries.pop(keys, None)
@@ -263,7 +263,7 @@ class Control:
             try:
                 applied = self._send(keys, wanted)
             except RefusedError as error:
-                logger.warning("%s refuses what operators set: %s", keys.prefix, error)
+                logger.warning("%s refuses the settings of operators: %s", keys.prefix, error)
                 self._refusals[keys] = str(error)
                 self._store.note(keys, SERVER, "settings", wanted, old, result="refused", reason=str(error))
                 return True
@@ -279,11 +279,11 @@ class Control:
 
     def _leave_to_others(self, keys: StreamKeys, wanted: dict[str, Any], changed: Override | None) -> None:
         """Say that somebody else sets a vehicle. Nothing is sent: two servers would go on for ever."""
-        why = "another server, or another program, sets this vehicle"
+        why = "another server or program also changes the settings of this vehicle"
         if changed is not None:
             why += f": {changed.text}"
         if self._rivals.leave_it(keys):
-            why += "; nothing is sent to it any more until somebody changes its settings here"
+            why += "; nothing more is sent to it until its settings are changed here"
         try:
             if changed is not None and changed.new:
                 logger.warning("%s: %s", keys.prefix, why)
@@ -299,7 +299,7 @@ class Control:
             else:
                 self._store.finish(entry, "applied", applied.settings.model_dump(), first_frame=applied.first_frame)
         except LidarCodecError as error:
-            logger.warning("%s: the audit log has no result for entry %d: %s", keys.prefix, entry, error)
+            logger.warning("%s: the result of entry %d is missing in the audit log: %s", keys.prefix, entry, error)
 
     # --- what vehicles are asked ------------------------------------------------------------------------------------
 
@@ -312,14 +312,14 @@ class Control:
         if answer is None:
             return None
         if "retry_s" in answer:
-            self._warnings.warning("%s takes no more changes for now: %s", keys.prefix, _told(answer.get("error")))
+            self._warnings.warning("%s accepts no more changes for now: %s", keys.prefix, _told(answer.get("error")))
             return None
         if "error" in answer:
             field = answer.get("field")
             raise RefusedError(_told(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
         settings = known_settings(answer.get("applied"))
         if settings is None:
-            logger.warning("%s: an answer to a change without settings", keys.prefix)
+            logger.warning("%s: the answer to a change holds no settings", keys.prefix)
             return None
         return Applied(settings, first_frame(answer))
 
@@ -337,7 +337,7 @@ class Control:
         except TransportError:
             return None
         except JsonRefusedError as error:
-            self._warnings.warning("the answer to %s is refused: %s", key, error)
+            self._warnings.warning("cannot read the answer to %s: %s", key, error)
             return None
 
     @contextmanager
@@ -351,7 +351,7 @@ class Control:
             self._turns[keys] = lock, users + 1
         try:
             if not lock.acquire(timeout=TURN_S):
-                raise BusyError(f"changes of {keys.vehicle}/{keys.sensor} take long: try again")
+                raise BusyError(f"other changes of {keys.vehicle}/{keys.sensor} are still running: try again later")
             try:
                 yield
             finally:

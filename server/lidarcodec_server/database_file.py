@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 PRIVATE: Final = 0o600
 BESIDE: Final = ("", "-wal", "-shm", "-journal")
-NOTE: Final = "Tokens were needed here. Without this file, and without tokens in the database, everybody is let in.\n"
+NOTE: Final = "Tokens are needed here. Without this file, and without tokens in the database, anybody has access.\n"
 
 
 def file_of(url: sa.URL) -> Path | None:
@@ -38,11 +38,11 @@ def make(file: Path) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
-        raise StoreError(f"{file.parent} cannot be made: {error.strerror}") from None
+        raise StoreError(f"cannot create {file.parent}: {error.strerror}") from None
     try:
         os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE))
     except OSError as error:
-        raise StoreError(f"{file} cannot be opened: {error.strerror}") from None
+        raise StoreError(f"cannot open {file}: {error.strerror}") from None
     for name in BESIDE:
         close_to_others(Path(f"{file}{name}"))
 
@@ -61,7 +61,7 @@ def close_to_others(file: Path) -> None:
     with contextlib.suppress(OSError):
         if file.stat().st_mode & 0o077:
             file.chmod(PRIVATE)
-            logger.info("%s is closed to others from now on", file)
+            logger.info("%s was readable by other users; this is now corrected", file)
 
 
 def note_of(file: Path) -> Path:
@@ -78,7 +78,7 @@ def write_note(file: Path) -> None:
             note.write_text(NOTE, encoding="utf-8")
     except OSError as error:
         if not note.exists():
-            logger.warning("%s cannot be written: %s", note, error.strerror)
+            logger.warning("cannot write %s: %s", note, error.strerror)
 
 
 def remove_note(file: Path) -> None:
@@ -89,4 +89,4 @@ def remove_note(file: Path) -> None:
     try:
         note_of(file).unlink(missing_ok=True)
     except OSError as error:
-        raise StoreError(f"{note_of(file)} cannot be removed: {error.strerror}") from None
+        raise StoreError(f"cannot remove {note_of(file)}: {error.strerror}") from None

@@ -98,7 +98,7 @@ class Door(asyncio.Protocol):
         try:
             made = await shaking
         except (OSError, ValueError) as error:  # none of its, or none in time
-            self._errors.warning("no TLS with a client: %s", str(error) or type(error).__name__)
+            self._errors.warning("a client failed to set up TLS: %s", str(error) or type(error).__name__)
             made = None
         finally:
             self._leave()

@@ -60,7 +60,7 @@ class Fair:
         try:
             await asyncio.wait_for(turn.acquire(), self._wait_s)
         except TimeoutError:
-            detail = f"more than {self._most} requests of this client at once: try again"
+            detail = f"at most {self._most} requests of this client are allowed at once: try again"
             await refuse(scope, receive, send, ProblemError(429, detail, "too-many", {"Retry-After": "1"}))
             return
         held = True

@@ -135,7 +135,7 @@ class Fleet:
             status, dropped = read_status(data)
         except JsonRefusedError as error:
             self.refused += 1
-            self._warnings.warning("a status of %s is refused: %s", keys.prefix, error)
+            self._warnings.warning("cannot read a status of %s: %s", keys.prefix, error)
             return False
         now = time.monotonic()
         with self._lock:

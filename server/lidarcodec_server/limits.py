@@ -118,7 +118,7 @@ class Limits:
                     self._left.popitem(last=False)
                 return
         wait_s = math.ceil((1 - left) / self._rate)
-        raise TooManyError(f"more than {self._rate:g} changes a second: try again in {wait_s} s", wait_s)
+        raise TooManyError(f"at most {self._rate:g} changes a second are allowed: try again in {wait_s} s", wait_s)
 
     @contextmanager
     def slot(self, client: str, stream: Hashable) -> Iterator[None]:
@@ -129,7 +129,7 @@ class Limits:
         with self._lock:
             full = self._running[client] >= SLOTS_A_CLIENT or self._running.total() >= SLOTS
             if full or self._changing[stream] >= SLOTS_A_STREAM:
-                raise TooManyError("too many requests wait for vehicles: try again", 1)
+                raise TooManyError("too many requests are waiting for vehicles: try again", 1)
             self._running[client] += 1
             self._changing[stream] += 1
         try:

@@ -41,7 +41,7 @@ def check_tls(config: ServerConfig) -> None:
     Raises SettingsError for one without the other, or files that are not what they should be.
     """
     if (config.tls_certificate is None) != (config.tls_key is None):
-        raise SettingsError("TLS needs both a certificate and its key", "tls_key")
+        raise SettingsError("TLS needs both --tls-certificate and --tls-key", "tls_key")
     if config.tls_certificate is None or config.tls_key is None:
         return
     for path, name in ((config.tls_certificate, "tls_certificate"), (config.tls_key, "tls_key")):
@@ -55,7 +55,7 @@ def check_tls(config: ServerConfig) -> None:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key, password="")
     except (ssl.SSLError, ValueError):
         raise SettingsError(
-            f"{config.tls_certificate} and {config.tls_key} are no PEM certificate and its key without a password",
+            f"{config.tls_certificate} and {config.tls_key} must be a PEM certificate and its key without a password",
             "tls_certificate",
         ) from None
 

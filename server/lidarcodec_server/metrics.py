@@ -27,18 +27,18 @@ COUNTERS = {
     "messages": ("messages", "Messages sent."),
     "bytes": ("bytes", "Bytes of messages sent."),
     "key_frames": ("key_frames", "Key messages sent."),
-    "replaced_frames": ("replaced", "Frames that gave way to a newer one before they were encoded."),
-    "no_receiver_frames": ("no_receiver", "Frames that were not encoded because nobody receives."),
-    "left_out_frames": ("left_out", "Frames that were not encoded because the target bitrate does not carry them."),
+    "replaced_frames": ("replaced", "Frames replaced by a newer one before they were encoded."),
+    "no_receiver_frames": ("no_receiver", "Frames that were not encoded because no receiver was connected."),
+    "left_out_frames": ("left_out", "Frames that were left out to keep the target bitrate."),
     "encode_errors": ("encode errors", "Frames that could not be encoded."),
     "put_errors": ("put errors", "Messages that could not be sent."),
-    "received_frames": ("received frames", "Frames decoded, by all receivers together."),
+    "received_frames": ("received frames", "Frames decoded by all receivers together."),
     "missing_frames": (
         "received missing",
         "Frames missing at receivers: replaced by the publisher, or lost.",
     ),
     "decode_errors": ("received decode_errors", "Messages that receivers could not decode."),
-    "missing_references": ("received missing_references", "Messages that came to receivers without their reference."),
+    "missing_references": ("received missing_references", "Messages that arrived without the frame that they need."),
 }
 """Metric: name in Totals, help."""
 HISTOGRAMS = {
@@ -69,7 +69,7 @@ class Metrics:
             "lidarcodec_http_request_seconds", "Time to answer a request.", ["route"], registry=self.registry
         )
         self._refused = Counter(
-            "lidarcodec_auth_failures", "Requests without a token that would do.", ["reason"], registry=self.registry
+            "lidarcodec_auth_failures", "Requests without a valid token.", ["reason"], registry=self.registry
         )
 
     def told(self, keys: StreamKeys) -> None:
@@ -104,7 +104,7 @@ class Metrics:
     def collected(self) -> Iterator[Metric]:
         """The metrics of the streams."""
         streams, totals = self.streams()
-        alive = GaugeMetricFamily("lidarcodec_stream_alive", "Whether the publisher is there.", labels=LABELS)
+        alive = GaugeMetricFamily("lidarcodec_stream_alive", "Whether the publisher is online.", labels=LABELS)
         codec = GaugeMetricFamily("lidarcodec_stream_codec", "1 for the codec in force.", labels=[*LABELS, "codec"])
         for stream in streams:
             labels = [stream.keys.vehicle, stream.keys.sensor]
@@ -129,15 +129,17 @@ class Metrics:
         fleet = self._fleet
         left_out, by_vehicle = fleet.left_out()
         of_vehicles = CounterMetricFamily(
-            "lidarcodec_vehicle_streams_left_out", "Times that there was no room, by vehicle.", labels=["vehicle"]
+            "lidarcodec_vehicle_streams_left_out",
+            "Streams that were refused because all places were taken, by vehicle.",
+            labels=["vehicle"],
         )
         for vehicle, times in by_vehicle.items():
             of_vehicles.add_metric([vehicle], times)
         yield of_vehicles
         for name, text, value in (
-            ("streams_left_out", "Times that there was no room.", left_out),
-            ("statuses_refused", "Statuses that are no JSON, or beyond its limits.", fleet.refused),
-            ("status_fields_dropped", "Fields of statuses that are not known, or of another type.", fleet.dropped),
+            ("streams_left_out", "Streams that were refused because all places were taken.", left_out),
+            ("statuses_refused", "Statuses that are not JSON, or beyond its limits.", fleet.refused),
+            ("status_fields_dropped", "Fields of statuses that are unknown, or of a wrong type.", fleet.dropped),
         ):
             yield CounterMetricFamily(f"lidarcodec_{name}", text, value=value)
 

@@ -23,7 +23,7 @@ HEALTH = ("/healthz", "/readyz")
 REFUSED = "lidarcodec.refused"
 """Where the scope of a request has why its body is refused; the body is then empty."""
 NO_BODY: Message = {"type": "http.request", "body": b"", "more_body": False}
-NEEDS_JSON = "the body has to be JSON: Content-Type: application/json"
+NEEDS_JSON = "the body must be JSON: send Content-Type: application/json"
 GUARDED, SESSION = "/api/v1/", "/api/v1/session"
 """Where every path but one needs a token, once there are tokens."""
 ELSEWHERE = ("cross-site", "same-site")
@@ -79,7 +79,7 @@ class Reserved:
             return
         if scope["path"] not in HEALTH and not self._is_operator(HTTPConnection(scope)):
             headers = {"Retry-After": "10", "Connection": "close"}
-            detail = "there are as many connections as are allowed: try again, or with an operator's token"
+            detail = "the limit of connections is reached: try again, or use the token of an operator"
             await refuse(scope, receive, send, ProblemError(503, detail, "connections", headers))
             return
         if scope["type"] == "websocket":
@@ -118,14 +118,14 @@ class FromHere:
     def _reason(self, scope: Scope, headers: Headers) -> str | None:
         host = headers.get("host", "")
         if self._needs_local_host() and not is_loopback(_hostname(host)):
-            return "as long as there is no token, this server answers to localhost and its addresses only"
+            return "without any token, this server answers only to localhost and its addresses"
         if headers.get("sec-fetch-site") in ELSEWHERE and headers.get("sec-fetch-mode") != "navigate":
-            return "a page of another origin may not use what is here"
+            return "a page of another origin may not read anything here"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE):
             return None
         if origin.lower().partition("://")[2] != host.lower():
-            return "a page of another origin cannot change anything here"
+            return "a page of another origin may not change anything here"
         return None
 
 
@@ -171,7 +171,7 @@ class BodyLimit:
         headers = Headers(scope=scope)
         told = headers.get("content-length", "0")
         if not told.isascii() or not told.isdigit() or len(told) > 18:
-            await refuse(scope, receive, send, ProblemError(400, "Content-Length is no number"))
+            await refuse(scope, receive, send, ProblemError(400, "Content-Length is not a number"))
             return
         end, size, more = time.monotonic() + self._limit_s, 0, True
 
@@ -182,7 +182,7 @@ class BodyLimit:
             try:
                 message = await asyncio.wait_for(receive(), max(0.0, end - time.monotonic()))
             except TimeoutError:
-                raise ProblemError(408, f"the body did not come within {self._limit_s:g} s") from None
+                raise ProblemError(408, f"the body did not arrive within {self._limit_s:g} s") from None
             size += len(message.get("body", b""))
             if size > self._max:
                 raise self._too_long()
@@ -228,11 +228,11 @@ class BodyLimit:
             try:
                 read_json(body, self._max)
             except JsonRefusedError as error:
-                raise ProblemError(422, f"the body is refused: {error}", "request") from None
+                raise ProblemError(422, f"cannot read the body: {error}", "request") from None
         return {"type": "http.request", "body": body, "more_body": False}
 
     def _too_long(self) -> ProblemError:
-        return ProblemError(413, f"a body has at most {self._max} bytes", "too-long")
+        return ProblemError(413, f"the body is larger than {self._max} bytes", "too-long")
 
 
 def is_json(content_type: str) -> bool:

@@ -28,14 +28,14 @@ def with_password(url: str | None, file: Path) -> str:
     except UnicodeDecodeError:
         password = ""
     if not password:
-        raise SettingsError(f"{file} holds no password in its first line", "database_password_file")
+        raise SettingsError(f"{file} has no password in its first line", "database_password_file")
     try:
         parsed = sa.make_url(url or "")
     except ArgumentError:
         parsed = None
     if parsed is None or not parsed.username or parsed.password is not None:
         raise SettingsError(
-            "--database-password-file is for a database URL with a user and without a password, such as "
+            "--database-password-file needs a database URL with a user and without a password, such as "
             "postgresql://lidarcodec@database/lidarcodec",
             "database_url",
         )

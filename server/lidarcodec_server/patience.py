@@ -105,7 +105,7 @@ class Patience:
             began_s = self._clock()
             if self._rest_until_s is not None:
                 if began_s < self._rest_until_s:
-                    raise refusal("it did not answer just now, and is asked again soon")
+                    raise refusal("it did not answer and will be asked again soon")
                 self._rest_until_s = began_s + REST_S + STUCK_S
         try:
             yield

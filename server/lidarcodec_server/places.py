@@ -75,9 +75,9 @@ class Places:
         if keys.vehicle in self.by_vehicle or len(self.by_vehicle) < MAX_COUNTED:
             self.by_vehicle[keys.vehicle] += 1
         if streams < self._max_streams:
-            why = f"its vehicle has {self._max_sensors} sensors already (--max-sensors)"
+            why = f"its vehicle already has {self._max_sensors} sensors, which is the limit (--max-sensors)"
         else:
-            why = f"there are {self._max_streams} streams already (--max-streams)"
+            why = f"there are already {self._max_streams} streams, which is the limit (--max-streams)"
         self._warnings.warning("%s/%s is left out: %s", keys.vehicle, keys.sensor, why)
         self.wait(keys)
 

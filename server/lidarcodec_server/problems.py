@@ -77,7 +77,9 @@ def unexpected(error: BaseException, what: str) -> ProblemError:
     """A problem that tells nothing but an id, under which the log has everything."""
     instance = uuid.uuid4()
     logger.error("%s failed (%s)", what, instance, exc_info=error)
-    return ProblemError(500, "unexpected; the log has it under this instance", instance=f"urn:uuid:{instance}")
+    return ProblemError(
+        500, "unexpected error; the log has details under this instance", instance=f"urn:uuid:{instance}"
+    )
 
 
 def of(error: LidarCodecError) -> ProblemError | None:
@@ -87,7 +89,7 @@ def of(error: LidarCodecError) -> ProblemError | None:
             detail = str(error)
             if isinstance(error, StoreError):  # where the database is concerns nobody outside
                 _sparse.warning("%s", error)
-                detail = "the store does not answer; the log has the reason"
+                detail = "the database does not answer; the log has the reason"
             headers = {"Retry-After": "2"} if status == 503 else None
             return ProblemError(status, detail, name, headers, field=field_of(error))
     return None
@@ -116,7 +118,7 @@ def problem_of(error: Exception, what: str) -> ProblemError:
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
     if isinstance(error, ClientDisconnect):  # in the middle of its body: nobody reads the answer, nothing is wrong here
-        return ProblemError(400, "the body did not come to its end")
+        return ProblemError(400, "the body is incomplete")
     known = of(error) if isinstance(error, LidarCodecError) else None
     return known or unexpected(error, what)
 

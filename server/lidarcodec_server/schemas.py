@@ -20,17 +20,18 @@ class WarningAnswer(BaseModel):
     """Why a target bitrate is not kept, and what to do."""
 
     code: str = Field(
-        description="For programs. `target_out_of_reach`: expected of the settings; `target_missed` and "
+        description="For programs. `target_out_of_reach`: expected from the settings. `target_missed` and "
         "`frames_left_out`: measured."
     )
     message: str
     remedy: str
     settings: list[str] = Field(
-        default=[], description="Settings that are in the way; a codec's own as `codec_settings.NAME`."
+        default=[],
+        description="Settings that prevent the target. Settings of the codec are written `codec_settings.NAME`.",
     )
     asked_kbps: float | None = Field(default=None, description="The target.")
-    sent_kbps: float | None = Field(default=None, description="Mean of five seconds; null before anything was sent.")
-    needed_kbps: float | None = Field(default=None, description="What all frames would take.")
+    sent_kbps: float | None = Field(default=None, description="Mean over five seconds; null before anything was sent.")
+    needed_kbps: float | None = Field(default=None, description="Bitrate that all frames would need.")
 
     @classmethod
     def several(cls, warning: ReachWarning | None) -> list[WarningAnswer]:
@@ -45,10 +46,12 @@ class StreamAnswer(BaseModel):
     sensor: str
     alive: bool
     settings: StreamSettings | None = Field(
-        description="In force, or the last that were; null before the vehicle said."
+        description="Settings in force, or the last known ones; null before the vehicle reported any."
     )
     status: dict[str, Any] | None = Field(description="The last status; null before the first one.")
-    warnings: list[WarningAnswer] = Field(default=[], description="While the target bitrate is not kept: why.")
+    warnings: list[WarningAnswer] = Field(
+        default=[], description="Why the target bitrate is not kept; empty while it is."
+    )
 
     @classmethod
     def of(cls, stream: Stream) -> StreamAnswer:
@@ -86,12 +89,14 @@ def _known(settings: StreamSettings | None) -> TypeGuard[StreamSettings]:
 class SettingsAnswer(BaseModel):
     """The settings of a stream."""
 
-    applied: StreamSettings | None = Field(description="In force now; null when the vehicle is away.")
+    applied: StreamSettings | None = Field(description="Settings in force now; null if the vehicle is away.")
     desired: StreamSettings | None = Field(
-        description="All settings once the vehicle follows what operators set; null when they set nothing."
+        description="All settings once the vehicle has accepted those of operators; null if operators set nothing."
     )
-    operator: dict[str, Any] = Field(description="What operators set, and the codec that they set it for.")
-    refused: str | None = Field(description="Why the vehicle does not follow: it refused, or somebody else sets it.")
+    operator: dict[str, Any] = Field(description="Settings of operators, and the codec to which they belong.")
+    refused: str | None = Field(
+        description="Why the vehicle does not use them: it refused, or another program changed them."
+    )
 
     @classmethod
     def of(cls, state: State) -> SettingsAnswer:
@@ -104,12 +109,12 @@ class ChangeAnswer(BaseModel):
     """What became of a change."""
 
     applied: StreamSettings | None = Field(
-        description="In force from `first_frame` on; null: the vehicle gets it later."
+        description="In force from `first_frame` on; null: the vehicle gets them later."
     )
-    desired: StreamSettings | None = Field(description="All settings once the vehicle follows.")
+    desired: StreamSettings | None = Field(description="All settings once the vehicle has accepted the change.")
     first_frame: int | None = Field(description="The first frame that can have the new settings.")
     warnings: list[WarningAnswer] = Field(
-        default=[], description="What was set and cannot be kept, such as a target bitrate that is out of reach."
+        default=[], description="Settings that cannot be kept, such as a target bitrate that is out of reach."
     )
 
     @classmethod
@@ -125,26 +130,26 @@ class KeyFrameAnswer(BaseModel):
     """A key frame is on its way."""
 
     first_frame: int = Field(description="The first frame that can be the key frame.")
-    merged: bool = Field(description="Whether somebody had asked already.")
+    merged: bool = Field(description="Whether there was already such a request.")
 
 
 class AuditEntry(BaseModel):
     """Who changed what, and when."""
 
     id: int
-    vehicle: str = Field(description="Empty where it concerns no stream, as that a token was made.")
+    vehicle: str = Field(description="Empty for entries without a stream, for example a new token.")
     sensor: str
     at: datetime
     who: str = Field(
-        description="Name of the token; a host where none was needed; `server` for what came back by itself."
+        description="Name of the token; a host if no token was needed; `server` if the server restored settings."
     )
     action: str = Field(description="`settings`, `keyframe`, `record`, `play` and so on (docs/server.md).")
-    changes: dict[str, Any] = Field(description="What was asked.")
-    old: dict[str, Any] | None = Field(description="The settings before, if they were known.")
+    changes: dict[str, Any] = Field(description="The requested change.")
+    old: dict[str, Any] | None = Field(description="The settings before, if they are known.")
     new: dict[str, Any] | None = Field(description="The settings in force after it.")
     result: str = Field(
-        description="`applied`; `stored`: the vehicle was away; `refused`; `overridden`: somebody else set it; `done`; "
-        "`sent`: not known."
+        description="`applied`; `stored`: the vehicle was away; `refused`; `overridden`: another program changed "
+        "it; `done`; `sent`: not known."
     )
     reason: str | None
     first_frame: int | None
@@ -161,24 +166,24 @@ class Reach(BaseModel):
     """What a codec's knob reaches on the mean of two KITTI drives: an expectation. A stream's status has what its own
     scene allows, in `rate.reachable_kbps`."""
 
-    setting: str = Field(description="What a target bitrate turns: `max_error_m`, or a setting of the codec.")
+    setting: str = Field(description="What a target bitrate adjusts: `max_error_m`, or a setting of the codec.")
     coarsest: float
     finest: float
-    range_bits_per_return: tuple[float, float] = Field(description="Ranges alone, coarsest and finest.")
+    range_bits_per_return: tuple[float, float] = Field(description="Ranges only, coarsest and finest.")
     range_kbps: tuple[float, float] = Field(
         description="The same in kbit/s, at 10 frames a second with 110,000 returns. Mask and intensity come on top."
     )
-    kbps: tuple[float, float] = Field(description="All in all, likewise: what a target can be.")
+    kbps: tuple[float, float] = Field(description="Everything together: possible targets.")
 
 
 class CodecAnswer(BaseModel):
     """A codec."""
 
     name: str
-    bound: bool = Field(description="Whether it keeps `max_error_m`.")
-    target: bool = Field(description="Whether it can be steered to `target_kbps`.")
+    bound: bool = Field(description="Whether the codec supports `max_error_m`.")
+    target: bool = Field(description="Whether the codec supports `target_kbps`.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
-    reach: Reach | None = Field(description="Null where no target is offered.")
+    reach: Reach | None = Field(description="Null if the codec supports no target.")
 
 
 class LinkSettings(BaseModel):
@@ -192,6 +197,6 @@ class LinkSettings(BaseModel):
 class LinkAnswer(BaseModel):
     """A preset for streams over such a link."""
 
-    name: str = Field(description="As `publish --link` has it.")
+    name: str = Field(description="The name used by `publish --link`.")
     label: str = Field(description="For people.")
     settings: LinkSettings

@@ -54,7 +54,7 @@ class Listening(uvicorn.Server):
         if not self.started:
             return
         self._acceptor = self._accept(self._protocol)
-        print(f"Serving on {self._address} until Ctrl-C.", flush=True)
+        print(f"Serving on {self._address}. Press Ctrl-C to stop.", flush=True)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Take no more connections, and end."""
@@ -126,7 +126,10 @@ def with_handles(config: ServerConfig) -> ServerConfig:
     if soft == resource.RLIM_INFINITY or config.max_connections <= room:
         return config
     logger.warning(
-        "this process may open %d files: %d connections at once instead of %d", soft, room, config.max_connections
+        "this process may open %d files, so it accepts only %d connections instead of %d",
+        soft,
+        room,
+        config.max_connections,
     )
     return config.model_copy(update={"max_connections": room})
 
@@ -146,11 +149,11 @@ def check_open(config: ServerConfig) -> None:
         store.close()
     if not protected and not config.insecure:
         raise SettingsError(
-            f"on {config.host} anybody could change the streams, because there is no token yet: make one with "
-            "`lidarcodec token create NAME --role operator`, or say --insecure",
+            f"anybody could change the streams on {config.host}, because there is no token yet: create one with "
+            "`lidarcodec token create NAME --role operator`, or use --insecure",
             "host",
         )
     if not protected:
-        logger.warning("--insecure: whoever reaches %s can look at everything and change it", config.host)
+        logger.warning("--insecure: anybody who reaches %s can watch and change everything", config.host)
     elif config.tls_certificate is None:
-        logger.warning("tokens can be read on the way to %s: use --tls-certificate, or a proxy that does", config.host)
+        logger.warning("tokens are sent unencrypted to %s: use --tls-certificate, or a proxy with TLS", config.host)

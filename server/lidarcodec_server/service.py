@@ -77,7 +77,7 @@ class Service:
         Raises TransportError before it is open.
         """
         if self._transport is None or self._stop.is_set():
-            raise TransportError("the server has no Zenoh session yet: it is tried again and again")
+            raise TransportError("the server has no Zenoh session yet: it keeps trying")
         return self._transport
 
     def start(self) -> None:
@@ -87,11 +87,11 @@ class Service:
         """
         self.store.open()
         if not self.tokens.needed:
-            logger.info("there is no token: whoever reaches this server may do everything")
+            logger.info("there is no token: anybody who reaches this server can watch and change everything")
         elif not self.tokens.working:
             logger.warning(
-                "tokens were needed before and none works now: make one with `lidarcodec token create NAME`, or let "
-                "everybody in with --open"
+                "no valid token is left, but tokens are needed: create one with `lidarcodec token create NAME`, or "
+                "allow access without tokens with --open"
             )
         self.control.start()
         self._thread.start()
@@ -112,7 +112,7 @@ class Service:
         try:
             self.refusals.write()
         except StoreError as error:
-            logger.warning("the audit log lacks a number of requests that were refused: %s", error)
+            logger.warning("some refused requests are missing in the audit log: %s", error)
         self.store.close()
 
     def stream(self, keys: StreamKeys) -> Stream | None:
@@ -126,7 +126,7 @@ class Service:
         try:
             kept = self.store.all_desired()
         except StoreError as error:
-            self.warnings.warning("streams that are away may be missing in the list: %s", error)
+            self.warnings.warning("the list may lack streams that are away: %s", error)
             kept = []
         seen = {stream.keys for stream in found}
         found += [Stream(keys) for keys in kept if keys not in seen]
@@ -148,7 +148,7 @@ class Service:
             self.store.note(keys, who, action, operation.about, result=result, reason=reason, first_frame=first)
         except StoreError as error:
             name = "no stream" if keys is None else keys.prefix
-            self.warnings.warning("the audit log has no entry of a %s of %s by %s: %s", action, name, who, error)
+            self.warnings.warning("the audit log lacks an entry: %s of %s by %s: %s", action, name, who, error)
 
     # --- the network ------------------------------------------------------------------------------------------------
 
@@ -165,14 +165,14 @@ class Service:
         except LidarCodecError as error:
             if not self._stop.is_set():
                 self._failure = error
-                logger.warning("no Zenoh session: %s", error)
+                logger.warning("cannot open a Zenoh session: %s", error)
         finally:
             self._opened.set()
 
     def _publisher_changed(self, key: str, alive: bool) -> None:
         keys = _keys_of(key)
         if keys is not None and self.fleet.changed(keys, alive=alive):
-            logger.info("%s: %s", keys.prefix, "the publisher is there" if alive else "the publisher is gone")
+            logger.info("%s: %s", keys.prefix, "the publisher is online" if alive else "the publisher is offline")
             if alive:
                 self.control.look_after(keys)
 

@@ -16,11 +16,11 @@ from lidarcodec.settings import AUTO, StreamSettings, settings_from
 from lidarcodec_server.fleet import number_in
 
 SPENDING: Final = {
-    "target_kbps": "Target bitrate in force; what the path carries where it follows the path.",
-    "target_missed": "1 while the target bitrate is missed. Not where all is sent, exact, in fewer bits.",
-    "bound_meters": "Largest error of a range, in force; 0 is exact. Of codecs that keep one.",
-    "kept_ratio": "Returns that are sent, of those measured; of the frames that are sent.",
-    "intensity_levels": "Values of intensity that are sent: 256 is exact, 0 none.",
+    "target_kbps": "Target bitrate in force. With `auto`: the bitrate of the path.",
+    "target_missed": "1 while the target bitrate is missed. 0 if everything is sent exactly with fewer bits.",
+    "bound_meters": "Largest error of a range, in force; 0 is exact. For codecs with an error bound.",
+    "kept_ratio": "Share of the measured returns that is sent, in frames that are sent.",
+    "intensity_levels": "Number of intensity values that are sent: 256 is exact, 0 is none.",
 }
 """Metric, without `lidarcodec_stream_`: help."""
 

@@ -81,7 +81,7 @@ class Store:
             self._identity: tuple[int, int] | None = None
         except ArgumentError:  # its text may hold the password
             raise SettingsError(
-                "the database URL is none: write for example sqlite:///server.db", "database_url"
+                "the database URL is not valid: write for example sqlite:///server.db", "database_url"
             ) from None
         except ImportError as error:
             raise SettingsError(f"the driver of {self.name} is not installed: {error}", "database_url") from None
@@ -94,7 +94,7 @@ class Store:
         file = self._file
         if file is not None:
             if not create and not file.exists():
-                raise StoreError(f"there is no database {file}: `serve` and `token create` make one")
+                raise StoreError(f"there is no database {file}: `serve` and `token create` create one")
             database_file.make(file)
             self._identity = database_file.identity(file)
         with self._writing() as connection:
@@ -133,7 +133,7 @@ class Store:
                 self._need(connection)
                 self._enter(connection, None, who, "token-create", {"token": name, "role": role}, None, result="done")
         except _TakenError:
-            raise SettingsError(f"there was a token '{name}' before: choose another name", "name") from None
+            raise SettingsError(f"token '{name}' existed before: choose another name", "name") from None
         self._write_note()
 
     def revoke_token(self, name: str, who: str = "") -> bool:
@@ -268,7 +268,7 @@ class Store:
             check_settings_size(kept)
             settings_from(kept)
         except (SettingsError, TypeError, ValueError) as error:
-            self._warnings.warning("%s: the settings in the database are refused: %s", keys.prefix, error)
+            self._warnings.warning("%s: cannot use the settings in the database: %s", keys.prefix, error)
             return {}
         return kept
 
@@ -281,7 +281,7 @@ class Store:
             return
         count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
         if count >= self._max_streams:
-            raise SettingsError(f"settings are kept for {count} streams, which is the limit: forget some first")
+            raise SettingsError(f"settings of {count} streams are stored, which is the limit: remove some first")
         try:
             with connection.begin_nested():
                 connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
@@ -335,9 +335,9 @@ class Store:
             return
         found = database_file.identity(self._file)
         if found is None:
-            raise StoreError(f"the database {self._file} was removed: put it back, or restart to begin a new one")
+            raise StoreError(f"the database {self._file} was removed: restore it, or restart to create a new one")
         if found != self._identity:
-            logger.warning("another database is at %s now: it is used from here on", self._file)
+            logger.warning("another database is now at %s and is used from here on", self._file)
             self._engine.dispose()
             self._identity = found
 
@@ -348,7 +348,7 @@ class Store:
             with nullcontext() if self._patience is None else self._patience.asking(_RestsError):
                 yield
         except IntegrityError:
-            raise _TakenError("the name is taken") from None
+            raise _TakenError("this name is already used") from None
         except _RestsError as error:
             raise StoreError(f"the database {self.name}: {error}") from None
         except SQLAlchemyError as error:

@@ -61,9 +61,9 @@ def create_token(store: Store, name: str, role: str, who: str = "") -> str:
     """
     valid_name(name, "name")
     if role not in ("viewer", "operator"):
-        raise SettingsError(f"a role is viewer or operator, not '{role}'", "role")
+        raise SettingsError(f"a role must be viewer or operator, not '{role}'", "role")
     if name == "server":
-        raise SettingsError("the name 'server' is the server's own in the audit log", "name")
+        raise SettingsError("the name 'server' is reserved: it is the server itself in the audit log", "name")
     token = new_token()
     store.add_token(name, role, digest_of(token), who)
     return token
@@ -146,19 +146,24 @@ class TokenBook:
             if not self._loaded:
                 raise
             if not self._failing:
-                logger.warning("tokens cannot be read, those known go on working: %s", error)
+                logger.warning("cannot read the tokens; tokens read before stay valid: %s", error)
             self._failing, wait_s = True, FAILED_S
         self._due = time.monotonic() + wait_s
 
     def _open(self, found: list[Token]) -> None:
         if any(token.revoked_ns is None for token in found):
-            raise SettingsError("--open lets everybody in, and there are tokens that work: revoke them first", "open")
+            raise SettingsError(
+                "--open allows access without a token, but there are valid tokens: revoke them first", "open"
+            )
         self._past = frozenset(token.digest for token in found)
         self._store.forget_needed(OPENER)
 
     def _latch(self, found: list[Token]) -> None:
         if self._tokens and not found:
-            logger.error("the database has no tokens any more: nobody gets in until one is made, or it is put back")
+            logger.error(
+                "the database has no tokens any more: nobody has access until a token is created, or the "
+                "database is restored"
+            )
         self._tokens = found
         if any(token.digest not in self._past for token in found):
             if not self._needed and not self._store.tokens_needed():

@@ -98,7 +98,7 @@ def test_a_folder_is_told_to_the_process_that_codes(folder):
     ("field", "said"),
     [
         ("codec: riddle, settings: {weights: /none/a.lcrw}", "settings: cannot read the weights /none/a.lcrw"),
-        ("calibration: /none/db.xml", "calibration: calibration /none/db.xml cannot be read"),
+        ("calibration: /none/db.xml", "calibration: cannot read calibration /none/db.xml"),
         ("poses: /none/poses.txt", "poses: cannot read poses from /none/poses.txt"),
         ("source: 'tcp://here'", "source: unknown kind of source 'tcp'"),
     ],

@@ -30,9 +30,9 @@ def told(**sensor):
     ("says", "now_s", "complaint"),
     [
         (told(), 101.0, None),
-        (told(), 111.0, "nothing for 11 s"),
-        (told(), 99.0, "nothing for"),  # left behind by an earlier boot
-        (told(quiet_s=10.5), 101.0, "car/roof: no frame from the sensor for 10 s"),
+        (told(), 111.0, "not written its state for 11 s"),
+        (told(), 99.0, "not written its state for"),  # left behind by an earlier boot
+        (told(quiet_s=10.5), 101.0, "car/roof: no frame came from the sensor for 10 s"),
         (told(unsent_s=11.0), 101.0, "car/roof: nothing was sent for 11 s"),
         (told(failure="no such interface"), 101.0, "car/roof: no such interface"),
     ],
@@ -98,7 +98,7 @@ def test_a_publisher_is_well_while_it_publishes_and_not_when_it_stands_still(tmp
         assert run("health", LIDARCODEC_HEALTH_HEALTH_FILE=str(path)).stdout == "well\n"
         publishing.send_signal(signal.SIGSTOP)
         late = json.loads(path.read_text())["monotonic_s"] + health.STALE_S + 1.0
-        assert "said nothing" in complaints(health.read(path), late)[0]
+        assert "not written its state" in complaints(health.read(path), late)[0]
         publishing.send_signal(signal.SIGCONT)
         publishing.send_signal(signal.SIGTERM)
         publishing.communicate(timeout=60)
@@ -137,7 +137,7 @@ def test_something_else_of_that_name_stays(tmp_path, kind):
         os.mkfifo(path)
     else:
         path.symlink_to(other)
-    with pytest.raises(SettingsError, match="is no health file"), HealthFile(path, list):
+    with pytest.raises(SettingsError, match="is not a health file"), HealthFile(path, list):
         pass
     assert os.path.lexists(path)
     assert other.read_bytes() == b"precious"
@@ -155,7 +155,7 @@ def test_a_health_file_of_a_publisher_that_was_killed_is_taken_over_and_that_of_
     assert not path.exists()
     path.write_text(other)
     with HealthFile(path, list) as file:
-        assert "is written by process" in caplog.text
+        assert "is also written by process" in caplog.text
         file._stop.set()
         file._thread.join(10)
         path.write_text(other)

@@ -98,8 +98,8 @@ def test_what_is_wrong_is_counted_and_said_once(monkeypatch, caplog) -> None:
         check.close()
         check.close()
     first, last = (record.message for record in caplog.records)
-    assert first.startswith("recorded: frame 0 was encoded by pcodec and came out with a range")
-    assert last == "recorded: 5 frames did not decode to what was encoded, 0 did"
+    assert first.startswith("recorded: pcodec did not keep frame 0: it was decoded with a range")
+    assert last == "recorded: 5 checked frames did not decode correctly, 0 did"
 
 
 def test_a_publisher_that_records_checks_what_it_records_and_what_it_sends(tmp_path) -> None:

@@ -55,7 +55,7 @@ def test_a_sensor_that_fails_is_tried_again_and_never_stops_the_other(monkeypatc
     assert {status["sensor"] for status in vehicle.statuses()} == {"roof", "front"}
     told = [record.getMessage() for record in caplog.records]
     assert any("car/front: no such interface: eth7; trying again in 0.1 s" in text for text in told)
-    assert any("car/file publishes nothing" in text for text in told)
+    assert any("car/file stops publishing" in text for text in told)
 
 
 def test_a_source_that_breaks_while_it_is_read_is_opened_again(monkeypatch):
@@ -117,7 +117,7 @@ def test_all_sensors_share_one_session_and_stop_soon_when_it_cannot_be_opened():
         ("sensors: []", "sensors: List should have at least 1 item"),
         ("vehicle: car 7\nsensors: [{name: a, source: x}]", "vehicle: String should match"),
         ("sensors: [{name: a}]", "sensors.0.source: Field required"),
-        ("sensors: [{name: a, source: x, colour: red}]", "sensors.0.colour: there is no such field"),
+        ("sensors: [{name: a, source: x, colour: red}]", "sensors.0.colour: this field does not exist"),
         ("sensors: [{name: a, source: x, codec: mp3}]", "sensors.0.settings: unknown codec 'mp3'"),
         ("sensors: [{name: a, source: x, settings: {level: 99}}]", "sensors.0.settings: "),
         ("sensors: [{name: a, source: x, rate: 0}]", "sensors.0.rate"),
@@ -155,7 +155,7 @@ def test_the_command_publishes_every_sensor_of_a_file_and_says_which_failed(tmp_
     publisher.terminate()
     _, err = publisher.communicate(timeout=60)
     assert publisher.returncode == 0, err
-    assert "car/lost publishes nothing: gone.pcap does not exist" in err
+    assert "car/lost stops publishing: gone.pcap does not exist" in err
     file.write_text(
         "vehicle: car\nsensors:\n  - {name: roof, source: 'sim:road?frames=8', rate: max, settings: {x: 1}}"
     )

@@ -129,7 +129,7 @@ def test_a_viewer_that_sends_too_much_is_ended(gate):
 def test_a_name_that_is_none_is_said():
     from lidarcodec.errors import TransportError
 
-    with pytest.raises(TransportError, match=r"cannot listen on no-such-host\.invalid:0: there is no such host"):
+    with pytest.raises(TransportError, match=r"cannot listen on no-such-host\.invalid:0: this host does not exist"):
         Gate("no-such-host.invalid", 0).listen()
 
 

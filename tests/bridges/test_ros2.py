@@ -235,10 +235,10 @@ def test_the_command_says_where_it_looks_for_ros_and_ends_without_having_found_i
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["vehicle"], "is no stream"),
+        (["vehicle"], "is not a stream"),
         (["a/b", "a/b"], "named twice"),
-        (["a/b", "a/c", "--topic", "/points"], "one stream only"),
-        (["a/b", "--topic", "points"], "no topic of ROS"),
+        (["a/b", "a/c", "--topic", "/points"], "a single stream"),
+        (["a/b", "--topic", "points"], "not a ROS topic"),
         (["a-1/b", "a_1/b"], "same topic"),
         (["a/b", "--ros-connect", "nowhere"], "not an endpoint"),
     ],

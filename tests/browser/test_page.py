@@ -60,7 +60,7 @@ def test_a_codec_is_changed_by_the_form_that_its_schema_makes_and_is_applied(fle
     page.get_by_label("Codec", exact=True).select_option("zstd")
     page.get_by_label("Level").fill("5")
     page.get_by_role("button", name="Apply").click()
-    expect(outcome(page)).to_have_text(re.compile(r"Applied from frame \d+ on, which is shown: codec = zstd"))
+    expect(outcome(page)).to_have_text(re.compile(r"Applied from frame \d+ on \(now shown\): codec = zstd"))
     applied = fleet.get(SETTINGS)["applied"]
     assert (applied["codec"], applied["codec_settings"]) == ("zstd", {"level": 5})
     expect(row_of(page)).to_contain_text("zstd")
@@ -124,8 +124,8 @@ def test_a_link_is_chosen_by_name_and_says_that_it_is_nothing_but_three_settings
     page.get_by_role("button", name=preset["label"]).click()
     expect(page.get_by_role("button", name=preset["label"])).to_have_attribute("aria-pressed", "true")
     expect(page.get_by_role("group", name="Link")).to_contain_text(
-        f"Nothing but purpose = look, codec = auto, target_kbps = {preset['settings']['target_kbps']:.0f}. "
-        "Kept as set: Intensity."
+        f"Sets only purpose = look, codec = auto, target_kbps = {preset['settings']['target_kbps']:.0f}. "
+        "Unchanged: Intensity."
     )
     page.get_by_role("button", name="Do not set Intensity").click()
     expect(field.locator(".chip")).to_have_text("not set")
@@ -177,7 +177,7 @@ def test_everything_that_can_be_done_has_a_name_and_is_reached_by_the_tabulator(
 
 def test_a_key_frame_is_asked_for(page):
     page.get_by_role("button", name="Key frame").click()
-    expect(outcome(page)).to_have_text(re.compile(r"A key frame comes, frame \d+"))
+    expect(outcome(page)).to_have_text(re.compile(r"A key frame will be sent: frame \d+"))
 
 
 def test_a_stream_is_recorded_and_played_back_with_a_time_line(fleet, page):
@@ -187,7 +187,7 @@ def test_a_stream_is_recorded_and_played_back_with_a_time_line(fleet, page):
     assert eventually(lambda: (fleet.get("streams/car-7/lidar/recording")["frames"] or 0) > 6, LIMIT_S)
     page.get_by_role("button", name="Stop recording").click()
     page.get_by_role("button", name=re.compile("^Play car-7")).click()
-    place = page.get_by_role("slider", name="Place in the recording")
+    place = page.get_by_role("slider", name="Position in the recording")
     expect(place).to_be_visible()
     expect(page.locator("footer")).to_contain_text("playback-")
     page.get_by_role("button", name="Pause").click()
@@ -210,7 +210,7 @@ def test_a_stream_is_recorded_and_played_back_with_a_time_line(fleet, page):
     expect(delete).to_be_enabled()
     delete.click()
     page.get_by_role("button", name="Delete", exact=True).click()
-    expect(page.get_by_text("Nothing was recorded yet.")).to_be_visible()
+    expect(page.get_by_text("There are no recordings yet.")).to_be_visible()
     ended = re.compile("streams/playback-.* 404|status of 404")  # the browser tells of asking for what has just ended
     page.complaints[:] = [text for text in page.complaints if not ended.search(text)]
 
@@ -226,8 +226,8 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(fleet, page
 
 def test_a_stream_that_nobody_ever_saw_is_no_lost_connection(fleet, page_of):
     page = page_of(f"{fleet.url}/#/car-8/roof")
-    expect(page.locator(".notice")).to_contain_text("The server never saw car-8/roof")
-    expect(page.get_by_text("Nothing is known of car-8/roof.")).to_be_visible()
+    expect(page.locator(".notice")).to_contain_text("The server does not know car-8/roof. It appears")
+    expect(page.get_by_text("The server does not know car-8/roof.")).to_be_visible()
     row_of(page).click()
     expect(page).to_have_title(POINTS)
     page.complaints.clear()  # the browser tells of every 404
@@ -239,7 +239,7 @@ def test_a_vehicle_that_goes_is_seen_to_go_and_seen_again_when_it_is_back(fleet,
     expect(row_of(page)).to_contain_text("away")
     page.get_by_label("Intensity", exact=True).select_option("off")
     page.get_by_role("button", name="Apply").click()
-    expect(outcome(page)).to_contain_text("Kept: intensity = off")
+    expect(outcome(page)).to_contain_text("Stored: intensity = off")
     fleet.start_vehicle()
     expect(page.locator(".notice.none")).to_be_attached()
     expect(row_of(page)).to_contain_text("kbit/s")

@@ -39,7 +39,7 @@ def test_a_page_without_a_token_asks_for_one_and_takes_none_that_is_wrong(secure
     expect(page.get_by_label("Token")).to_be_focused()
     assert page.complaints == []
     sign_in(page, "lct_" + "x" * 43)
-    expect(page.get_by_role("alert")).to_have_text("This token does not work.")
+    expect(page.get_by_role("alert")).to_have_text("This token is not valid.")
     assert eventually(lambda: page.wait_for_timeout(50) or page.complaints, LIMIT_S)
     page.complaints.clear()  # the browser tells of the 401, sometimes later than the page does
     sign_in(page, tokens["operator"])
@@ -80,9 +80,9 @@ def test_a_server_that_goes_away_is_said_to_be_away_and_is_found_again(secured, 
     sign_in(page, tokens["operator"])
     expect(page).to_have_title(POINTS)
     secured.stop_server()
-    expect(page.get_by_text("The server does not answer")).to_be_visible()
+    expect(page.get_by_text("No answer from the server")).to_be_visible()
     expect(page.locator(".notice")).to_contain_text(re.compile(r"last frame \d+ s ago"))
     secured.serve()
-    expect(page.get_by_text("The server does not answer")).not_to_be_attached()
+    expect(page.get_by_text("No answer from the server")).not_to_be_attached()
     expect(page.locator(".notice.none")).to_be_attached()
     page.complaints.clear()  # the browser tells of every address that did not answer

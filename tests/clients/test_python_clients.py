@@ -55,7 +55,7 @@ def test_what_cannot_be_is_said_in_a_line(words, tmp_path):
         command, capture_output=True, text=True, check=False, timeout=60, cwd=tmp_path, env=environment()
     )
     assert refused.returncode == 1
-    assert refused.stderr.startswith(f"{words[0].removesuffix('.py')}: 'car' is no stream")
+    assert refused.stderr.startswith(f"{words[0].removesuffix('.py')}: 'car' is not a stream")
 
 
 def test_whoever_has_seen_enough_gets_what_came(endpoint, tmp_path):

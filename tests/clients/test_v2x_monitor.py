@@ -229,7 +229,7 @@ def test_two_vehicles_watch_a_street_over_zenoh(tmp_path):
     [
         (["a/b", "--zone", "z=1,2 3"], 2, "NAME=x,y"),
         (["a/b", "a/b", "--zone", "z=0,0 4,0 4,4"], 2, "a/b is named twice"),
-        (["a", "--zone", "z=0,0 4,0 4,4"], 2, "'a' is no stream"),
+        (["a", "--zone", "z=0,0 4,0 4,4"], 2, "'a' is not a stream"),
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--stand", "nan"], 2, "--stand"),
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--out", "/nowhere/alerts.mcap"], 1, "/nowhere/alerts.mcap"),
         (["a/b", "--zone", "z=0,0 4,0 4,4", "--connect", "nowhere"], 1, "'nowhere' is not an endpoint"),

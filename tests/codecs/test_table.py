@@ -47,13 +47,25 @@ def test_unknown_codecs_are_named() -> None:
 @pytest.mark.parametrize(
     ("settings", "field", "says"),
     [
-        ({"codec_settings": {"quality": 9}}, "codec_settings.quality", "has no setting 'quality': it has level"),
+        (
+            {"codec_settings": {"quality": 9}},
+            "codec_settings.quality",
+            "has no setting 'quality': its settings are level",
+        ),
         ({"codec_settings": {"level": 0}}, "codec_settings.level", "level"),
         ({"codec_settings": {"level": "high"}}, "codec_settings.level", "level"),
-        ({"codec": "raw", "codec_settings": {"level": 3}}, "codec_settings.level", "it has none"),
+        ({"codec": "raw", "codec_settings": {"level": 3}}, "codec_settings.level", "has no settings"),
         ({"codec": "zstd", "codec_settings": {"level": 20}}, "codec_settings.level", "19"),
-        ({"codec": "raw", "target_kbps": 3000}, "target_kbps", "raw cannot be steered .* take one of zstd"),
-        ({"codec": "raw", "target_kbps": "auto"}, "target_kbps", "raw cannot be steered .* take one of zstd"),
+        (
+            {"codec": "raw", "target_kbps": 3000},
+            "target_kbps",
+            "raw cannot keep a target bitrate: .* choose one of zstd",
+        ),
+        (
+            {"codec": "raw", "target_kbps": "auto"},
+            "target_kbps",
+            "raw cannot keep a target bitrate: .* choose one of zstd",
+        ),
     ],
 )
 def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], field: str, says: str) -> None:

@@ -107,14 +107,14 @@ def test_only_those_who_listen_have_a_certificate_with_which_they_can(tmp_path):
     [
         ({"vehicles": ["car-7"]}, "nobody would listen"),
         ({}, "nobody would listen"),
-        ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is taken"),
-        ({"routers": ["a"], "viewers": ["router"]}, "name is taken"),
-        ({"routers": ["a"], "vehicles": ["playback-1"]}, "operators may speak for all"),
-        ({"routers": ["a"], "vehicles": ["car 7"]}, "is not a name"),
+        ({"routers": ["a"], "vehicles": ["x"], "viewers": ["x"]}, "name is already used"),
+        ({"routers": ["a"], "viewers": ["router"]}, "name is already used"),
+        ({"routers": ["a"], "vehicles": ["playback-1"]}, "are reserved for playbacks"),
+        ({"routers": ["a"], "vehicles": ["car 7"]}, "is not a valid name"),
         ({"routers": ["a b"]}, "is not a host"),
-        ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out the host"),
+        ({"routers": ["a"], "vehicles": ["car-7@b"]}, "leave out"),
         ({"viewers": ["anna@b"], "routers": ["a"]}, "only vehicles listen"),
-        ({"routers": ["a"], "remove": ["nobody"]}, "nobody of that name"),
+        ({"routers": ["a"], "remove": ["nobody"]}, "no such name"),
         ({"routers": ["a"], "auth": "trust"}, "certificate, password or none"),
     ],
 )
@@ -129,7 +129,7 @@ def test_what_lies_there_and_is_no_deployment_is_not_written_over(tmp_path):
     with pytest.raises(SettingsError, match="another folder"):
         make(tmp_path, auth="password")
     (tmp_path / "ca.pem").write_text("no certificate")
-    with pytest.raises(SettingsError, match="no certificate authority"):
+    with pytest.raises(SettingsError, match="the certificate authority"):
         make(tmp_path, [], ["car-8"])
     (tmp_path / "deployment.json").write_text('{"auth": "certificate"}')
     with pytest.raises(SettingsError, match="port"):
@@ -149,7 +149,7 @@ def test_a_stream_goes_through_a_secured_router_with_nothing_but_the_two_files(t
     assert str(tmp_path / "viewer-anna.json5") in done.stdout
     wrong = run("publish", "sim:road", "--vehicle", "car-8", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     assert wrong.returncode == 2
-    assert "is for vehicle car-7, who may not publish as car-8" in wrong.stderr
+    assert "belongs to vehicle car-7, which may not publish as car-8" in wrong.stderr
     router = Router(config=str(tmp_path / "router-localhost.json5"), listen=f"tls/localhost:{port}")
     car = start("publish", "sim:road", "--zenoh-config", tmp_path / "vehicle-car-7.json5")
     try:
@@ -173,7 +173,7 @@ def test_files_of_others_are_left_and_said(tmp_path, capsys):
     make(tmp_path, remove=["anna"])
     assert not (tmp_path / "viewer-anna.json5").exists()
     assert all(other.read_text() == "mine" for other in others)
-    assert "my-own.json5 is not of this deployment and was left as it is" in capsys.readouterr().out
+    assert "my-own.json5 does not belong to this deployment and was left unchanged" in capsys.readouterr().out
 
 
 def test_a_file_of_others_is_not_replaced(tmp_path):

@@ -203,13 +203,13 @@ def test_a_cut_capture_gives_what_is_whole_and_says_so(tmp_path, capture, caplog
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["out.txt"], "ends in .pcap or .mcap"),
-        (["out.pcap", "--to", "rosbag"], "--to rosbag does not write"),
+        (["out.txt"], "must end in .pcap or .mcap"),
+        (["out.pcap", "--to", "rosbag"], "--to rosbag does not fit"),
         (["out.mcap", "--to", "bag"], "choose one of pcap, recording, packets, rosbag"),
-        (["out.pcap", "--codec", "zstd"], "packets as they are"),
+        (["out.pcap", "--codec", "zstd"], "original packets"),
         (["out.pcap", "--with-clouds"], "holds packets only"),
         (["out.mcap", "--topic", "/a"], "are for rosbags"),
-        (["bag", "--topic", "a b"], "ROS names are"),
+        (["bag", "--topic", "a b"], "is not a ROS name"),
         (["out.mcap", "--set", "max_error_m=-1"], "max_error_m"),
     ],
 )

@@ -85,7 +85,7 @@ def test_digits_are_those_of_ascii(pair):
     "choice", ["error=0", "error=128", "error=", "error=-1", "levels=1", "levels=257", "levels=1.5"]
 )
 def test_intensities_beyond_the_limits_are_refused_with_what_is_possible(choice):
-    with pytest.raises(SettingsError, match="error=N with N from 1 to 127, levels=N with N from 2 to 256"):
+    with pytest.raises(SettingsError, match="error=N with N from 1 to 127, or levels=N with N from 2 to 256"):
         one_setting(None, [f"intensity={choice}"])
 
 
@@ -109,5 +109,5 @@ def test_a_link_gives_what_is_not_given_otherwise():
     other = one_setting("zstd", ["target_kbps=500", "level=9", "intensity=off"], "2mbit")
     assert (other.codec, other.target_kbps, other.intensity, other.codec_settings) == ("zstd", 500, "off", {"level": 9})
     assert one_setting(None, [], "lan").target_kbps is None
-    with pytest.raises(SettingsError, match="--link is 1mbit"):
+    with pytest.raises(SettingsError, match="--link must be one of 1mbit"):
         one_setting(None, [], "fast")

@@ -60,12 +60,15 @@ def one_off(ranges: np.ndarray, by: int) -> np.ndarray:
 
 WHOLE = frames.scene(3).with_(pose=frames.pose())
 SPOILS: dict[str, tuple[Callable[[Frame], dict[str, object]], str]] = {
-    "a range": (lambda frame: {"range": one_off(frame.range, 1)}, "a range 0.002 m off, where 0 m are allowed"),
+    "a range": (
+        lambda frame: {"range": one_off(frame.range, 1)},
+        "a range error of 0.002 m, although only 0 m are allowed",
+    ),
     "a return": (lambda frame: {"range": np.where(np.arange(frame.width) == 4, 0, frame.range)}, "returns"),
-    "an intensity": (lambda frame: {"intensity": frame.intensity // 2}, "other intensities"),
+    "an intensity": (lambda frame: {"intensity": frame.intensity // 2}, "different intensities"),
     "a column": (
         lambda f: {n: getattr(f, n)[:, 1:] for n in ("range", "intensity", "azimuth", "fired")},
-        "17 columns, where it had 18",
+        "17 columns instead of 18",
     ),
     "azimuth": (lambda frame: {"azimuth": frame.azimuth + np.uint16(1)}, "azimuths"),
     "what fired": (lambda frame: {"fired": ~frame.fired}, "azimuths"),
@@ -104,7 +107,10 @@ def test_each_is_judged_by_what_its_settings_promise() -> None:
     steered = settings_from({"codec": "pcodec", "target_kbps": 500.0})
     assert difference(four, WHOLE, steered, 1, Quality(255)) is None
     scrambled = WHOLE.with_(intensity=np.where(WHOLE.valid, np.flip(four.intensity), 0).astype(np.uint8))
-    assert difference(scrambled, WHOLE, steered, 1, Quality(255)) == "intensities further off than any choice of values"
+    assert (
+        difference(scrambled, WHOLE, steered, 1, Quality(255))
+        == "larger intensity errors than any choice of values allows"
+    )
 
 
 def test_a_frame_that_does_not_come_out_is_missed() -> None:
@@ -112,13 +118,13 @@ def test_a_frame_that_does_not_come_out_is_missed() -> None:
     messages = [message for frame in SENT[:2] for message in encoder.encode(frame)]
     check.sent(SENT[0])
     check.message(pack(messages[0]))
-    with pytest.raises(RoundTripError, match="frame 1 came out of what zstd encoded, and was not sent"):
+    with pytest.raises(RoundTripError, match="the decoder of zstd returned frame 1, which was not encoded"):
         check.message(pack(messages[1]))
     check.sent(SENT[2])
-    with pytest.raises(RoundTripError, match=r"frame 2 did not come out of what zstd encoded: take"):
+    with pytest.raises(RoundTripError, match="the decoder of zstd did not return frame 2: please"):
         check.end()
     check.sent(SENT[3])
-    with pytest.raises(RoundTripError, match="zstd encoded, nor did 1 more"):
+    with pytest.raises(RoundTripError, match="frame 2, nor did 1 more"):
         check.end()
 
 
@@ -146,9 +152,9 @@ def nearer(values: np.ndarray, step: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("codec", "spoilt", "told"),
     [
-        ("pcodec", (pcodec, "compress_groups", lambda *given: cut(compress(*given))), "does not decode again"),
+        ("pcodec", (pcodec, "compress_groups", lambda *given: cut(compress(*given))), "cannot be decoded"),
         ("pcodec", (pcodec, "quantise", nearer), "m are allowed"),
-        ("jpeg-layered", (LAYERED.encoder, "flush", lambda self: []), "did not come out"),
+        ("jpeg-layered", (LAYERED.encoder, "flush", lambda self: []), "did not return"),
     ],
 )
 def test_encode_keeps_nothing_that_does_not_decode(command, codec, spoilt, told, capture, monkeypatch, capsys):

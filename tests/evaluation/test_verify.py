@@ -138,7 +138,7 @@ def test_a_bound_that_was_loosened_on_the_way_is_told_and_breaks_nothing():
     settings = StreamSettings(max_error_m=0.01)
     assert broken_promises(settings, found) == []
     (told,) = changed_since_the_start(settings, found)
-    assert told == "2 frames have a bound of up to 0.200 m; 0.010 m were noted at the start"
+    assert told == "2 frames have an error bound of up to 0.200 m; the recording began with 0.010 m"
     assert found.result()["bounds_m"] == [0.01, 0.2]
 
 
@@ -148,7 +148,7 @@ def test_a_bound_that_was_tightened_on_the_way_is_held_from_there_on():
     coarse = coded(StreamSettings(max_error_m=0.2), turning(60))
     for frame, _ in coarse:
         found.add(frame, packets, Promise(11, False))
-    assert any("farther off" in text for text in broken_promises(StreamSettings(max_error_m=0.2), found))
+    assert any("larger errors" in text for text in broken_promises(StreamSettings(max_error_m=0.2), found))
     assert found.result()["frames_beyond_their_bound"] == 6
 
 

@@ -289,7 +289,7 @@ def test_mutated_recordings_give_messages_or_nothing() -> None:
 
 def test_other_files_are_refused() -> None:
     for data in (b"", b"\xa1\xb2\xc3\xd4 a pcap", b"PK\3\4"):
-        with pytest.raises(SourceError, match="no recording"):
+        with pytest.raises(SourceError, match="not a recording"):
             read_recording(io.BytesIO(data))
 
 
@@ -340,4 +340,4 @@ def test_two_publishers_of_one_name_in_a_recording_are_told(caplog: pytest.LogCa
         assert len(list(reader.messages())) == len(data)
         assert reader.counts["mixed streams"] == times
         assert [record.message for record in caplog.records if "two publishers" in record.message][1:] == []
-    assert "two publishers had the same name" in caplog.text
+    assert "two publishers used the same name" in caplog.text

@@ -79,7 +79,7 @@ def test_a_file_that_is_removed_replaced_or_written_over_is_told_and_another_one
         reader = RecordingReader(file)
         assert len(list(reader.messages() if kind == "messages" else reader.packets())) == 6
     assert recorder.counts["lost files"] == 1
-    assert "what it held is lost" in caplog.text
+    assert "its content is lost" in caplog.text
     if what == "replaced":
         assert recorder.files()[0].read_bytes() == b"other", "what others put there is theirs"
 
@@ -96,7 +96,7 @@ def test_a_stream_whose_key_messages_are_rare_stays_within_the_folder(tmp_path: 
     done = [recorder.write(big(index, index in (0, 20))) for index in range(60)]
     assert all(done[:40])
     assert not done[-1]
-    assert "no key message" in str(recorder.stopped)
+    assert "no key frame" in str(recorder.stopped)
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3 * MIB
 
 

@@ -20,7 +20,7 @@ from lidarcodec.settings import StreamSettings
             "reduction",
             "unknown reduction 'voxels': known are auto, all, lattice:n, columns:n, random, voxel",
         ),
-        ({"reduction": "voxel:3"}, "reduction", "takes nothing behind a colon"),
+        ({"reduction": "voxel:3"}, "reduction", "takes no value after a colon"),
         ({"reduction": "columns"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "lattice:65"}, "reduction", "n from 1 to 64"),
         ({"reduction": "lattice"}, "reduction", "n from 1 to 64"),
@@ -30,9 +30,9 @@ from lidarcodec.settings import StreamSettings
         ({"reduction": "columns:99999999999"}, "reduction", "n from 1 to 1000"),
         ({"reduction": "columns:٣"}, "reduction", "n from 1 to 1000"),
         ({"reduction": ""}, "reduction", "unknown reduction ''"),
-        ({"keep_points": 1000}, "keep_points", "says nothing to the reduction 'auto'.* take one of random, voxel"),
-        ({"keep_fraction": 0.5}, "keep_fraction", "says nothing"),
-        ({"reduction": "columns:4", "keep_points": 9000}, "keep_points", "says nothing"),
+        ({"keep_points": 1000}, "keep_points", "has no effect on reduction 'auto'.* choose one of random, voxel"),
+        ({"keep_fraction": 0.5}, "keep_fraction", "has no effect"),
+        ({"reduction": "columns:4", "keep_points": 9000}, "keep_points", "has no effect"),
     ],
 )
 def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], field: str, says: str) -> None:

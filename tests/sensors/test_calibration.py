@@ -112,19 +112,25 @@ def test_missing_values_are_zero_and_missing_intensities_the_whole_range() -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("laser_id: 5,", "laser_id: 6,"), "laser 6 is there twice"),
-        (("laser_id: 5,", "laser_id: 64,"), "laser 64: an HDL-64E's are 0 to 63"),
+        (("laser_id: 5,", "laser_id: 6,"), "laser 6 occurs twice"),
+        (("laser_id: 5,", "laser_id: 64,"), "laser 64 does not exist: an HDL-64E has 0 to 63"),
         (("laser_id: 5,", "laser_id: five,"), "has no number"),
         (("laser_id: 5,", ""), "has no number"),
         (("rot_correction: ", "rot_correction: .nan, was: "), "number .nan is out of range"),
-        (("rot_correction: ", "rot_correction: 171.2, was: "), "rot_correction_rad is 171.2"),
+        (
+            ("rot_correction: ", "rot_correction: 171.2, was: "),
+            "rot_correction_rad must be a number in a possible range, not 171.2",
+        ),
         (("vert_correction: ", "vert_corrections: "), "laser 0 has no vert_correction"),
-        (("dist_correction: ", "dist_correction: [], was: "), r"dist_correction_m is \[\]"),
+        (
+            ("dist_correction: ", "dist_correction: [], was: "),
+            r"dist_correction_m must be a number in a possible range, not \[\]",
+        ),
         (("dist_correction: ", "dist_correction: 1e300, was: "), "out of range"),
-        (("distance_resolution: 0.002", "distance_resolution: 0.004"), "steps of 0.004 m"),
-        (("distance_resolution: 0.002", "distance_resolution: x"), "distance_resolution is 'x'"),
-        (("lasers:", "beams:"), "no list 'lasers'"),
-        (("lasers:", "lasers: 7\nrest:"), "no list 'lasers'"),
+        (("distance_resolution: 0.002", "distance_resolution: 0.004"), "step is 0.004 m"),
+        (("distance_resolution: 0.002", "distance_resolution: x"), "distance_resolution must be a number, not 'x'"),
+        (("lasers:", "beams:"), "lacks the list 'lasers'"),
+        (("lasers:", "lasers: 7\nrest:"), "lacks the list 'lasers'"),
         (("lasers:", "lasers: &a"), "anchors"),
         (("lasers:", "lasers: ]"), "not YAML"),
         (("lasers:", "x: !!python/object/apply:os.getcwd []\nlasers:"), "tags"),
@@ -142,20 +148,20 @@ def test_broken_ros_files_are_refused_with_the_reason(change: tuple[str, str], m
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("<id_>5<", "<id_>6<"), "laser 6 is there twice"),
+        (("<id_>5<", "<id_>6<"), "laser 6 occurs twice"),
         (("<id_>5<", "<id_>5.5<"), "has no number"),
-        (("<id_>5<", "<id_><"), "id_ is ''"),
-        (("<rotCorrection_>", "<rotCorrection_>nan<"), "not XML"),
-        (("<vertCorrection_>", "<was_>1</was_><vertCorrection_>x"), "vertCorrection_ is"),
-        (("rotCorrection_", "rotation_"), "not XML"),
-        (("<item>1<", "<item>inf<"), "enabled_ is 'inf'"),
-        (("<distLSB_>0.2<", "<distLSB_>0.4<"), "steps of 0.004 m"),
-        (("points_", "dots_"), "not XML"),
-        (("<DB ", "<DX "), "not XML"),
+        (("<id_>5<", "<id_><"), "id_ must be a number, not ''"),
+        (("<rotCorrection_>", "<rotCorrection_>nan<"), "not valid XML"),
+        (("<vertCorrection_>", "<was_>1</was_><vertCorrection_>x"), "vertCorrection_ must be a number"),
+        (("rotCorrection_", "rotation_"), "not valid XML"),
+        (("<item>1<", "<item>inf<"), "enabled_ must be a number, not 'inf'"),
+        (("<distLSB_>0.2<", "<distLSB_>0.4<"), "step is 0.004 m"),
+        (("points_", "dots_"), "not valid XML"),
+        (("<DB ", "<DX "), "not valid XML"),
         (("<!DOCTYPE boost_serialization>", '<!DOCTYPE b [<!ENTITY a "ha">]>'), "entities"),
         (("<!DOCTYPE boost_serialization>", "<" + "a><" * 100), "levels|not XML"),
         (("</DB>", "<x/>" * 30_000 + "</DB>"), "20000 elements"),
-        (('encoding="UTF-8"', 'encoding="none-such"'), "not XML"),
+        (('encoding="UTF-8"', 'encoding="none-such"'), "not valid XML"),
     ],
 )
 def test_broken_db_xml_files_are_refused_with_the_reason(change: tuple[str, str], message: str) -> None:
@@ -172,11 +178,11 @@ def test_entities_cannot_hide_in_another_encoding() -> None:
 def test_files_that_are_no_calibration(tmp_path: Path) -> None:
     big = tmp_path / "big.yaml"
     big.write_bytes(b" " * ((1 << 20) + 1))
-    with pytest.raises(CalibrationError, match="more than"):
+    with pytest.raises(CalibrationError, match="larger than"):
         read_calibration(big)
-    with pytest.raises(CalibrationError, match="cannot be read: No such file"):
+    with pytest.raises(CalibrationError, match=r"cannot read calibration .*: No such file"):
         read_calibration(tmp_path / "none.yaml")
-    with pytest.raises(CalibrationError, match="cannot be read"):
+    with pytest.raises(CalibrationError, match="cannot read"):
         read_calibration(tmp_path)
     with pytest.raises(CalibrationError, match="cannot be written"):
         write_calibration(generic_sensor(), tmp_path / "none" / "x.yaml")

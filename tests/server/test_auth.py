@@ -131,7 +131,7 @@ def test_without_tokens_only_this_machine_is_served_unless_told_so(config, store
     check_open(outside.model_copy(update={"insecure": True}))
     create_token(store, "ada", "viewer")
     check_open(outside)
-    assert "can be read on the way" in caplog.text
+    assert "are sent unencrypted" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_an_address_counts_with_its_network():
 
 
 def test_a_proxy_is_an_address():
-    with pytest.raises(ValueError, match="no address of a proxy"):
+    with pytest.raises(ValueError, match="not the address of a proxy"):
         ServerConfig(proxies=("proxy.example",))
 
 
@@ -226,5 +226,5 @@ def test_idle_connections_of_one_host_do_not_stop_health_checks(tmp_path):
 def test_a_proxy_that_is_none_is_wrong_usage():
     from lidarcodec.commands.server_extra import server_config
 
-    with pytest.raises(SettingsError, match="no address of a proxy"):
+    with pytest.raises(SettingsError, match="not the address of a proxy"):
         server_config(proxies=("here",))

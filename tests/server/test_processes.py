@@ -206,9 +206,9 @@ def test_what_operators_set_comes_back_after_a_kill_of_either_side(processes, pl
     [
         ({"host": "0.0.0.0"}, "lidarcodec token create"),
         ({"database_url": "nonsense"}, "database URL"),
-        ({"tls_certificate": Path("a.pem")}, "both a certificate and its key"),
+        ({"tls_certificate": Path("a.pem")}, "both --tls-certificate and --tls-key"),
         ({"tls_certificate": Path("a.pem"), "tls_key": Path("a.key")}, "cannot read a.pem: No such file"),
-        ({"tls_certificate": Path(__file__), "tls_key": Path(__file__)}, "no PEM certificate and its key"),
+        ({"tls_certificate": Path(__file__), "tls_key": Path(__file__)}, "must be a PEM certificate and its key"),
         ({"max_streams": 20_000}, "max_streams"),
     ],
 )

@@ -122,7 +122,7 @@ async def test_large_settings_are_refused_before_a_vehicle_is_asked(serving, val
 @pytest.mark.parametrize(
     ("body", "reason"),
     [
-        (b'{"max_seconds": NaN}', "NaN is no JSON"),
+        (b'{"max_seconds": NaN}', "NaN is not JSON"),
         (b'{"max_seconds": 1e999}', "out of range"),
         (b'{"x": ' + b"[" * 300 + b"]" * 300 + b"}", "nested more than 16 deep"),
         (b'{"max_bytes": ' + b"9" * 400 + b"}", "400 digits"),

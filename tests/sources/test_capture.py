@@ -206,7 +206,7 @@ def test_every_prefix_of_a_capture_gives_what_is_whole(write, make, caplog):
         payloads, _, counts = read(path)
         assert payloads == PAYLOADS[:whole]
         assert counts == ({} if cut in sizes or cut > len(data) else {"truncated": 1})
-        cut_short = [r for r in caplog.records if "no calibration of this unit" not in r.message]
+        cut_short = [r for r in caplog.records if "this unit has no calibration of its own" not in r.message]
         assert len(cut_short) == len([r for r in cut_short if r.levelno < logging.WARNING]) + len(counts)
 
 
@@ -261,7 +261,7 @@ def test_the_most_frequent_sensor_is_taken_and_the_rest_counted(write):
     assert other == PAYLOADS
     assert counts["position packets not kept"] == 3
     assert counts["other datagrams"] == 1
-    with pytest.raises(SourceError, match=r"there are: 192.168.3.43 to port 2368"):
+    with pytest.raises(SourceError, match=r"its streams are: 192.168.3.43 to port 2368"):
         open_source(f"{path}?port=99")
     with pytest.raises(SourceError, match="an IP address"):
         open_source(f"{path}?src=sensor")
@@ -291,7 +291,7 @@ def test_a_file_without_sensor_packets_says_what_it_holds(write):
         open_source(write(c.pcap([c.frame(bytes(100))] * 3)))
     with pytest.raises(SourceError, match="no UDP datagrams at all"):
         open_source(write(c.pcap([])))
-    with pytest.raises(SourceError, match="is no pcap or pcapng file: it begins with 68 65 6c 6c"):
+    with pytest.raises(SourceError, match="is not a pcap or pcapng file: it begins with 68 65 6c 6c"):
         open_source(write(b"hello world"))
     with pytest.raises(SourceError, match="it is empty"):
         open_source(write(b""))

@@ -97,11 +97,11 @@ def test_kitti_odometry_poses_are_carried_from_the_camera_to_the_sensor(tmp_path
     [
         ("a.txt", b"1 2 3\n", "8 numbers"),
         ("a.txt", b"", "is empty"),
-        ("a.txt", b"\xff\xfe\x00", "cannot read poses from .*: it is no text"),
+        ("a.txt", b"\xff\xfe\x00", "cannot read poses from .*: it is not a text file"),
         ("a.txt", b"1 2 x 4 5 6 7 8\n", "cannot read poses"),
         ("a.txt", b"1 0 0 0 0 0 0 2\n", "length 1"),
         ("a.txt", b"nan 0 0 0 0 0 0 1\n", "seconds since"),
-        ("a.txt", b"2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "must rise"),
+        ("a.txt", b"2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "must increase"),
         ("a.txt", b"2 0 0 0 0 0 0 0 0 0 0 1\n", "rigid"),
         ("a.npz", b"no zip", "cannot read poses"),
     ],

@@ -163,7 +163,7 @@ def test_a_port_that_is_taken_is_a_warning_and_one_that_was_named_an_error(monke
         monkeypatch.setattr(position_socket, "DATA_PORT", 1)
         options = {"interface": None, "share": False}
         assert position_socket.listener_beside("127.0.0.1", 1, None, **options) is None
-        assert f"not received: cannot listen on udp://127.0.0.1:{port}" in caplog.text
+        assert f"cannot be received: cannot listen on udp://127.0.0.1:{port}" in caplog.text
         with pytest.raises(SourceError, match="in use"):
             position_socket.listener_beside("127.0.0.1", 1, port, **options)
         assert position_socket.listener_beside("127.0.0.1", 1, 0, **options) is None

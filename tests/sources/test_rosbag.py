@@ -95,10 +95,10 @@ def test_one_of_several_topics_is_chosen_by_name(tmp_path):
         writer._packets_topic = "/right"
         writer.write_scan(PACKETS[30:])
         writer.close()
-    with pytest.raises(SourceError, match=r"several topics: choose one with \?topic=, of /left, /right"):
+    with pytest.raises(SourceError, match=r"several topics: choose one with \?topic=NAME, of /left, /right"):
         open_source(path)
     assert list(open_source(f"{path}?topic=/right").packets()) == PACKETS[30:]
-    with pytest.raises(SourceError, match="on topic /top; there are: /left, /right"):
+    with pytest.raises(SourceError, match="on topic /top; it has these: /left, /right"):
         open_source(f"{path}?topic=/top")
 
 
@@ -108,7 +108,7 @@ def test_a_bag_without_packets_says_what_it_has(tmp_path):
 
     with path.open("wb") as file, RosbagWriter(file) as writer:
         writer.write_cloud(scene(1))
-    with pytest.raises(SourceError, match=r"points on /velodyne_points do not go back to packets"):
+    with pytest.raises(SourceError, match=r"points on /velodyne_points cannot be turned back into packets"):
         open_source(path)
 
 

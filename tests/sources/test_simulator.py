@@ -128,7 +128,7 @@ def test_poses_can_be_asked_in_any_order_and_the_car_moves_like_a_car():
     heading = np.unwrap(np.arctan2(T[:, 1, 0], T[:, 0, 0]))
     assert np.ptp(heading) > 1.0  # it turns
     assert source.poses.at(START_NS - 1) is None
-    with pytest.raises(SourceError, match="from the start"):
+    with pytest.raises(SourceError, match="first 30 days"):
         source.poses([0])
 
 

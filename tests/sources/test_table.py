@@ -49,9 +49,9 @@ def test_errors_say_what_is_wrong(tmp_path, capture):
         open_source("rtsp://camera")
     with pytest.raises(UnknownNameError, match="'prot': choose one of port, src"):
         open_source(f"{capture}?prot=1")
-    with pytest.raises(SourceError, match="port=many: a number from 1 to 65535"):
+    with pytest.raises(SourceError, match="port=many: write a number from 1 to 65535"):
         open_source(f"{capture}?port=many")
-    with pytest.raises(SourceError, match=r"port=1.5: a whole number"):
+    with pytest.raises(SourceError, match=r"port=1.5: write a whole number"):
         open_source(f"{capture}?port=1.5")
     with pytest.raises(SourceError, match="does not exist"):
         open_source(tmp_path / "nothing.pcap")

@@ -231,8 +231,8 @@ def test_a_forged_packet_and_then_the_sensor_says_what_it_did(caplog):
     assert not any(isinstance(packet, FirstPacket) for packet in packets[1:])
     assert source.counts["sender changes"] == 1
     assert source.counts["strangers"] == 2000 - len(packets)
-    assert "from now on, because 127.0.0.2" in caplog.text
-    assert "fell silent; ?src=ADDRESS names the sensor" in caplog.text
+    assert "because 127.0.0.2" in caplog.text
+    assert "fell silent; to choose a sensor for good" in caplog.text
 
 
 def test_two_sensors_on_one_port_are_said_with_both_addresses_and_the_remedy(caplog):
@@ -245,8 +245,8 @@ def test_two_sensors_on_one_port_are_said_with_both_addresses_and_the_remedy(cap
     assert len(packets) == 2500
     assert source.counts["strangers"] == 2000
     assert "2,000 packets from 127.0.0.2" in caplog.text
-    assert "two senders look like a sensor, 127.0.0.1:" in caplog.text
-    assert "name the right one with ?src=ADDRESS" in caplog.text
+    assert "two senders look like sensors, 127.0.0.1:" in caplog.text
+    assert "choose one with ?src=ADDRESS" in caplog.text
     assert len(caplog.records) <= 4
 
 

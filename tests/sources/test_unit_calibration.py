@@ -18,7 +18,7 @@ from lidarcodec_server.told import read_status
 from tests.command_line import run
 from tests.sources import captures as c
 
-MEANS = "clouds can be off by up to about half a metre"
+MEANS = "clouds can be wrong by up to about half a metre"
 
 
 @pytest.fixture(autouse=True)
@@ -38,7 +38,7 @@ def test_a_capture_without_a_calibration_is_said_once_with_what_it_means(capture
         open_source(capture).close()
     (record,) = caplog.records
     assert record.levelno == logging.WARNING
-    assert f"{capture}: no calibration of this unit" in record.message
+    assert f"{capture}: this unit has no calibration of its own" in record.message
     assert MEANS in record.message
     assert "give --calibration FILE" in record.message
 
@@ -88,13 +88,15 @@ def test_a_live_source_says_it_and_says_again_when_the_table_comes(caplog):
                 time.sleep(0.002)
         assert len(list(source.packets())) == len(payloads)
         assert source.sensor.origin == "stream"
-        assert f"calibration {source.sensor.hash} from the sensor's status bytes is used from now on" in caplog.text
+        assert f"the calibration {source.sensor.hash} from the sensor's status bytes is used" in caplog.text
 
 
 def test_whoever_looks_at_a_stream_is_told_of_a_generic_calibration(capture):
     with open_source(capture) as source, Publisher(source, transport=MemoryNetwork().transport()) as publisher:
         assert publisher.status()["sensor_model"]["note"] == f"generic calibration: {unit_calibration.MEANING}"
         told = read_status(json.dumps(publisher.status()).encode())
-        assert told.status["sensor_model"]["note"].startswith("generic calibration: clouds can be off")  # to REST, too
+        assert told.status["sensor_model"]["note"].startswith(
+            "generic calibration: clouds can be wrong"
+        )  # to REST, too
     with open_source("sim:city?frames=1") as source:
         assert note_of(source.sensor) is None

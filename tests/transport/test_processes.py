@@ -155,13 +155,13 @@ SECRET = {
 def test_a_configuration_file_that_is_none_is_refused(tmp_path, text):
     path = tmp_path / "zenoh.json5"
     path.write_text(text)
-    with pytest.raises(TransportError, match="no Zenoh configuration") as refused:
+    with pytest.raises(TransportError, match="not a Zenoh configuration") as refused:
         open_transport(Endpoints.of(config=path))
     assert "secret" not in str(refused.value)
 
 
 def test_an_address_that_is_not_ours_is_refused():
-    with pytest.raises(TransportError, match="no Zenoh session"):
+    with pytest.raises(TransportError, match="cannot open a Zenoh session"):
         open_transport(Endpoints.of(listen="tcp/192.0.2.1:7447"))
 
 

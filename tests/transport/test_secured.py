@@ -217,7 +217,7 @@ def test_strangers_do_not_get_in_and_the_router_says_why(secured, tmp_path, capl
         assert eventually(lambda: reason in secured.router.log[before:]), secured.router.log[before:]
 
     says("UnknownCA", lambda: refused(tmp_path / "viewer-anna.json5"))
-    assert "again until it can be reached" in caplog.text
+    assert "again until it works" in caplog.text
     if secured.auth == "certificate":
         other = tmp_path / "viewer-anna.json5"
         key = "root_ca_certificate_base64"

@@ -12,7 +12,7 @@ export function App() {
     return (
       <main class="alone" aria-busy={awaySince.value === null}>
         <p role="status">
-          {awaySince.value === null ? "Asking the server …" : "The server does not answer. Trying again …"}
+          {awaySince.value === null ? "Connecting to the server …" : "The server does not answer. Trying again …"}
         </p>
       </main>
     );

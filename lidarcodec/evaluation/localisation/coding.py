@@ -108,5 +108,5 @@ def received(
     decode(map(pack, encoder.flush()))
     take(decoder.flush())
     if place:
-        raise DecodeError(f"{len(place)} frames never came out of the decoder")
+        raise DecodeError(f"the decoder did not return {len(place)} frames")
     return found

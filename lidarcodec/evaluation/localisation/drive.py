@@ -86,6 +86,6 @@ def read_drive(
     usual = np.median([frame.width for frame in found]) if found else 0
     whole = [frame for frame in found if frame.width >= WHOLE * usual]
     if len(whole) < FEWEST_FRAMES:
-        raise SourceError(f"{spec} has {len(whole)} whole frames: too few to find a way through")
+        raise SourceError(f"{spec} has {len(whole)} whole frames: too few for localisation")
     stamps = np.array([scan_of(frame).stamp_ns for frame in whole], np.int64)
     return Drive(str(spec), whole, stamps, given, exact)

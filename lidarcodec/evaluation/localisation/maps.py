@@ -25,7 +25,7 @@ def merged(clouds: Iterable[Matrix], cell_m: float = MAP_CELL_M) -> Matrix:
         means.add(voxel_means(cloud, cell_m))
     points = means.means()
     if len(points) < FEWEST:
-        raise SourceError(f"a map of {len(points)} points: too few to find anything in it")
+        raise SourceError(f"a map of {len(points)} points is too small for localisation")
     return points
 
 

@@ -62,7 +62,7 @@ def bench_peer(
         origin = {"origin": source.sensor.origin, "hash": source.sensor.hash}
         about = f"{spec} ({source.caveat})" if source.caveat else str(spec)
     if not run.frames:
-        raise SourceError(f"{spec} has no frame behind the first {skip}: nothing to measure")
+        raise SourceError(f"{spec} has no frame after the first {skip}: nothing to measure")
     return {"source": about, **run.result(), "calibration": origin, "version": versions(found)}
 
 

@@ -90,10 +90,12 @@ class LiveHub:
             try:
                 async with asyncio.timeout(OPEN_S), place.lock:
                     if self._closed:
-                        raise TransportError("the server is ending")
+                        raise TransportError("the server is shutting down")
                     watch = place.watch or await self._open(keys, place)
             except TimeoutError:
-                raise TransportError(f"{keys.vehicle}/{keys.sensor} could not be opened in {OPEN_S:g} s") from None
+                raise TransportError(
+                    f"{keys.vehicle}/{keys.sensor} could not be opened within {OPEN_S:g} s: try again"
+                ) from None
             watch.decode(+1 if decode else 0)
             try:
                 yield watch
@@ -222,14 +224,14 @@ class LiveHub:
     async def _mend(self, watch: Watch) -> None:
         """Another receiver instead of one that failed; the viewers stay."""
         self.counts["receivers failed"] += 1
-        logger.warning("%s: receiving begins again: %s", watch.keys.prefix, watch.receiver.failure)
+        logger.warning("%s: receiving starts again: %s", watch.keys.prefix, watch.receiver.failure)
         await self._loop.run_in_executor(self._openers, watch.receiver.close)
         await asyncio.sleep(MEND_S)
         try:
             watch.renew(self._transport())
             await self._loop.run_in_executor(self._openers, watch.receiver.start)
         except Exception as error:  # whatever it is, the next look tries again
-            logger.debug("%s: still not: %s", watch.keys.prefix, error)
+            logger.debug("%s: receiving still fails: %s", watch.keys.prefix, error)
 
     def _paint(self, make: Callable[[], bytes]) -> asyncio.Future[bytes]:
         return self._loop.run_in_executor(self._painter, make)

@@ -14,7 +14,7 @@ from lidarcodec_server.live.viewer import CloudViewer, FramesViewer
 KINDS = (CloudViewer.kind, FramesViewer.kind)
 COUNTERS = {
     "sent": "Frames or messages sent to viewers.",
-    "skipped": "Frames or messages that gave way to newer ones, because the viewer had not acknowledged the last.",
+    "skipped": "Frames or messages replaced by newer ones, because the viewer had not acknowledged the last.",
     "sent_bytes": "Bytes sent to viewers.",
 }
 REASONS = ("slow", "abuse", "revoked", "gave way", "failed")
@@ -48,15 +48,17 @@ class LiveMetrics(Collector):
                 counter.add_metric([kind], totals.get(f"{kind} {name}", 0))
             yield counter
         refused = totals.get("refused", 0)
-        yield CounterMetricFamily("lidarcodec_viewers_refused", "Viewers for whom there was no room.", value=refused)
-        ended = CounterMetricFamily("lidarcodec_viewers_ended", "Viewers that were sent away.", labels=["reason"])
+        yield CounterMetricFamily(
+            "lidarcodec_viewers_refused", "Viewers that were refused because all places were taken.", value=refused
+        )
+        ended = CounterMetricFamily("lidarcodec_viewers_ended", "Viewers that were disconnected.", labels=["reason"])
         for reason in REASONS:
             ended.add_metric([reason], totals.get(reason, 0))
         yield ended
         pack = self._hub.pack_ms.summary()
         for q in ("p50", "p99"):
             seconds = None if pack[q] is None else pack[q] / 1e3
-            text = f"Time to make a frame ready for viewers, {q} of the newest 600."
+            text = f"Time to prepare a frame for viewers, {q} of the newest 600."
             if seconds is not None:
                 yield GaugeMetricFamily(f"lidarcodec_viewer_pack_{q}_seconds", text, value=seconds)
         yield GaugeMetricFamily("lidarcodec_recordings_running", "Recordings.", value=self._recordings.running)

@@ -73,19 +73,21 @@ class CloudOptions:
         _only(query, "form", "attributes", "max_points", "fill", "rate", "window")
         form = next((known for known in get_args(Form) if known == query.get("form", "points")), None)
         if form is None:
-            raise SettingsError(f"form is {' or '.join(get_args(Form))}, not '{query['form'][:40]}'", "form")
+            raise SettingsError(f"form must be {' or '.join(get_args(Form))}, not '{query['form'][:40]}'", "form")
         wanted = [name for name in query.get("attributes", DEFAULT_ATTRIBUTES[form]).split(",") if name]
         for name in wanted:
             if name not in ATTRIBUTES[form]:
                 known = ", ".join(ATTRIBUTES[form])
-                raise SettingsError(f"form {form} has the attributes {known}, not '{name[:40]}'", "attributes")
+                raise SettingsError(
+                    f"form {form} has no attribute '{name[:40]}': its attributes are {known}", "attributes"
+                )
         max_points = _whole(query, "max_points", MAX_POINTS)
         if max_points is not None and form == "range":
-            raise SettingsError("a range image is sent whole: max_points needs form points", "max_points")
+            raise SettingsError("max_points works only with form=points", "max_points")
         attributes = tuple(name for name in ATTRIBUTES[form] if name in wanted)
         given = query.get("fill", "1" if fill and "filled" in attributes else "0")
         if given not in ("0", "1"):
-            raise SettingsError("fill is 0 or 1", "fill")
+            raise SettingsError("fill must be 0 or 1", "fill")
         encoding = Encoding(form, attributes, max_points, given == "1")
         return cls(encoding, _rate(query), _whole(query, "window", MAX_WINDOW) or 1)
 
@@ -98,7 +100,7 @@ class CloudOptions:
 def _only(query: Mapping[str, str], *known: str) -> None:
     for name in query:
         if name not in known:
-            raise SettingsError(f"unknown option '{name[:40]}': known are {', '.join(known)}", name[:40])
+            raise SettingsError(f"unknown option '{name[:40]}': choose one of {', '.join(known)}", name[:40])
 
 
 def _whole(query: Mapping[str, str], name: str, largest: int) -> int | None:
@@ -106,7 +108,7 @@ def _whole(query: Mapping[str, str], name: str, largest: int) -> int | None:
     if text is None:
         return None
     if not (text.isascii() and text.isdigit() and len(text) < 12 and 1 <= int(text) <= largest):
-        raise SettingsError(f"{name} is a whole number from 1 to {largest}", name)
+        raise SettingsError(f"{name} must be a whole number from 1 to {largest}", name)
     return int(text)
 
 
@@ -119,5 +121,5 @@ def _rate(query: Mapping[str, str]) -> float | None:
     except ValueError:
         value = 0.0
     if not 0.01 <= value <= MAX_RATE:
-        raise SettingsError(f"rate is frames a second, from 0.01 to {MAX_RATE:.0f}", "rate")
+        raise SettingsError(f"rate must be a number of frames a second, from 0.01 to {MAX_RATE:.0f}", "rate")
     return value

@@ -90,4 +90,4 @@ class Originals:
                 for frame in frames:
                     self._loop.call_soon_threadsafe(self._came, (message.stream_id, frame.index), frame.range)
         except (LidarCodecError, RuntimeError) as error:  # the network is gone, or the loop is closed
-            logger.debug("%s: no originals any more: %s", self._keys.prefix, error)
+            logger.debug("%s: no more uncompressed frames: %s", self._keys.prefix, error)

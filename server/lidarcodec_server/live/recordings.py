@@ -53,7 +53,7 @@ async def _in_time(task: asyncio.Task[T], what: str) -> T:
     try:
         return await asyncio.wait_for(asyncio.shield(task), END_S)
     except TimeoutError:
-        raise StorageError(f"{what} has not ended within {END_S:g} s: the disk stands still") from None
+        raise StorageError(f"{what} did not end within {END_S:g} s: the disk does not respond") from None
 
 
 class _Active:
@@ -127,15 +127,19 @@ class Recordings:
         Raises BusyRecordingError if it is recorded already, StorageError.
         """
         if keys in self._active:
-            raise BusyRecordingError(f"{keys.vehicle}/{keys.sensor} is being recorded: stop that recording first")
+            raise BusyRecordingError(
+                f"{keys.vehicle}/{keys.sensor} is already being recorded: stop that recording first"
+            )
         if len(self._active) >= MAX_RECORDING:
-            raise StorageError(f"{MAX_RECORDING} streams are being recorded, as many as are allowed")
+            raise StorageError(f"{MAX_RECORDING} streams are being recorded, which is the limit: stop one first")
         wanted = limits or self.limits
         kept = Limits(min(wanted.max_seconds, self.limits.max_seconds), min(wanted.max_bytes, self.limits.max_bytes))
         recording = await self._in_thread(lambda: self.shelf.create(keys, time.time_ns(), by))
         if keys in self._active:  # somebody else was quicker
             await self._in_thread(lambda: self.shelf.remove(recording.id))
-            raise BusyRecordingError(f"{keys.vehicle}/{keys.sensor} is being recorded: stop that recording first")
+            raise BusyRecordingError(
+                f"{keys.vehicle}/{keys.sensor} is already being recorded: stop that recording first"
+            )
         # One file each: the limit ends the recording before the recorder would begin another file.
         sizes = {"max_file_bytes": _FOREVER_BYTES, "max_total_bytes": 2 * _FOREVER_BYTES}
         active = _Active(recording, BackgroundRecorder(self.shelf.path(recording.id), keys, None, **sizes), kept)
@@ -194,7 +198,7 @@ class Recordings:
     async def remove(self, name: str) -> None:
         """Delete a recording. Raises MissingRecordingError, BusyRecordingError, StorageError."""
         if name in self._playing or self._runs(name):
-            raise BusyRecordingError(f"recording {name} is being recorded or played: stop that first")
+            raise BusyRecordingError(f"recording {name} is being recorded or played: stop it first")
         known = self._unwritten.get(name)
         try:
             await self._in_thread(lambda: self.shelf.remove(name))
@@ -211,14 +215,16 @@ class Recordings:
         """
         await self.one(name)
         if self._runs(name):
-            raise BusyRecordingError(f"recording {name} is still being made: stop it first")
+            raise BusyRecordingError(f"recording {name} is still running: stop it first")
         if name in self._playing:
-            raise BusyRecordingError(f"recording {name} is being played: stop that first")
+            raise BusyRecordingError(f"recording {name} is already being played: stop it first")
         if len(self._playing) >= MAX_PLAYING:
-            raise BusyRecordingError(f"{MAX_PLAYING} recordings are being played, as many as are allowed")
+            raise BusyRecordingError(f"{MAX_PLAYING} recordings are being played, which is the limit: stop one first")
         wanted = StreamKeys(request.vehicle, request.sensor)
         if wanted in self.names()[1]:  # also one that is about to begin
-            raise BusyRecordingError(f"a recording is played as {wanted.vehicle}/{wanted.sensor}: give another name")
+            raise BusyRecordingError(
+                f"a recording is already played as {wanted.vehicle}/{wanted.sensor}: choose another name"
+            )
         playback = self._playing[name] = Playback(request)
         try:
             hold = await self._in_thread(lambda: self.shelf.hold(name))
@@ -323,7 +329,7 @@ class Recordings:
             await self._in_thread(playback.stop)
             hold.close()
             self._playing.pop(name, None)
-            logger.info("recording %s is not played any more", name)
+            logger.info("recording %s is no longer played", name)
 
     def _runs(self, name: str) -> bool:
         """Whether this server is making a recording."""
@@ -340,7 +346,7 @@ class Recordings:
         try:
             self.shelf.note(ended)
         except OSError as error:  # a full disk: it is told until the server ends, and is `interrupted` afterwards
-            logger.error("the end of recording %s could not be noted: %s", ended.id, error)  # noqa: TRY400
+            logger.error("the end of recording %s could not be saved: %s", ended.id, error)  # noqa: TRY400
             self._unwritten[ended.id] = ended
         finally:
             self.shelf.release(ended.id)

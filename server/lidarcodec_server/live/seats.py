@@ -76,17 +76,17 @@ class Seats:
         seat.host = host_of(seat.host)
         own = [one for one in self._taken if one.client == seat.client]
         if len(own) >= self.most_a_client and not self._free(_silent(own)):
-            raise TooManyViewersError(f"'{seat.client}' has {len(own)} live sockets: the limit", own=True)
+            raise TooManyViewersError(f"'{seat.client}' has {len(own)} live sockets, which is the limit", own=True)
         here = [one for one in self._taken if one.host == seat.host]
         full = len(here) >= self.most_a_host and seat.host not in self._proxies
         if full and not self._free(_silent(here) or _of_the_greedy(here, len(own))):
-            raise TooManyViewersError(f"{seat.host} has {len(here)} live sockets: the limit", own=True)
+            raise TooManyViewersError(f"{seat.host} has {len(here)} live sockets, which is the limit", own=True)
         viewers = [one for one in self._taken if not one.operator]
         room = self.most - self.most // FOR_OPERATORS
         if not seat.operator and len(viewers) >= room and not self._free(_gives_way(viewers, len(own))):
-            raise TooManyViewersError(f"{len(viewers)} viewers are connected: further places are for operators")
+            raise TooManyViewersError(f"{len(viewers)} viewers are connected: the remaining places are for operators")
         if len(self._taken) >= self.most and not self._free(_gives_way(self._taken, len(own))):
-            raise TooManyViewersError(f"{len(self._taken)} viewers are connected, as many as are allowed")
+            raise TooManyViewersError(f"{len(self._taken)} viewers are connected, which is the limit")
         self._taken.append(seat)
         return seat
 

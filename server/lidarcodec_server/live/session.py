@@ -115,7 +115,7 @@ async def _read(websocket: WebSocket, hub: LiveHub, viewer: Viewer) -> None:
         data = message.get("bytes")
         text = message.get("text") or ""
         if len(text if data is None else data) > MAX_CLIENT_BYTES:
-            raise _EndError(TOO_LONG, f"at most {MAX_CLIENT_BYTES} bytes", "abuse")
+            raise _EndError(TOO_LONG, f"a client may send at most {MAX_CLIENT_BYTES} bytes", "abuse")
         viewer.acknowledge(_acknowledged(text, data))
 
 
@@ -126,24 +126,24 @@ def _acknowledged(text: str, data: bytes | None) -> int | None:
         return None
     if data is None and text.isascii() and text.isdigit() and len(text) <= 20:
         return int(text)
-    raise _EndError(NOT_UNDERSTOOD, "expected the index of a frame, or 'ack'", "abuse")
+    raise _EndError(NOT_UNDERSTOOD, "write the index of a frame, or 'ack'", "abuse")
 
 
 async def _watch(viewer: Viewer, ack_limit_s: float) -> None:
     while viewer.waited_s <= ack_limit_s:
         await asyncio.sleep(WATCHDOG_S)
-    raise _EndError(NO_ACKNOWLEDGEMENT, f"no acknowledgement within {ack_limit_s:g} s", "slow")
+    raise _EndError(NO_ACKNOWLEDGEMENT, f"no acknowledgement came within {ack_limit_s:g} s", "slow")
 
 
 async def _check(allowed: Callable[[], bool]) -> None:
     while await run_in_threadpool(allowed):
         await asyncio.sleep(CHECK_S)
-    raise _EndError(NOT_ALLOWED, "the token does not work any more", "revoked")
+    raise _EndError(NOT_ALLOWED, "the token is no longer valid", "revoked")
 
 
 async def _give_way(viewer: Viewer) -> None:
     await viewer.must_leave()
-    raise _EndError(GAVE_WAY, "all places are taken, and another client needs this one", "gave way")
+    raise _EndError(GAVE_WAY, "all places are taken, and another client has priority", "gave way")
 
 
 async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: BaseException | None) -> None:
@@ -153,10 +153,10 @@ async def _close(websocket: WebSocket, hub: LiveHub, keys: StreamKeys, error: Ba
     elif isinstance(error, _EndError):
         code, reason = error.code, error.reason
         hub.counts[error.count or "ended"] += 1
-        logger.info("%s: a viewer is sent away: %s", keys.prefix, reason)
+        logger.info("%s: a viewer was disconnected: %s", keys.prefix, reason)
     else:
         code, reason = FAILED, "the server failed; its log has the details"
         hub.counts["failed"] += 1
-        logger.error("%s: a viewer's socket failed", keys.prefix, exc_info=error)
+        logger.error("%s: the socket of a viewer failed", keys.prefix, exc_info=error)
     with contextlib.suppress(RuntimeError, OSError, TimeoutError, WebSocketDisconnect, TransportError):
         await asyncio.wait_for(websocket.close(code, reason), CLOSE_LIMIT_S)  # a client that reads nothing blocks it

@@ -34,7 +34,7 @@ ABOUT: Final = "about.json"
 MAX_ABOUT_BYTES: Final = 64 * 1024
 MAX_LISTED: Final = 10_000
 COUNT_S: Final = 10.0
-ELSEWHERE: Final = "another server with this folder of recordings"
+ELSEWHERE: Final = "another server with this recordings folder"
 
 
 class ShelfError(LidarCodecError):
@@ -104,7 +104,7 @@ class Recording:
                 state=about["state"] if ended else "recording" if elsewhere else "interrupted",
                 by=_text(about.get("by")),
                 ended_ns=_whole(about.get("ended_ns")),
-                reason=f"{ELSEWHERE} is making it" if elsewhere else _text(about.get("reason")),
+                reason=f"{ELSEWHERE} is recording it" if elsewhere else _text(about.get("reason")),
                 frames=_whole(about.get("frames")),
                 size_bytes=_size_of(folder),
             )
@@ -145,18 +145,18 @@ class Shelf:
     def path(self, name: str) -> Path:
         """The folder of a recording. Raises MissingRecordingError for what is no id, so that no id leads elsewhere."""
         if not ID.fullmatch(name):
-            raise MissingRecordingError(f"'{name[:64]}' is no recording: ids are those of GET /api/v1/recordings")
+            raise MissingRecordingError(f"'{name[:64]}' is not a recording: GET /api/v1/recordings lists their ids")
         return self.folder / name
 
     def file(self, name: str) -> Path:
         """The MCAP file of a recording. Raises MissingRecordingError, also for what is no file but a pipe."""
         files = sorted(self.path(name).glob("*.mcap"))
         if not files:
-            raise MissingRecordingError(f"recording {name} holds no file: nothing came while it ran")
+            raise MissingRecordingError(f"recording {name} has no file: nothing was received")
         try:
             check_regular(files[0])
         except OSError as error:
-            raise MissingRecordingError(f"recording {name} holds no file that can be read: {error.strerror}") from None
+            raise MissingRecordingError(f"the file of recording {name} cannot be read: {error.strerror}") from None
         return files[0]
 
     def create(self, keys: StreamKeys, started_ns: int, by: str | None) -> Recording:
@@ -226,7 +226,7 @@ class Shelf:
             raise self._unusable(error) from None
         if hold is None:
             doing = "recorded or played" if alone else "recorded or deleted"
-            raise BusyRecordingError(f"recording {name} is being {doing} by {ELSEWHERE}: stop that there first")
+            raise BusyRecordingError(f"recording {name} is being {doing} by {ELSEWHERE}: stop it there first")
         return hold
 
     def full(self, running_bytes: int | None = None) -> str | None:
@@ -236,17 +236,17 @@ class Shelf:
         """
         free = shutil.disk_usage(self.folder).free
         if free < self.min_free_bytes:
-            return f"the disk has {free // 2**20} MiB free: {self.min_free_bytes // 2**20} are left to others"
+            return f"the disk has only {free // 2**20} MiB free: {self.min_free_bytes // 2**20} MiB must stay free"
         total = self._total(running_bytes)
         if total >= self.max_total_bytes:
-            return f"the recordings have {total // 2**20} MiB: at most {self.max_total_bytes // 2**20} are allowed"
+            return f"the recordings take {total // 2**20} MiB: at most {self.max_total_bytes // 2**20} MiB are allowed"
         return None
 
     def _unusable(self, error: OSError) -> StorageError:
         """What to tell clients, whom it does not concern where the folder is; the log says it."""
         reason = error.strerror or type(error).__name__
-        self._warnings.warning("the folder of recordings %s cannot be used: %s", self.folder, reason)
-        return StorageError(f"the server's folder of recordings cannot be used: {reason}")
+        self._warnings.warning("the recordings folder %s cannot be used: %s", self.folder, reason)
+        return StorageError(f"the recordings folder of the server cannot be used: {reason}")
 
     def _total(self, running_bytes: int | None) -> int:
         if running_bytes is None:

@@ -250,7 +250,7 @@ class Watch:
         try:
             message = coded(data)
         except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
-            logger.debug("a message that cannot be passed on: %s", error)
+            logger.debug("a message could not be forwarded: %s", error)
             return
         if self._passed_forward.goes_back(message.stream_id, message.first, time.monotonic()):
             self.receiver.stats.count("stale")

@@ -65,7 +65,7 @@ def _step_by_step(connection: Connection, found: set[str]) -> None:
     known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
     if unknown := found - known:
         raise StoreError(
-            f"the database has schema {', '.join(sorted(unknown))}, which this version does not know: "
-            "it was written by a newer lidarcodec; use that one, or another database"
+            f"the database was written by a newer lidarcodec (schema {', '.join(sorted(unknown))}): use that "
+            "version, or another database"
         )
     command.upgrade(config, "head")

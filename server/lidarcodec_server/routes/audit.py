@@ -13,7 +13,7 @@ from lidarcodec_server.schemas import AuditEntry
 router = APIRouter(prefix="/api/v1", tags=["settings"])
 
 Limit = Annotated[int, Query(ge=1, le=1000)]
-Before = Annotated[int | None, Query(ge=1, le=2**62, description="Go on behind this id.")]
+Before = Annotated[int | None, Query(ge=1, le=2**62, description="Continue after the entry with this id.")]
 
 
 @router.get("/audit")

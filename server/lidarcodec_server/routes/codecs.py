@@ -33,16 +33,17 @@ def codecs(client: Viewer) -> Response:
     response_class=Response,
     responses={
         200: {"content": {"application/octet-stream": {}}, "description": "The file."},
-        404: {"description": "No such weights in this version."},
+        404: {"description": "This version has no such weights."},
     },
 )
 def riddle_weights(
-    client: Viewer, name: Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="As messages name them.")]
+    client: Viewer,
+    name: Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="The name that is used in messages.")],
 ) -> Response:
     """A weight file of codec `riddle` that comes with the package, for programs that decode messages themselves."""
     found = shipped().get(name)
     if found is None:
-        raise ProblemError(404, f"there are no weights {name} here: their stream brings them", "weights")
+        raise ProblemError(404, f"this server has no weights {name}: they come with their stream", "weights")
     return Response(found.data, media_type="application/octet-stream", headers=FOR_EVER)
 
 

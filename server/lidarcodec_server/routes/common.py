@@ -35,7 +35,7 @@ def known_stream(service: Service, keys: StreamKeys) -> Stream:
     """
     found = service.stream(keys)
     if found is None:
-        raise ProblemError(404, f"no stream {keys.vehicle}/{keys.sensor} was ever seen here", "unknown-stream")
+        raise ProblemError(404, f"stream {keys.vehicle}/{keys.sensor} was never seen here", "unknown-stream")
     return found
 
 
@@ -51,7 +51,7 @@ async def json_object(request: Request) -> dict[str, Any]:
     try:
         return read_object(await request.body())
     except JsonRefusedError as error:
-        raise ProblemError(422, f"the body is refused: {error}", "request") from None
+        raise ProblemError(422, f"cannot read the body: {error}", "request") from None
 
 
 TheService = Annotated[Service, Depends(service_of)]

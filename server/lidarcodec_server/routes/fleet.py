@@ -25,25 +25,28 @@ class FleetRow(BaseModel):
     vehicle: str
     sensor: str
     alive: bool
-    ended: bool = Field(description="Whether the vehicle's source came to its end.")
-    silent_s: float | None = Field(description="Since the last status; null before the first one.")
+    ended: bool = Field(description="Whether the source of the vehicle has ended.")
+    silent_s: float | None = Field(description="Seconds since the last status; null before the first one.")
     codec: str | None
     reduction: str | None
-    kbps: float | None = Field(description="Sent, over the last five seconds.")
+    kbps: float | None = Field(description="Sent bitrate over the last five seconds.")
     fps: float | None
-    target: float | Literal["auto"] | None = Field(description="As it was set.")
-    target_kbps: float | None = Field(description="Where the rate is steered to now.")
-    reached: bool | None = Field(description="Whether the target is kept; null without one.")
+    target: float | Literal["auto"] | None = Field(description="The target bitrate of the settings.")
+    target_kbps: float | None = Field(description="The bitrate that is aimed at now.")
+    reached: bool | None = Field(description="Whether the target is kept; null without a target.")
     latency_ms: float | None = Field(
-        description="Median, from a frame's last packet to the decoded frame, at the receiver that is followed."
+        description="Median time from the last packet of a frame to the decoded frame, at the receiver that "
+        "controls the stream."
     )
-    replaced: int | None = Field(description="Frames that gave way to newer ones, since the vehicle started.")
+    replaced: int | None = Field(description="Frames replaced by newer ones, since the vehicle started.")
     left_out: int = Field(
-        description="Streams of this vehicle that the server has no room for, of which it remembers `--max-sensors`."
+        description="Streams of this vehicle above the server's limit. It remembers up to `--max-sensors` of them."
     )
-    room: bool = Field(description="Whether the server has room for this stream; it knows nothing else of one without.")
-    recording: str | None = Field(description="Id of the recording that runs.")
-    playback: str | None = Field(description="Id of the recording that this stream is played from.")
+    room: bool = Field(
+        description="Whether the server has room for this stream. Without room it knows nothing else of it."
+    )
+    recording: str | None = Field(description="Id of the current recording.")
+    playback: str | None = Field(description="Id of the recording that is played as this stream.")
     minute: list[float | None] | None = Field(
         description="With `minute=true`: `kbps` of the last minute, one a second, oldest first."
     )
@@ -54,7 +57,7 @@ def fleet(
     service: TheService,
     recordings: TheRecordings,
     client: Viewer,
-    minute: Annotated[bool, Query(description="With the last minute's bitrates.")] = False,
+    minute: Annotated[bool, Query(description="Include the bitrates of the last minute.")] = False,
 ) -> list[FleetRow]:
     """All streams, in a line each."""
     now_s = time.monotonic()

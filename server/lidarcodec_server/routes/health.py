@@ -15,7 +15,7 @@ async def healthz() -> dict[str, bool]:
     return {"ok": True}
 
 
-@router.get("/readyz", responses={503: {"description": "Not ready: which part is not."}})
+@router.get("/readyz", responses={503: {"description": "Not ready. The answer says which part."}})
 def readyz(service: TheService, response: Response) -> dict[str, bool]:
     """The Zenoh session is open, and the store answers."""
     parts = service.ready()

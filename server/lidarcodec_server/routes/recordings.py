@@ -34,9 +34,11 @@ router = APIRouter(prefix="/api/v1", tags=["recordings"])
 
 Id = Annotated[str, Path(max_length=64, examples=["20261121T101500Z-3fa2c9"])]
 NO_SUCH: dict[int | str, dict[str, Any]] = {404: {"description": "No such stream, or no such recording."}}
-BUSY: dict[int | str, dict[str, Any]] = {409: {"description": "It is being recorded or played, or a name is taken."}}
+BUSY: dict[int | str, dict[str, Any]] = {
+    409: {"description": "It is being recorded or played, or a name is already used."}
+}
 FULL: dict[int | str, dict[str, Any]] = {
-    507: {"description": "The folder is full, cannot be written, or the disk stands still."}
+    507: {"description": "The folder is full or cannot be written, or the disk does not respond."}
 }
 
 
@@ -64,7 +66,7 @@ class PlayBody(BaseModel):
         description="By default that of the recording.",
     )
     rate: float = Field(default=10.0, ge=0.1, le=100.0, description="Frames of 348 packets a second.")
-    loop: bool = Field(default=False, description="Begin again at the end.")
+    loop: bool = Field(default=False, description="Start again at the end.")
     settings: dict[str, Any] = Field(default_factory=dict, description="Settings of the stream, as in PATCH.")
 
 
@@ -73,12 +75,12 @@ class SteerBody(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    paused: bool | None = Field(default=None, description="Hold it, or have it go on.")
+    paused: bool | None = Field(default=None, description="Pause or continue.")
     position_s: float | None = Field(
-        default=None, ge=0.0, le=1e9, description="Go on from here, in seconds of the recording."
+        default=None, ge=0.0, le=1e9, description="Continue from here, in seconds of the recording."
     )
     rate: float | None = Field(default=None, ge=0.1, le=100.0, description="Frames of 348 packets a second.")
-    loop: bool | None = Field(default=None, description="Begin again at the end.")
+    loop: bool | None = Field(default=None, description="Start again at the end.")
 
 
 class PlayingAnswer(BaseModel):
@@ -89,11 +91,11 @@ class PlayingAnswer(BaseModel):
     rate: float
     loop: bool
     paused: bool
-    position_s: float = Field(description="Where it is, in seconds of the recording.")
-    duration_s: float = Field(description="How long the recording is.")
+    position_s: float = Field(description="Current position, in seconds of the recording.")
+    duration_s: float = Field(description="Length of the recording in seconds.")
     since: datetime
     frames: int
-    source: dict[str, int] = Field(description="What was noticed in the recording, by cause.")
+    source: dict[str, int] = Field(description="Faults found in the recording, by cause.")
 
     @classmethod
     def of(cls, state: dict[str, Any]) -> PlayingAnswer:
@@ -115,10 +117,10 @@ class RecordingAnswer(BaseModel):
     started: datetime
     ended: datetime | None
     state: State
-    reason: str | None = Field(description="Why it ended, unless somebody stopped it; or which server makes it.")
+    reason: str | None = Field(description="Why it ended, unless a user stopped it; or which server is recording it.")
     by: str | None = Field(description="Who started it.")
     size_bytes: int
-    frames: int | None = Field(description="Null where nobody counted.")
+    frames: int | None = Field(description="Null if they were not counted.")
     playing: PlayingAnswer | None
 
     @classmethod
@@ -215,7 +217,7 @@ async def play(
         operation.keys = keys
         there = service.fleet.get(keys)
         if there is not None and there.alive:
-            raise BusyRecordingError(f"there is a stream {keys.vehicle}/{keys.sensor}: give another name")
+            raise BusyRecordingError(f"there is already a stream {keys.vehicle}/{keys.sensor}: choose another name")
         request = PlayRequest(keys.vehicle, keys.sensor, wanted.rate, wanted.loop, settings_from(wanted.settings))
         playing = await recordings.play(id, request)
     return PlayingAnswer.of(playing)

@@ -24,12 +24,12 @@ router = APIRouter(prefix="/api/v1", tags=["session"])
 class SessionAnswer(BaseModel):
     """Who asks, and what they may do."""
 
-    name: str | None = Field(description="Name of the token; the client's address where no token is needed.")
+    name: str | None = Field(description="Name of the token; the address of the client if no token is needed.")
     role: Role | None = Field(
-        description="A viewer looks, an operator also changes; null: a token is needed, and none was given."
+        description="Viewers can look, operators can also change settings. null: a token is needed, but none was given."
     )
     token_needed: bool = Field(description="Whether other requests without a token are refused.")
-    version: str = Field(description="Of the server.")
+    version: str = Field(description="Version of the server.")
 
 
 @router.get("/session")

@@ -49,7 +49,7 @@ def settings(service: TheService, keys: TheStream, client: Viewer) -> SettingsAn
     "/settings",
     openapi_extra=CHANGE,
     responses={
-        202: {"model": ChangeAnswer, "description": "Kept: the vehicle is away, and gets it when it comes back."}
+        202: {"model": ChangeAnswer, "description": "Stored: the vehicle is away and gets the change when it returns."}
     },
 )
 async def change(

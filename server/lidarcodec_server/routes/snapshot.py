@@ -21,7 +21,7 @@ router = APIRouter(prefix="/api/v1/streams", tags=["live"])
         200: {"content": {"image/png": {}}, "description": "The picture."},
         404: {"description": "No such stream."},
         503: {"description": "The vehicle is away, or the server has no network session."},
-        504: {"description": "The vehicle is there, but no frame came in time."},
+        504: {"description": "The vehicle is online, but no frame arrived in time."},
     },
 )
 async def snapshot(
@@ -29,7 +29,7 @@ async def snapshot(
     known: Known,
     hub: Hub,
     fills: Fills,
-    view: Annotated[View, Query(description="`cloud`: points in perspective; `range`: the range image.")] = "cloud",
+    view: Annotated[View, Query(description="`cloud`: the points in perspective. `range`: the range image.")] = "cloud",
 ) -> Response:
     """The newest frame as PNG, at most a second old when nobody else looks."""
     keys = known.keys
@@ -37,5 +37,5 @@ async def snapshot(
         raise ProblemError(503, f"{keys.vehicle}/{keys.sensor} is away", "vehicle-away", {"Retry-After": "5"})
     picture = await hub.snapshot(keys, view, fill=fills)
     if picture is None:
-        raise ProblemError(504, f"no frame of {keys.vehicle}/{keys.sensor} came in time", "no-frame")
+        raise ProblemError(504, f"no frame of {keys.vehicle}/{keys.sensor} arrived in time", "no-frame")
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-store"})

@@ -10,18 +10,22 @@ test("nothing stands over a picture that is live", () => {
 });
 
 test("a server without vehicles is told from a choice that is to be made", () => {
-  expect(noticeOf(null, null, [], null)[0]).toBe("No vehicle was seen yet.");
+  expect(noticeOf(null, null, [], null)[0]).toBe("There is no vehicle yet.");
   expect(noticeOf(null, null, [THERE], null)[0]).toBe("No stream is chosen.");
 });
 
 test("a stream that the server does not know is no lost connection", () => {
   const refused = { ...NOTHING, connection: "waiting", problem: "no such stream" } as const;
-  expect(noticeOf(refused, "car-8/lidar", [THERE], null)[0]).toContain("never saw car-8/lidar");
+  expect(noticeOf(refused, "car-8/lidar", [THERE], null)[0]).toContain("does not know car-8/lidar");
 });
 
 test("a server that refuses is quoted", () => {
-  const full = { ...NOTHING, connection: "waiting", problem: "the server refuses another viewer just now" } as const;
-  expect(noticeOf(full, "car-7/lidar", [THERE], THERE)[0]).toContain("refuses another viewer");
+  const full = {
+    ...NOTHING,
+    connection: "waiting",
+    problem: "the server accepts no more viewers at the moment",
+  } as const;
+  expect(noticeOf(full, "car-7/lidar", [THERE], THERE)[0]).toContain("accepts no more viewers");
 });
 
 test("an old picture says since when and why", () => {

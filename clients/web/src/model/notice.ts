@@ -30,18 +30,18 @@ function withoutPicture(
   rows: readonly unknown[] | null,
   row: Row | null,
 ): string | null {
-  if (key === null) return rows?.length === 0 ? "No vehicle was seen yet." : "No stream is chosen.";
+  if (key === null) return rows?.length === 0 ? "There is no vehicle yet." : "No stream is chosen.";
   if (told === null) return null;
   if (told.connection === "refused") {
     return `The server does not show this stream: ${told.problem ?? "it gave no reason"}`;
   }
   if (told.silent_s !== null) return null;
   if (told.connection === "waiting") {
-    if (rows !== null && row === null) return `The server never saw ${key}. It is shown as soon as it comes.`;
+    if (rows !== null && row === null) return `The server does not know ${key}. It appears here as soon as it starts.`;
     return `No connection${told.problem ? `: ${told.problem}` : ""}. Trying again …`;
   }
   if (row?.alive === false) {
-    return row.ended ? "This stream has ended." : "The vehicle is away. It is shown as soon as it comes.";
+    return row.ended ? "This stream has ended." : "The vehicle is away. Its picture appears as soon as it returns.";
   }
   return "Waiting for the first frame …";
 }

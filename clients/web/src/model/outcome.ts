@@ -29,9 +29,9 @@ export function sentenceOf(outcome: Outcome, frame: number | null): string {
   if (outcome.kind === "note") return outcome.text;
   if (outcome.kind === "refused") return `Refused: ${outcome.text}`;
   if (outcome.kind === "kept")
-    return `Kept: ${listOf(outcome.change)}. The vehicle is away and gets it when it comes back.${outcome.warning ? ` ${outcome.warning}` : ""}`;
+    return `Stored: ${listOf(outcome.change)}. The vehicle is away and gets the change when it returns.${outcome.warning ? ` ${outcome.warning}` : ""}`;
   if (outcome.kind === "none") return "";
   if (outcome.first === null) return `Applied: ${listOf(outcome.change)}.`;
-  const shown = frame !== null && frame >= outcome.first ? ", which is shown" : "";
+  const shown = frame !== null && frame >= outcome.first ? " (now shown)" : "";
   return `Applied from frame ${outcome.first} on${shown}: ${listOf(outcome.change)}.`;
 }

@@ -37,11 +37,11 @@ export function Audit({ name }: { name: string }) {
   if (entries.value === null) {
     return (
       <p class="quiet pad" role="status">
-        Asking for changes …
+        Loading changes …
       </p>
     );
   }
-  if (entries.value.length === 0) return <p class="quiet pad">Nobody changed anything of {name} yet.</p>;
+  if (entries.value.length === 0) return <p class="quiet pad">{name} has not been changed yet.</p>;
   return (
     <>
       <ol class="audit" aria-label={`Changes of ${name}, newest first`}>

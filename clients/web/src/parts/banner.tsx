@@ -9,7 +9,7 @@ export function Banner() {
   const seconds = Math.max(0, (now - awaySince.value) / 1000);
   return (
     <div class="banner" role="alert">
-      The server does not answer{seconds >= 2 ? ` for ${span(seconds)}` : ""}. What is shown is old; it is tried again.
+      No answer from the server{seconds >= 2 ? ` for ${span(seconds)}` : ""}. The page shows old data and keeps trying.
     </div>
   );
 }

@@ -12,7 +12,7 @@ export function FleetList() {
       <h2>Fleet</h2>
       {all === null && (
         <p class="quiet pad" role="status">
-          Asking for streams …
+          Loading streams …
         </p>
       )}
       {all?.length === 0 && <Empty />}
@@ -30,8 +30,8 @@ export function FleetList() {
 function Empty() {
   return (
     <div class="empty">
-      <p>No stream was seen yet.</p>
-      <p class="quiet">A vehicle on this machine shows up by itself:</p>
+      <p>There is no stream yet.</p>
+      <p class="quiet">Start one on this machine:</p>
       <pre>lidarcodec publish sim:city</pre>
     </div>
   );
@@ -69,7 +69,7 @@ function Row({ row }: { row: FleetRow }) {
           </span>
         )}
         {row.left_out > 0 && (
-          <span class="chip" title="Streams of this vehicle that the server has no room for">
+          <span class="chip" title="Streams of this vehicle above the server's limit">
             {row.left_out} left out
           </span>
         )}
@@ -79,12 +79,12 @@ function Row({ row }: { row: FleetRow }) {
       <span class="line figures">
         {row.alive ? (
           <>
-            <span class={missed ? "missed" : ""} title="Sent over the last five seconds, and the target">
-              {row.kbps === null ? "nobody looks" : `${kbps(row.kbps)}${target === null ? "" : ` / ${kbps(target)}`}`}
+            <span class={missed ? "missed" : ""} title="Bitrate over the last five seconds, and the target">
+              {row.kbps === null ? "no receiver" : `${kbps(row.kbps)}${target === null ? "" : ` / ${kbps(target)}`}`}
               {row.kbps !== null && <span class="unit"> kbit/s</span>}
             </span>
             <span title="Median latency, from a frame's last packet to the decoded frame">{ms(row.latency_ms)}</span>
-            <span title="Frames that gave way to newer ones">
+            <span title="Frames replaced by newer ones before they were sent">
               {count(row.replaced)}
               <span class="unit"> repl.</span>
             </span>

@@ -22,7 +22,7 @@ export function Header() {
           </button>
         </>
       ) : (
-        <span class="chip" title="No token was made: whoever is on this machine may change everything">
+        <span class="chip" title="There is no token yet: anybody on this machine can change everything">
           no sign-in
         </span>
       )}

@@ -13,7 +13,7 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
     <section class="inforce" aria-label="In force">
       <p>
         <b>{stream?.alive === false ? "Last in force" : "In force"}</b> {applied ? codecOf(applied, stream) : "–"}
-        {applied?.purpose !== undefined && applied.purpose !== "look" && `, to ${plain(applied.purpose)}`}
+        {applied?.purpose !== undefined && applied.purpose !== "look" && `, purpose ${plain(applied.purpose)}`}
         {applied?.max_error_m != null && `, error up to ${plain(applied.max_error_m)} m`}
         {applied?.reduction !== undefined &&
           applied.reduction !== "all" &&
@@ -35,13 +35,13 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       )}
       {rate?.step !== undefined && rate.step > 1 && (
         <p>
-          Every {ordinal(rate.step)} column is sent. Where the surface goes on, the points between are made up; they are
-          not counted.
+          Only every {ordinal(rate.step)} column is sent. Where a surface continues, the points between are
+          interpolated; they are not counted.
         </p>
       )}
       {rate?.intensity !== undefined && rate.intensity !== "lossless" && <p>Intensity: {plain(rate.intensity)}</p>}
       {rate && stream?.status?.left_out ? (
-        <p class="warn">{count(stream.status.left_out)} frames were left out: the target does not carry them.</p>
+        <p class="warn">{count(stream.status.left_out)} frames were left out to keep the target bitrate.</p>
       ) : null}
       {reduction?.kept != null && (
         <p>
@@ -50,18 +50,18 @@ export function InForce({ state, stream }: { state: SettingsState | null; stream
       )}
       {reduction?.note && <p class="warn">{reduction.note}</p>}
       {stream?.status?.sensor_model?.note && <p class="warn">{stream.status.sensor_model.note}</p>}
-      {preparing && <p role="status">The vehicle prepares {preparing} …</p>}
+      {preparing && <p role="status">The vehicle is preparing {preparing} …</p>}
       {stream?.alive === false && (
-        <p class="warn">The vehicle is away. What is set now is kept, and given to it when it comes.</p>
+        <p class="warn">The vehicle is away. Changes are stored and sent to it when it returns.</p>
       )}
       {state?.refused && (
         <p class="warn" role="alert">
-          The vehicle does not follow: {state.refused}
+          The vehicle does not accept the settings: {state.refused}
         </p>
       )}
       {wanted.length > 0 && !state?.refused && (
         <p class="warn">
-          Wanted, and not in force:{" "}
+          Set, but not in force yet:{" "}
           {wanted.map(([name, old, value]) => `${name} ${plain(value)} instead of ${plain(old)}`).join(", ")}
         </p>
       )}

@@ -38,12 +38,12 @@ export function Links({ wanted, take, disabled }: Props) {
       <p class="help">
         {chosen ? (
           <>
-            Nothing but <code>{listOf(chosen.settings)}</code>.
+            Sets only <code>{listOf(chosen.settings)}</code>.
           </>
         ) : (
-          "Each sets purpose, codec and target, and nothing else."
+          "A link sets only purpose, codec and target bitrate."
         )}
-        {chosen && pinned.length > 0 && ` Kept as set: ${pinned.join(", ")}.`}
+        {chosen && pinned.length > 0 && ` Unchanged: ${pinned.join(", ")}.`}
       </p>
     </fieldset>
   );

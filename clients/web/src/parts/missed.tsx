@@ -35,10 +35,14 @@ export function Missed() {
         <b role="alert">{headOf(told)}</b>
         <p>{sentence(told.message)}</p>
         <p>{sentence(told.remedy)}</p>
-        {trouble.value && <p role="alert">Not done: {trouble.value}</p>}
+        {trouble.value && <p role="alert">Not changed: {trouble.value}</p>}
       </div>
       {told.settings.length > 0 && mayChange.value && (
-        <Button off={sending.value} press={setBack} title={`Leave to the target: ${told.settings.join(", ")}`}>
+        <Button
+          off={sending.value}
+          press={setBack}
+          title={`Let the target bitrate decide on ${told.settings.join(", ")}`}
+        >
           Set back
         </Button>
       )}

@@ -59,6 +59,6 @@ function Body({ tab }: { tab: Tab }): ComponentChildren {
   if (tab === "Recordings") return <Recordings />;
   if (chosen.value === null) return <p class="quiet pad">Choose a stream.</p>;
   if (rows.value !== null && chosenRow.value === null)
-    return <p class="quiet pad">Nothing is known of {chosen.value}.</p>;
+    return <p class="quiet pad">The server does not know {chosen.value}.</p>;
   return tab === "Settings" ? <SettingsForm name={chosen.value} /> : <Audit name={chosen.value} />;
 }

@@ -49,7 +49,7 @@ export function Playback({ id }: { id: string }) {
       <span class="time">{clock(position)}</span>
       <input
         type="range"
-        aria-label="Place in the recording"
+        aria-label="Position in the recording"
         aria-valuetext={`${clock(position)} of ${clock(now.duration_s)}`}
         min="0"
         max={now.duration_s}

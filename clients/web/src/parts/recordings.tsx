@@ -65,10 +65,10 @@ export function Recordings() {
       )}
       {all.value === null && (
         <p class="quiet pad" role="status">
-          Asking for recordings …
+          Loading recordings …
         </p>
       )}
-      {all.value?.length === 0 && <p class="quiet pad">Nothing was recorded yet. Recordings are kept on the server.</p>}
+      {all.value?.length === 0 && <p class="quiet pad">There are no recordings yet. They are kept on the server.</p>}
       <ul>
         {all.value?.map((one) => (
           <li key={one.id}>

@@ -66,7 +66,7 @@ export function SettingsForm({ name }: { name: string }) {
   if (!common || Object.keys(base).length === 0) {
     return (
       <p class="quiet pad" role="status">
-        {stream.value && !stream.value.alive ? "The vehicle never told its settings." : "Asking for settings …"}
+        {stream.value && !stream.value.alive ? "The vehicle has not reported its settings yet." : "Loading settings …"}
       </p>
     );
   }
@@ -168,20 +168,22 @@ export function SettingsForm({ name }: { name: string }) {
     <form class="settings" onSubmit={submit} aria-label={`Settings of ${name}`} noValidate>
       <InForce state={state.value} stream={stream.value} />
       {!mayChange.value && (
-        <p class="quiet pad">{session.value?.name} is a viewer: changing needs an operator's token.</p>
+        <p class="quiet pad">
+          {session.value?.name} is a viewer. To change settings, sign in with an operator's token.
+        </p>
       )}
       <Links wanted={(name) => shown(base, edits.value, name)} take={take} disabled={!mayChange.value} />
       {fieldFor("codec")}
       {codec?.reach && (
         <p class="help reach">
-          Ranges from {Math.round(codec.reach.range_kbps[0]).toLocaleString("en")} to{" "}
-          {Math.round(codec.reach.range_kbps[1]).toLocaleString("en")} kbit/s, by <code>{codec.reach.setting}</code>.
-          Mask and intensity on top.
+          Ranges take {Math.round(codec.reach.range_kbps[0]).toLocaleString("en")} to{" "}
+          {Math.round(codec.reach.range_kbps[1]).toLocaleString("en")} kbit/s, depending on{" "}
+          <code>{codec.reach.setting}</code>. Mask and intensity are added to that.
         </p>
       )}
       {ownFields.length > 0 && (
         <fieldset>
-          <legend>Of {codec?.name}</legend>
+          <legend>Settings of {codec?.name}</legend>
           {ownFields.map(([field, about]) => (
             <SettingField
               key={`${codec?.name}.${field}`}
@@ -201,7 +203,7 @@ export function SettingsForm({ name }: { name: string }) {
       )}
       {FIRST.map(fieldFor)}
       <details>
-        <summary>More</summary>
+        <summary>More settings</summary>
         {REST.map(fieldFor)}
       </details>
       <div class="actions">
@@ -214,9 +216,9 @@ export function SettingsForm({ name }: { name: string }) {
         <span class="grow" />
         <Button
           off={sending || !mayChange.value || !stream.value?.alive}
-          title="Have the next message be a key frame"
+          title="Send the next frame as a key frame"
           press={() =>
-            once("POST", "keyframe", ({ first_frame }) => `A key frame comes, frame ${first_frame} at the earliest.`)
+            once("POST", "keyframe", ({ first_frame }) => `A key frame will be sent: frame ${first_frame} or later.`)
           }
         >
           Key frame
@@ -227,13 +229,13 @@ export function SettingsForm({ name }: { name: string }) {
       </p>
       {Object.keys(state.value?.operator ?? {}).length > 0 && (
         <p class="help pad">
-          Set by operators, and given to the vehicle whenever it starts:{" "}
+          Set by operators, and sent to the vehicle each time it starts:{" "}
           {Object.keys(state.value?.operator ?? {}).join(", ")}.{" "}
           <Button
             look="link"
             off={sending || !mayChange.value}
             press={() =>
-              once("DELETE", "settings", () => "Forgotten: when the vehicle starts again, its command line decides.")
+              once("DELETE", "settings", () => "Removed. At its next start the vehicle uses its command line.")
             }
           >
             Forget
@@ -255,7 +257,7 @@ function refusal(error: unknown): Outcome {
 
 /** Why a setting says nothing to the codec that is chosen; undefined where it does. */
 function hindranceOf(field: string, codec: Codec | undefined): string | undefined {
-  if (field === "max_error_m" && codec && !codec.bound) return `${codec.name} keeps no bound.`;
-  if (field === "target_kbps" && codec && !codec.target) return `${codec.name} cannot be steered.`;
+  if (field === "max_error_m" && codec && !codec.bound) return `${codec.name} cannot keep an error bound.`;
+  if (field === "target_kbps" && codec && !codec.target) return `${codec.name} cannot keep a target bitrate.`;
   return undefined;
 }

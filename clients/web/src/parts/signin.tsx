@@ -22,7 +22,7 @@ export function SignIn() {
     try {
       await signIn(given);
     } catch (error) {
-      problem.value = error instanceof Problem && error.status !== 401 ? error.detail : "This token does not work.";
+      problem.value = error instanceof Problem && error.status !== 401 ? error.detail : "This token is not valid.";
       busy.value = false;
       input.current?.focus();
       input.current?.select();
@@ -52,7 +52,8 @@ export function SignIn() {
           {problem.value}
         </p>
         <p id="signin-help" class="quiet">
-          This server wants a token. Whoever runs it makes one: <code>lidarcodec token create NAME --role viewer</code>
+          This server needs a token. Its administrator can create one:{" "}
+          <code>lidarcodec token create NAME --role viewer</code>
         </p>
       </form>
     </main>

@@ -97,7 +97,7 @@ function Footer({ told }: { told: ViewStats | null }) {
         {told ? told.fps.toFixed(0) : "–"} <i>frames/s</i>
       </span>
       <span>
-        {ms(told?.age_ms)} <i>old when shown</i>
+        {ms(told?.age_ms)} <i>delay</i>
       </span>
       <span>
         <i>frame</i> {told?.frameIndex ?? "–"}

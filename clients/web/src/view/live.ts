@@ -27,9 +27,9 @@ const PATIENCE_MS = 3000;
 const QUICK_MS = 40;
 const NO_WEBGL = "This browser or machine does not offer WebGL 2, which the live view needs.";
 const TOO_WIDE = "This graphics card cannot show frames with so many columns.";
-const LOST = "The graphics card was taken away; the picture comes back with it.";
+const LOST = "The graphics card is not available now. The picture returns when it is.";
 const NO_ORIGINALS =
-  "The originals of this stream do not come here. They do where the vehicle runs on the server's machine and publishes them: lidarcodec demo, or lidarcodec publish --original.";
+  "Uncompressed frames of this stream are not available. To compare, run the vehicle on the same machine as the server: lidarcodec demo, or lidarcodec publish --original.";
 
 interface Waiting {
   frame: RangeFrame;

@@ -157,7 +157,7 @@ export class CloudSocket implements FrameSource {
   async #closed(code: number, reason: string): Promise<void> {
     this.#socket = null;
     if (code === TOKEN_REVOKED) {
-      this.problem = "the token does not work any more";
+      this.problem = "the token is no longer valid";
       this.#state("refused");
       return;
     }
@@ -175,7 +175,7 @@ export class CloudSocket implements FrameSource {
     try {
       const answer = await fetch(this.#path(""), { headers, cache: "no-store", signal });
       if (answer.ok) {
-        this.problem = "the server refuses another viewer just now";
+        this.problem = "the server accepts no more viewers at the moment";
       } else {
         const problem = (await answer.json().catch(() => ({}))) as { detail?: string };
         this.problem = problem.detail ?? `the server answered ${answer.status}`;
