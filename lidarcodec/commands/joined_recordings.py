@@ -40,6 +40,8 @@ class Part:
     last: Header | None = None
     first_ns: int = 0
     last_ns: int = 0
+    gap: int = 0
+    """The most frames that are missing between two of its messages: a live stream leaves some out."""
     damaged: str = ""
     """What is lost of it, if anything is."""
 
@@ -98,6 +100,8 @@ def _part(path: Path, handle: BinaryIO) -> Part:
     quiet = RecordingReader(handle, warn=False)
     for _, data in quiet.messages():
         header = _header(path, data)
+        if found.last is not None and found.last.stream_id == header.stream_id:
+            found.gap = max(found.gap, header.frame_index - _behind(found.last))
         found.first = found.first or header
         found.last = header
     if quiet.counts["damaged"]:
@@ -158,18 +162,30 @@ def _plain(name: str, text: str | None) -> str | None:
     return text
 
 
+def _behind(message: Header) -> int:
+    """The index of the frame behind those of a message."""
+    return message.frame_index + message.frame_count
+
+
+def _are_counted(before: Part, after: Part) -> bool:
+    """Whether both were made of a source, of which no frame is left out."""
+    return before.counted and after.counted
+
+
 def _check_order(before: Part, after: Part, allow_gap: bool) -> None:
-    """Raises SettingsError if the second part does not come behind the first."""
-    if before.counted and after.counted and before.last is not None and after.first is not None:
-        next_index = before.last.frame_index + before.last.frame_count
-        if after.first.frame_index < next_index:
+    """Raises SettingsError if the second part does not come behind the first, or frames are missing between them."""
+    last, first = before.last, after.first
+    if last is not None and first is not None and (_are_counted(before, after) or first.stream_id == last.stream_id):
+        next_index = _behind(last)
+        if first.frame_index < next_index:
             raise SettingsError(
-                f"{after.path} begins with frame {after.first.frame_index}, but {before.path} ends with frame "
+                f"{after.path} begins with frame {first.frame_index}, but {before.path} ends with frame "
                 f"{next_index - 1}: give the parts in order, and without overlap"
             )
-        if after.first.frame_index > next_index and not allow_gap:
+        usual = 0 if _are_counted(before, after) else max(before.gap, after.gap)
+        if first.frame_index - next_index > usual and not allow_gap:
             raise SettingsError(
-                f"frames {next_index} to {after.first.frame_index - 1} are missing between {before.path} and "
+                f"frames {next_index} to {first.frame_index - 1} are missing between {before.path} and "
 f"{after.path}: add the missing part, or use --allow-gap", "allow_gap"
             )  # fmt: skip
     elif after.first_ns < before.last_ns:

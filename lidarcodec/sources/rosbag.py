@@ -5,6 +5,7 @@ Read without ROS: a bag is a folder with a metadata.yaml and one file or several
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
@@ -29,6 +30,8 @@ from lidarcodec.sources.decompress import WINDOW_LIMIT
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
 from lidarcodec.untrusted_yaml import YamlRefusedError, read_yaml
+
+log = logging.getLogger(__name__)
 
 METADATA: Final = "metadata.yaml"
 POINTS: Final = (ros.POINT_CLOUD2.name, "sensor_msgs/msg/PointCloud")
@@ -75,16 +78,22 @@ class RosbagSource(PacketSource):
             yield packet
 
     def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
-        expands, seen = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0
+        expands, seen, number = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0, 0
         for file in self.files:
             for data in _messages(file, self.topic, counts, warn):
-                seen += len(data)
+                seen, number = seen + len(data), number + 1
                 try:
                     packets = packets_of_scan(_plain(data, expands, seen))
                 except DecodeError:
                     counts["bad scans"] += 1
                     continue
                 yield from packets
+        told = _told(self.path, self.topic)
+        if number < told:
+            counts["damaged"] += 1
+            if warn:
+                text = "%s: %s tells of %d messages of %s, and %d were found"
+                log.warning(text, self.path, METADATA, told, self.topic, number)
 
 
 def is_rosbag(path: Path) -> bool:
@@ -126,6 +135,16 @@ def _information(path: Path) -> dict[str, Any]:
     if not isinstance(about, dict):
         raise SourceError(f"{path} does not describe a rosbag")
     return about
+
+
+def _told(path: Path, topic: str) -> int:
+    """How many messages of a topic a bag says that it has; 0 where it says nothing."""
+    told = _information(path / METADATA).get("topics_with_message_count") if path.is_dir() else None
+    for one in told if isinstance(told, list) else ():
+        about = one.get("topic_metadata") if isinstance(one, dict) else None
+        if isinstance(about, dict) and about.get("name") == topic and isinstance(one.get("message_count"), int):
+            return int(one["message_count"])
+    return 0
 
 
 def _topics(file: Path) -> dict[str, str]:

@@ -140,6 +140,23 @@ def test_a_part_that_is_damaged_is_joined_only_if_that_is_meant(parts: Path, tmp
     assert 0 < len(messages_in(out)) < 4
 
 
+def test_a_file_of_a_live_recording_that_was_forgotten_is_noticed(drive: Path, tmp_path: Path) -> None:
+    """A live stream leaves frames out, but fewer than a file has."""
+    words = ("--codec", "raw", "--set", "key_interval=1")
+    assert run_here("encode", drive, tmp_path / "coded.mcap", *words).returncode == 0
+    data = messages_in(tmp_path / "coded.mcap")
+    for part in (data[:2], data[2:4], data[4:]):
+        recorder = RotatingRecorder(tmp_path, "car", "roof")
+        assert all(map(recorder.write, part))
+        recorder.close()
+    first, second, third = sorted(tmp_path.glob("car_roof_*.mcap"))
+    refused = run_here("join", first, third, tmp_path / "out.mcap")
+    assert (refused.returncode, "frames 2 to 3 are missing" in refused.stderr) == (2, True)
+    assert run_here("join", first, third, tmp_path / "out.mcap", "--allow-gap").returncode == 0
+    assert run_here("join", first, second, third, tmp_path / "all.mcap").returncode == 0
+    assert messages_in(tmp_path / "all.mcap") == data
+
+
 @pytest.mark.parametrize("tail", [bytes(4096), b"\1" * 30], ids=["zeros", "cut"])
 def test_a_capture_whose_end_is_lost_is_joined_only_if_that_is_meant(drive: Path, tmp_path: Path, tail: bytes) -> None:
     """As where a machine lost its power: the next part lay behind the zeros, where no reader found it."""

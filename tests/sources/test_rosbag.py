@@ -196,6 +196,32 @@ def test_what_a_damaged_page_costs_is_said(tmp_path, caplog, byte):
     assert "damaged and a part of it left out" in caplog.text
 
 
+def test_a_damaged_index_hides_no_scan(tmp_path):
+    """A wrong bit in it is no error for SQLite, which then finds fewer rows."""
+    path = database(tmp_path / "bag.db3", scans() * 4)
+    with closing(sqlite3.connect(path)) as made_here:
+        made_here.execute("CREATE INDEX timestamp_idx ON messages (timestamp ASC)")
+        (page,) = made_here.execute("SELECT rootpage FROM sqlite_master WHERE name = 'timestamp_idx'").fetchone()
+        made_here.commit()
+    data = bytearray(path.read_bytes())
+    assert data[4096 * (page - 1) + 4] == 12
+    data[4096 * (page - 1) + 4] = 4
+    path.write_bytes(data)
+    with open_source(path) as source:
+        assert list(source.packets()) == PACKETS * 4
+
+
+def test_fewer_messages_than_the_bag_tells_of_are_said(tmp_path, caplog):
+    database(tmp_path / "bag.db3", scans())
+    topic = "{topic_metadata: {name: /velodyne_packets}, message_count: 5}"
+    about = f"relative_file_paths: [bag.db3], topics_with_message_count: [{topic}]"
+    (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{{about}}}")
+    with open_source(tmp_path) as source:
+        assert list(source.packets()) == PACKETS
+        assert source.counts == {"damaged": 1}
+    assert "tells of 5 messages of /velodyne_packets, and 3 were found" in caplog.text
+
+
 def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_path, caplog):
     path = database(tmp_path / "bag.db3", scans()[:2])
     with closing(sqlite3.connect(path)) as made_here:
