@@ -35,13 +35,13 @@ IMAGE_CODECS = {
         "imagecodecs:jpeg8_encode",
         "imagecodecs:jpegxl_encode",
         "imagecodecs:png_encode",
-        "lidarcodec.codecs.h264_stream:PictureWriter.write",
+        "lidarcodec.ranges.video.h264_stream:PictureWriter.write",
     ),
     "decode": (
         "imagecodecs:jpeg8_decode",
         "imagecodecs:jpegxl_decode",
         "lidarcodec.codecs.png:read_png",
-        "lidarcodec.codecs.h264_stream:PictureReader.read",
+        "lidarcodec.ranges.video.h264_stream:PictureReader.read",
     ),
 }
 """What counts as the image codec: module and name of what turns samples into its bytes, or back."""

@@ -25,7 +25,7 @@ from benchmarks.marks import Marks
 from benchmarks.scenes import DATA, HERE
 from benchmarks.tables import KITTI
 from lidarcodec.commands import simulate
-from lidarcodec.commands.curve import curve, knob_of
+from lidarcodec.commands.bench.curve import curve, knob_of
 from lidarcodec.commands.settings import one_setting, sweep
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.peers import table as peers

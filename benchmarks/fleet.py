@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.memory import memory_mib
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 
 ROUTER = (
     "import sys, threading\n"

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.intensity import Quality, encode_intensity, reduced
-from lidarcodec.codecs.planes import fired_cells
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import Lattice, expanded, on_lattice, thinned
+from lidarcodec.planes.intensity import Quality, encode_intensity, reduced
+from lidarcodec.planes.sections import fired_cells
 
 Floats = npt.NDArray[np.float64]
 

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from benchmarks.marks import Marks
 from benchmarks.scenes import DATA
 from lidarcodec import api, entropy
-from lidarcodec.codecs.intensity import Quality, decode_intensity, encode_intensity
-from lidarcodec.codecs.planes import fired_cells
 from lidarcodec.frame import Frame
+from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intensity
+from lidarcodec.planes.sections import fired_cells
 from lidarcodec.settings import StreamSettings
 
 MARKS: Final = Marks(

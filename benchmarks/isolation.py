@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import lidarcodec
-from lidarcodec.apps.isolation import Isolation
+from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.codecs import table
 
 

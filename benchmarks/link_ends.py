@@ -23,7 +23,7 @@ import numpy as np
 import zenoh
 
 import lidarcodec
-from lidarcodec.apps.live_stats import last_packet_ns
+from lidarcodec.apps.receiver.stats import last_packet_ns
 from lidarcodec.errors import MissingReferenceError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet

@@ -16,11 +16,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.apps.demo_processes import free_port
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport import Endpoints
 from lidarcodec.units import FRAME_PACKETS
 

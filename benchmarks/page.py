@@ -27,7 +27,7 @@ from typing import Any
 
 import httpx
 
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",

@@ -35,10 +35,10 @@ from benchmarks.scenes import DATA, HERE
 from benchmarks.thread_scaling import thread_scaling
 from lidarcodec import entropy
 from lidarcodec.cloud import xyz_of
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.frame import Frame
 from lidarcodec.message import SectionType
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source

@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.scenes import HERE
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.riddle_shelf import networks_of, weights_of
-from lidarcodec.codecs.riddle_weights import Net
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.entropy import fast
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.frame import Frame
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.warp import RangeHistory
+from lidarcodec.network.networks import Net
+from lidarcodec.network.shelf import networks_of, weights_of
+from lidarcodec.ranges.image.canvas import level_offsets
 
 ROOT = HERE.parent
 CORE = ROOT / "build" / "native" / "liblidarcodec_core.a"

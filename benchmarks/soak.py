@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.memory import memory_mib
-from lidarcodec.apps.demo_processes import free_port
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.apps.swarm import loaded
 from lidarcodec.packet import Packet
 from lidarcodec.sensor_model import SensorModel

@@ -35,8 +35,8 @@ STOPWATCHES = {
     "decode azimuth": ("lidarcodec.entropy", "decode_azimuth"),
     "encode side": ("lidarcodec.entropy", "encode_side"),
     "decode side": ("lidarcodec.entropy", "decode_side"),
-    "encode intensity": ("lidarcodec.codecs.planes", "encode_intensity"),
-    "decode intensity": ("lidarcodec.codecs.planes", "decode_intensity"),
+    "encode intensity": ("lidarcodec.planes.sections", "encode_intensity"),
+    "decode intensity": ("lidarcodec.planes.sections", "decode_intensity"),
     "encode range": ("lidarcodec.codecs.pcodec.PcodecEncoder", "_range"),
     "decode range": ("lidarcodec.codecs.pcodec.PcodecDecoder", "_returns"),
 }

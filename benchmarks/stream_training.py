@@ -23,10 +23,10 @@ import numpy as np
 
 from benchmarks.range_table import COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI
 from benchmarks.scenes import DATA
-from lidarcodec.codecs.riddle_shelf import Shelf
-from lidarcodec.codecs.riddle_weights import Weights
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
+from lidarcodec.network.networks import Weights
+from lidarcodec.network.shelf import Shelf
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source

@@ -19,11 +19,11 @@ import av
 import numpy as np
 
 from lidarcodec import api
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.holes import filled_lines
-from lidarcodec.codecs.range_mapping import mapping_of
-from lidarcodec.codecs.turn_canvas import TurnLayout, cells, positions
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.image.holes import filled_lines
+from lidarcodec.ranges.mapping import mapping_of
+from lidarcodec.ranges.video.turn_canvas import TurnLayout, cells, positions
 
 TOP = 40_960
 ERRORS_M = (0.1, 0.2, 0.4)

@@ -28,7 +28,7 @@ import uvicorn
 from websockets.asyncio.client import connect
 
 from lidarcodec import Publisher, StreamSettings, open_source
-from lidarcodec.apps.publish_source import NOMINAL_HZ
+from lidarcodec.apps.publisher.source import NOMINAL_HZ
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.transport import Endpoints
 from lidarcodec_server.app import create_app

@@ -7,8 +7,8 @@ from lidarcodec.errors import LidarCodecError
 
 if TYPE_CHECKING:
     from lidarcodec.api import decode, encode, read_frames
-    from lidarcodec.apps.publish import Publisher
-    from lidarcodec.apps.subscribe import LiveStream, subscribe
+    from lidarcodec.apps.publisher.publisher import Publisher
+    from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
     from lidarcodec.assembly import packets_of
     from lidarcodec.filling import filled
     from lidarcodec.frame import Frame
@@ -26,10 +26,10 @@ __version__ = "0.1.0"
 _HOME = {
     "Endpoints": "transport",
     "Frame": "frame",
-    "LiveStream": "apps.subscribe",
+    "LiveStream": "apps.receiver.live_stream",
     "Message": "message",
     "Packet": "packet",
-    "Publisher": "apps.publish",
+    "Publisher": "apps.publisher.publisher",
     "SensorModel": "sensor_model",
     "StreamDecoder": "pipeline",
     "StreamEncoder": "pipeline",
@@ -42,7 +42,7 @@ _HOME = {
     "pack": "wire",
     "packets_of": "assembly",
     "read_frames": "api",
-    "subscribe": "apps.subscribe",
+    "subscribe": "apps.receiver.live_stream",
     "unpack": "wire",
 }
 """Where each public name lives; it is imported on first use, so that `import lidarcodec` costs nothing."""

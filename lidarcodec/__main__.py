@@ -4,7 +4,7 @@ import os
 import sys
 from typing import NoReturn
 
-from lidarcodec.commands.ending import DONE, INTERRUPTED, is_live
+from lidarcodec.commands.running.ending import DONE, INTERRUPTED, is_live
 
 
 def main() -> NoReturn:

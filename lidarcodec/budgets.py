@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from lidarcodec.regular_files import open_regular
+from lidarcodec.files.regular import open_regular
 
 MIB: Final = 1 << 20
 

@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 from typer import Option
 
-from lidarcodec.commands import bridge, evaluate, fleet, running, token, train
+from lidarcodec.commands import bridge, fleet, token
 from lidarcodec.commands.arguments import (
     MAX_FRAMES,
     AllowMissed,
@@ -32,11 +32,14 @@ from lidarcodec.commands.arguments import (
     WithClouds,
     ZenohConfig,
 )
-from lidarcodec.commands.convert_command import convert
-from lidarcodec.commands.ending import FAILED, WRONG_USAGE
-from lidarcodec.commands.join import join
+from lidarcodec.commands.convert.command import convert
+from lidarcodec.commands.evaluate import command as evaluate
+from lidarcodec.commands.join.command import join
 from lidarcodec.commands.reduction import KeepFraction, KeepPoints, ReductionName, reduced
-from lidarcodec.commands.running import keep_standard_output
+from lidarcodec.commands.running import run as running
+from lidarcodec.commands.running.ending import FAILED, WRONG_USAGE
+from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.train import command as train
 from lidarcodec.errors import SettingsError
 
 app = typer.Typer(
@@ -88,7 +91,7 @@ def info(
     as_json: AsJson = False,
 ) -> None:
     """Describe a source or a recording. Without SOURCE: show versions, extras, ports, clock and settings."""
-    from lidarcodec.commands import info as command
+    from lidarcodec.commands.info import command
 
     command.run(source, message, calibration, as_json)
 
@@ -253,7 +256,7 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Measure codecs on a source: bits, errors and times. Every message is decoded and compared."""
-    from lidarcodec.commands import bench as command
+    from lidarcodec.commands.bench import command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     command.run(
@@ -368,11 +371,11 @@ def publish(
     ] = None,
 ) -> None:
     """Publish a source over Zenoh. The newest frame is sent first. Stops when the source ends, or with Ctrl-C."""
-    from lidarcodec.commands import publish as command
+    from lidarcodec.commands.publish import command
 
     keep_standard_output()
     if config is not None:
-        from lidarcodec.commands import publish_config
+        from lidarcodec.commands.publish import config as publish_config
 
         command.check_alone(
             {

@@ -12,7 +12,7 @@ import pytest
 
 import lidarcodec
 from lidarcodec.cli import app
-from lidarcodec.commands.options import command_line
+from lidarcodec.commands.running.options import command_line
 from lidarcodec.recording import read_recording
 from tests.command_line import COMMAND, environment, run, run_here, the_one_line
 from tests.conftest import ROOT

@@ -13,8 +13,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from lidarcodec.apps import demo_processes
-from lidarcodec.apps.demo_browser import SCREENS, browser, show
+from lidarcodec.apps.demo import processes
+from lidarcodec.apps.demo.browser import SCREENS, browser, show
 from lidarcodec.errors import TransportError
 from tests import asking
 from tests.command_line import COMMAND, environment, run, the_one_line
@@ -140,8 +140,8 @@ def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
 
 
 def test_a_server_that_starts_late_does_not_stay_behind(monkeypatch):
-    monkeypatch.setattr(demo_processes, "START_S", 0.01)
-    with demo_processes.PageServer(None, demo_processes.free_port()) as server:
+    monkeypatch.setattr(processes, "START_S", 0.01)
+    with processes.PageServer(None, processes.free_port()) as server:
         late = server._process
 
         def never() -> bool:

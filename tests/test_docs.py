@@ -14,7 +14,7 @@ import lidarcodec
 from lidarcodec import errors
 from lidarcodec.cli import app
 from lidarcodec.codecs import table
-from lidarcodec.commands.options import command_line
+from lidarcodec.commands.running.options import command_line
 from lidarcodec.evaluation.peers import table as peers
 from lidarcodec.reduction import table as reducers
 from lidarcodec.settings import StreamSettings

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.sources import open_source
 from tests import packets as made
 from tests.command_line import COMMAND, environment, run, run_here, start, the_one_line

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import lidarcodec
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
 from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings, is_name
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 

@@ -23,9 +23,9 @@ from typing import Any, Self
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
-from lidarcodec.regular_files import open_regular
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
-from lidarcodec.whole_files import written_whole
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import written_whole
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 logger = logging.getLogger(__name__)
 

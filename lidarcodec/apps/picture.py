@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
 from lidarcodec.units import AZIMUTH_TURN, LASERS, RANGE_STEP_M
-from lidarcodec.whole_files import written_whole
 
 Image = npt.NDArray[np.uint8]
 

@@ -12,7 +12,7 @@ import struct
 from typing import Any, NamedTuple
 
 from lidarcodec.apps.timings import BOUNDS_MS
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 _ARRIVAL = struct.Struct("<QqQI")
 MAX_REPORT_BYTES = 4096

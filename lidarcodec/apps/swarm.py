@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet, part_of
 from lidarcodec.sensor_model import SensorModel

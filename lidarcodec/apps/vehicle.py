@@ -18,8 +18,8 @@ from typing import Any
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
-from lidarcodec.apps.originals import check_local
-from lidarcodec.apps.publish import Publisher, Rate
+from lidarcodec.apps.publisher.originals import check_local
+from lidarcodec.apps.publisher.publisher import Publisher, Rate
 from lidarcodec.apps.recorder import RecordAs
 from lidarcodec.errors import LidarCodecError, TransportError
 from lidarcodec.settings import StreamSettings

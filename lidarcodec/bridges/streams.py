@@ -9,7 +9,7 @@ from typing import Any
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.filling import fills_for
 from lidarcodec.frame import Frame

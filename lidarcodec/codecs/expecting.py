@@ -16,18 +16,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.firings import FiringCounter
-from lidarcodec.codecs.history import Memory, StreamHistory
 from lidarcodec.codecs.intra import IntraDecoder, IntraEncoder
-from lidarcodec.codecs.motion import Motion, decode_motion, encode_motion
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes
-from lidarcodec.codecs.warp import beam_rows, swept
 from lidarcodec.entropy import KnownColumns, MaskStream
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.history import Memory, StreamHistory
+from lidarcodec.motion.motion import Motion, decode_motion, encode_motion
+from lidarcodec.motion.warp import beam_rows, swept
+from lidarcodec.planes.sections import DecodeMask, EncodeMask, Planes
+from lidarcodec.ranges.firings import FiringCounter
+from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import AZIMUTH_TURN

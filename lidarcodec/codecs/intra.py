@@ -12,13 +12,13 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
-from lidarcodec.codecs.history import MaskHistory
-from lidarcodec.codecs.intensity import Quality
-from lidarcodec.codecs.planes import DecodeMask, EncodeMask, Planes, decode_planes, encode_planes
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.history import MaskHistory
+from lidarcodec.planes.calibrations import SensorBook, encode_calibration
+from lidarcodec.planes.intensity import Quality
+from lidarcodec.planes.sections import DecodeMask, EncodeMask, Planes, decode_planes, encode_planes
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.base import Codec, own_settings
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.jpeg_file import BLOCK, read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.image.canvas_head import canvas_of_frame, split_canvas
+from lidarcodec.ranges.image.jpeg_file import BLOCK, read_jpeg
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
 

@@ -19,19 +19,19 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, Steering, own_settings
-from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
-from lidarcodec.codecs.group_head import pack_group, packets_in, split_group
-from lidarcodec.codecs.history import MaskHistory
-from lidarcodec.codecs.intensity import Quality
 from lidarcodec.codecs.intra import frame_of
-from lidarcodec.codecs.jpeg_file import read_jpeg
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
-from lidarcodec.codecs.layers import group_fits, layers_of
-from lidarcodec.codecs.planes import decode_planes, encode_planes
 from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.history import MaskHistory
+from lidarcodec.planes.calibrations import SensorBook, encode_calibration
+from lidarcodec.planes.intensity import Quality
+from lidarcodec.planes.sections import decode_planes, encode_planes
+from lidarcodec.ranges.image.group_head import pack_group, packets_in, split_group
+from lidarcodec.ranges.image.jpeg_file import read_jpeg
+from lidarcodec.ranges.image.layers import group_fits, layers_of
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import LASERS
 

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import CodecSettings
-from lidarcodec.codecs.canvas import MAX_VALUE
-from lidarcodec.codecs.jpeg_file import Tables, write_jpeg
-from lidarcodec.codecs.range_mapping import NAMES, check_top, mapping_of, top_of
 from lidarcodec.errors import SectionError
+from lidarcodec.ranges.image.canvas import MAX_VALUE
+from lidarcodec.ranges.image.jpeg_file import Tables, write_jpeg
+from lidarcodec.ranges.mapping import NAMES, check_top, mapping_of, top_of
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]

@@ -11,16 +11,16 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.canvas_head import canvas_of_frame, split_canvas
-from lidarcodec.codecs.holes import filled_predicted
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
-from lidarcodec.codecs.quantise import quantise, reconstruct
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.image.canvas_head import canvas_of_frame, split_canvas
+from lidarcodec.ranges.image.holes import filled_predicted
+from lidarcodec.ranges.image.jxl_file import read_jxl, write_jxl
+from lidarcodec.ranges.quantise import quantise, reconstruct
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import LASERS
 

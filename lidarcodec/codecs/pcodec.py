@@ -17,14 +17,14 @@ import numpy.typing as npt
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 from pydantic import Field
 
-from lidarcodec.codecs.activity import ACTIVITIES, Groups
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.quantise import quantise, reconstruct
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.activity import ACTIVITIES, Groups
+from lidarcodec.ranges.quantise import quantise, reconstruct
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 
 Ranges = npt.NDArray[np.uint16]

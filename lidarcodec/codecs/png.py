@@ -16,13 +16,13 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.holes import filled_left
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.quantise import quantise, reconstruct
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.holes import filled_left
+from lidarcodec.ranges.quantise import quantise, reconstruct
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 
 Ranges = npt.NDArray[np.uint16]

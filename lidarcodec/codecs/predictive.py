@@ -24,13 +24,13 @@ from pydantic import Field
 
 from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
-from lidarcodec.codecs.planes import Planes
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.frame import Frame
+from lidarcodec.planes.sections import Planes
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 

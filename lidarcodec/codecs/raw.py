@@ -12,9 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.codecs.base import Codec, CodecSettings
-from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.planes import (
+from lidarcodec.errors import SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.planes.intensity import Quality, reduced
+from lidarcodec.planes.sections import (
     Planes,
     check_unfired,
     decode_pose,
@@ -23,9 +26,6 @@ from lidarcodec.codecs.planes import (
     position_sections,
     side_of,
 )
-from lidarcodec.errors import SectionError
-from lidarcodec.frame import Frame
-from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
 from lidarcodec.units import AZIMUTH_TURN, BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS, LASERS_PER_BLOCK

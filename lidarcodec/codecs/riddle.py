@@ -30,19 +30,19 @@ from pydantic import Field
 
 from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
-from lidarcodec.codecs.planes import Planes
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.riddle_learner import Learner
-from lidarcodec.codecs.riddle_shelf import EFFORTS, Shelf, native_nets, networks_of, shipped, weights_of
-from lidarcodec.codecs.riddle_update import Update, weights_with
-from lidarcodec.codecs.riddle_weights import Weights
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.network.learner import Learner
+from lidarcodec.network.networks import Weights
+from lidarcodec.network.shelf import EFFORTS, Shelf, native_nets, networks_of, shipped, weights_of
+from lidarcodec.network.update import Update, weights_with
+from lidarcodec.planes.sections import Planes
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 

@@ -16,18 +16,18 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import CodecSettings, own_settings
-from lidarcodec.codecs.calibrations import SensorBook
-from lidarcodec.codecs.canvas import MAX_VALUE, level_offsets
-from lidarcodec.codecs.h264_stream import PictureReader, PictureWriter, Preset
-from lidarcodec.codecs.holes import filled_lines
-from lidarcodec.codecs.intensity import Quality
 from lidarcodec.codecs.intra import FrameEncoder, frame_of
-from lidarcodec.codecs.planes import decode_planes, encode_planes
-from lidarcodec.codecs.range_mapping import NAMES, MappingName, check_top, mapping_of
-from lidarcodec.codecs.turn_canvas import TurnLayout, cells, positions
 from lidarcodec.errors import MissingReferenceError, SectionError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.planes.calibrations import SensorBook
+from lidarcodec.planes.intensity import Quality
+from lidarcodec.planes.sections import decode_planes, encode_planes
+from lidarcodec.ranges.image.canvas import MAX_VALUE, level_offsets
+from lidarcodec.ranges.image.holes import filled_lines
+from lidarcodec.ranges.mapping import NAMES, MappingName, check_top, mapping_of
+from lidarcodec.ranges.video.h264_stream import PictureReader, PictureWriter, Preset
+from lidarcodec.ranges.video.turn_canvas import TurnLayout, cells, positions
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 

@@ -11,11 +11,11 @@ from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
 from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
-from lidarcodec.codecs.quantise import quantise, reconstruct
-from lidarcodec.codecs.range_steps import split_step, with_step
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.zstd_frames import compress, decompress
+from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.quantise import quantise, reconstruct
+from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 
 Ranges = npt.NDArray[np.uint16]

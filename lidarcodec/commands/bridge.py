@@ -14,8 +14,8 @@ from typer import Option
 
 from lidarcodec.commands.arguments import AsJson, Connect, Listen, ZenohConfig
 from lidarcodec.commands.endpoints import endpoints_of
-from lidarcodec.commands.running import keep_standard_output
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import is_number
 

@@ -8,16 +8,16 @@ from contextlib import contextmanager, suppress
 from itertools import chain, islice
 from pathlib import Path
 
-from lidarcodec.commands import remaining
 from lidarcodec.commands.outputs import Output, check_output, contents_of, open_output
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.running import remaining
+from lidarcodec.commands.running.stopping import Watched, stoppable
 from lidarcodec.commands.sources import check_not_input
-from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.commands.unkept import positions_in, positions_text
 from lidarcodec.errors import SourceError
+from lidarcodec.files.whole import whole
 from lidarcodec.sources.unit_calibration import warn_if_generic
-from lidarcodec.whole_files import whole
 
 log = logging.getLogger(__name__)
 

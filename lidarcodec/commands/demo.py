@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarcodec.apps.demo_processes import PageServer, free_port
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.apps.demo.processes import PageServer, free_port
+from lidarcodec.commands.running.stopping import stoppable
 
 
 def run(
@@ -21,7 +21,7 @@ def run(
     """Show it, and end with a summary."""
     meeting_port = free_port()
     with PageServer(port, meeting_port) as server:  # first of all: it takes longest, and loads while we do
-        from lidarcodec.apps.demo import Demo
+        from lidarcodec.apps.demo.demo import Demo
         from lidarcodec.commands.settings import one_setting
 
         settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process

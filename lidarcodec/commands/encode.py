@@ -5,21 +5,21 @@ from __future__ import annotations
 from itertools import chain, islice
 from pathlib import Path
 
-from lidarcodec.commands import remaining
 from lidarcodec.commands.coded_recording import CodedRecording
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running import remaining
+from lidarcodec.commands.running.stopping import Watched, stoppable
 from lidarcodec.commands.settings import one_setting
 from lidarcodec.commands.sources import check_finite, check_not_input, readable
-from lidarcodec.commands.stopping import Watched, stoppable
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SettingsError, SourceError, TargetMissedError
+from lidarcodec.files.whole import check_free, whole
 from lidarcodec.pipeline import StreamEncoder, check_offline, frames_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
 from lidarcodec.ratecontrol.reach import pinned
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 from lidarcodec.sources.posed import with_poses
-from lidarcodec.whole_files import check_free, whole
 
 
 def run(

@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from lidarcodec.commands.arguments import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
-from lidarcodec.commands.running import keep_standard_output
+from lidarcodec.commands.running.run import keep_standard_output
 
 
 def swarm(
@@ -84,7 +84,7 @@ def certs(
     ] = None,
 ) -> None:
     """Create or extend a secured deployment: an authority, and a Zenoh configuration for each machine and person."""
-    from lidarcodec.commands import certs as command
+    from lidarcodec.commands.certs import command
 
     command.run(
         folder, router or [], vehicle or [], viewer or [], operator or [], remove or [], auth, port, days, installed

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from lidarcodec.apps import health
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 ANSWER_S = 5.0
 MAX_ANSWER_BYTES = 4096

@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import SettingsError
+from lidarcodec.files.whole import check_free
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
-from lidarcodec.sources.pcap_writer import PcapWriter
-from lidarcodec.whole_files import check_free
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 Array = npt.NDArray[Any]
 KITTI_FILES: Final = re.compile(r"\d{6,}\.bin|timestamps\.json")

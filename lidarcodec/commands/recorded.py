@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lidarcodec.errors import DecodeError, SettingsError, SourceError, UnknownNameError
+from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamDecoder, check, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
-from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
 

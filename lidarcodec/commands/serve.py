@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.running.stopping import stop_asked
 from lidarcodec.commands.server_extra import server_config, server_module
-from lidarcodec.commands.stopping import stop_asked
 
 
 def run(given: Given, **values: Any) -> None:
     """Serve until a signal comes."""
     config = server_config(endpoints=endpoints_of(given), **values)
     # One that others reach is asked first whether they may; that needs its database.
-    listener = server_module("listening").begin(config) if config.loopback else None
+    listener = server_module("door.listening").begin(config) if config.loopback else None
     server = server_module("serve")
     if not stop_asked():
         server.run(config, listener)

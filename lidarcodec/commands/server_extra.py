@@ -30,7 +30,7 @@ def server_config(*, database_url: str | None = None, database_password_file: Pa
     Raises SettingsError when a value is not allowed, or there is no password in the file.
     """
     if database_password_file is not None:
-        database_url = server_module("passwords").with_password(database_url, database_password_file)
+        database_url = server_module("store.passwords").with_password(database_url, database_password_file)
     values["database_url"] = database_url
     try:
         return server_module("config").ServerConfig(**{name: one for name, one in values.items() if one is not None})

@@ -5,17 +5,17 @@ from __future__ import annotations
 from itertools import islice
 from pathlib import Path
 
-from lidarcodec.commands import remaining
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running import remaining
+from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.sources import check_finite
-from lidarcodec.commands.stopping import stoppable
 from lidarcodec.commands.turns import Turns
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.whole import check_free, whole
 from lidarcodec.sensors import db_xml
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.units import FRAME_PACKETS
-from lidarcodec.whole_files import check_free, whole
 
 
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands.endpoints import Given, endpoints_of
-from lidarcodec.commands.stopping import stoppable
+from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import SourceError
 

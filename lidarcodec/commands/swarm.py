@@ -12,8 +12,8 @@ from typing import Any
 from lidarcodec.apps.swarm import Swarm, loaded, vehicle_names
 from lidarcodec.apps.swarm_shared import SharedSwarm, encoded
 from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import one_setting
-from lidarcodec.commands.stopping import stoppable
 from lidarcodec.errors import SourceError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
@@ -99,7 +99,7 @@ def _run_parts(load: Load, several: int) -> None:
         try:
             for number in range(several):
                 size = (load.count - (begin - load.first)) // (several - number)
-                command = [sys.executable, "-P", "-m", "lidarcodec.commands.attached", *load.words(size, begin)]
+                command = [sys.executable, "-P", "-m", "lidarcodec.commands.running.attached", *load.words(size, begin)]
                 parts.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=sys.stdout))
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):

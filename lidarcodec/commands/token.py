@@ -98,7 +98,7 @@ def _print(token: str) -> str | None:
 
 def _store(url: str | None, password: Path | None, *, create: bool = False) -> Any:
     config = server_config(database_url=url, database_password_file=password)
-    store = server_module("store").Store(config.database_url)
+    store = server_module("store.store").Store(config.database_url)
     store.open(create=create)
     return store
 

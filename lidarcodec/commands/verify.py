@@ -12,8 +12,8 @@ from typing import Any
 from lidarcodec.codecs import table
 from lidarcodec.commands.progress import progress
 from lidarcodec.commands.recorded import RecordedFrames
+from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.sources import check_recorded
-from lidarcodec.commands.stopping import StoppedError, Watched, stoppable
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, bound_of, promise_of

@@ -1,7 +1,7 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
-Each has a pure-Python twin that gives the same bytes: `reference`, `reference_mask`, `reference_keep`,
-`reference_azimuth`, `reference_intensity`, `reference_predictive`, `reference_series`.
+Each has a pure-Python twin that gives the same bytes: `reference`, `reference.mask`, `reference.keep`,
+`reference.azimuth`, `reference.intensity`, `reference.predictive`, `reference.series`.
 """
 
 from __future__ import annotations

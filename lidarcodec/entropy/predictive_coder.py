@@ -3,7 +3,7 @@
 A range is coded as its difference from the last one of its row. What is likely is the sum of what fourteen small
 contexts have learned: where the returns around lie as seen from the last one, measured by how much ranges differ here.
 There are no weights: all is learned in the frame itself, or goes on from the frame before. The format is
-docs/wire-format-predictive.md; `reference_predictive` is the same in plain Python.
+docs/wire-format-predictive.md; `reference.predictive` is the same in plain Python.
 
 >>> from lidarcodec.sensor_model import Calibration, SensorModel
 >>> sensor = SensorModel("HDL-64E S2", Calibration.from_values({"vert_correction_rad": np.linspace(0.03, -0.43, 64)}))

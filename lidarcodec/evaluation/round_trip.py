@@ -15,13 +15,13 @@ from collections import deque
 import numpy as np
 
 from lidarcodec.codecs import table
-from lidarcodec.codecs.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
 from lidarcodec.errors import LidarCodecError, RoundTripError
 from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
 from lidarcodec.message import Message, SectionType
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.planes.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
 from lidarcodec.settings import AUTO, StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.wire import unpack

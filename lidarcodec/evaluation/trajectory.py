@@ -34,7 +34,7 @@ from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
 from lidarcodec.frame import Frame
 from lidarcodec.sources.poses import Poses
 from lidarcodec.sources.simulator import SimulatedPoses
-from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
+from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 ODOMETRIES: Final = ("auto", "kiss-icp", "small_gicp")
 NEAREST_M, FARTHEST_M = 3.0, 80.0

@@ -19,12 +19,12 @@ from typing import IO, Final
 
 from lidarcodec import wire
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
 from lidarcodec.recording.reader import RecordingReader
 from lidarcodec.recording.writer import RecordingWriter
-from lidarcodec.regular_files import open_regular
 from lidarcodec.settings import StreamSettings, valid_name
 
 log = logging.getLogger(__name__)

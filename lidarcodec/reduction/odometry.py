@@ -11,10 +11,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.motion import Motion
-from lidarcodec.codecs.motion_finder import TURN_NS, MotionFinder
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.frame import Frame
+from lidarcodec.motion.finder import TURN_NS, MotionFinder
+from lidarcodec.motion.motion import Motion
+from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.units import AZIMUTH_TURN
 
 LONGEST_GAP_NS: Final = 1_000_000_000

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.codecs.warp import beam_rows
 from lidarcodec.frame import Frame
+from lidarcodec.motion.warp import beam_rows
 from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction, with_kept
 from lidarcodec.reduction.lots import drawn
 from lidarcodec.reduction.odometry import Matrix, Odometry, deskewing

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
-from lidarcodec.sensors.calibration import OTHER_SENSORS, table_of
+from lidarcodec.sensors.corrections import OTHER_SENSORS, table_of
 from lidarcodec.units import LASERS, RANGE_STEP_M
 
 CM = 0.01

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import ANGLE_UNIT_RAD, CALIBRATION_FIELDS, LENGTH_UNIT_M, Calibration
-from lidarcodec.sensors.calibration import table_of
+from lidarcodec.sensors.corrections import table_of
 from lidarcodec.units import LASERS, RANGE_STEP_M
-from lidarcodec.untrusted_yaml import YamlRefusedError, read_yaml
+from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
 
 KEYS: dict[str, str] = {
     "rot_correction_rad": "rot_correction",

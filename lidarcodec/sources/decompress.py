@@ -25,7 +25,7 @@ import zstandard
 
 from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance
 from lidarcodec.errors import SourceError
-from lidarcodec.regular_files import open_regular
+from lidarcodec.files.regular import open_regular
 
 CHUNK = 1 << 20
 """Bytes read from a plain file at once."""

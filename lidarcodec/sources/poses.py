@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.errors import SourceError
-from lidarcodec.sources.kitti_points import REVOLUTION_NS
-from lidarcodec.untrusted_npz import read_npz
+from lidarcodec.sources.kitti.points import REVOLUTION_NS
+from lidarcodec.untrusted.npz import read_npz
 
 logger = logging.getLogger(__name__)
 

@@ -10,12 +10,12 @@ from typing import IO, Final, Literal
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import DecodeError, MissingReferenceError, SourceError, UnknownNameError
+from lidarcodec.files.regular import open_regular
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
-from lidarcodec.regular_files import open_regular
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
 from lidarcodec.sources.base import PacketSource

@@ -14,26 +14,25 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from lidarcodec.errors import SourceError
-from lidarcodec.regular_files import open_regular
+from lidarcodec.files.regular import open_regular
 from lidarcodec.sensor_model import Convention
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.magic import MCAP_MAGIC, SQLITE_MAGIC
 from lidarcodec.sources.pacing import PacedSource
 from lidarcodec.sources.poses import Poses, read_poses
 from lidarcodec.sources.spec import Spec, parse
 from lidarcodec.sources.unit_calibration import warn_if_generic
 
 TABLE: dict[str, str] = {
-    "udp": "lidarcodec.sources.udp:UdpSource",
+    "udp": "lidarcodec.sources.udp.source:UdpSource",
     "sim": "lidarcodec.sources.simulator:SimulatorSource",
-    "folder": "lidarcodec.sources.kitti:KittiSource",
+    "folder": "lidarcodec.sources.kitti.source:KittiSource",
     "recording": "lidarcodec.sources.recording:RecordingSource",
-    "rosbag": "lidarcodec.sources.rosbag:RosbagSource",
-    "capture": "lidarcodec.sources.capture:CaptureSource",
+    "rosbag": "lidarcodec.sources.rosbag.source:RosbagSource",
+    "capture": "lidarcodec.sources.captures.source:CaptureSource",
 }
 """Kind -> module and class, which has a constructor `from_spec(spec, calibration)`."""
 SCHEMES = ("udp", "sim")
-MCAP_MAGIC = b"\x89MCAP"
-SQLITE_MAGIC = b"SQLite format 3\0"
 SCAN_SUFFIXES = (".bin", ".bin.xz")
 
 
@@ -96,7 +95,7 @@ def kind_of(spec: Spec) -> str:
             begins = file.read(len(SQLITE_MAGIC))
         found = begins == SQLITE_MAGIC
         if begins[: len(MCAP_MAGIC)] == MCAP_MAGIC:
-            from lidarcodec.sources.rosbag import is_rosbag
+            from lidarcodec.sources.rosbag.source import is_rosbag
 
             found = is_rosbag(path)
     except FileNotFoundError:

@@ -45,7 +45,7 @@ from lidarcodec.training.annotation_folder import AnnotationFolder, Labels, Scan
 from lidarcodec.training.ground import ground_finder
 from lidarcodec.training.labels import NAMES, SHARE, labels_of, threshold_of
 from lidarcodec.units import FRAME_COLUMNS
-from lidarcodec.untrusted_npz import read_npy
+from lidarcodec.untrusted.npz import read_npy
 
 WARM_UP: Final = 5
 """Frames before a piece that a finder of ground which learns is shown first."""

@@ -22,11 +22,11 @@ import numpy.typing as npt
 from lidarcodec.budgets import FileTooLargeError, largest, read_file
 from lidarcodec.errors import CalibrationError, LidarCodecError, SettingsError, SourceError
 from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
+from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
-from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
-from lidarcodec.whole_files import written_whole
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 FORMAT: Final = 1
 

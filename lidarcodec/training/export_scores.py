@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from lidarcodec.errors import MissingExtraError
+from lidarcodec.files.whole import whole
 from lidarcodec.reduction.score_image import CHANNELS, MULTIPLE
 from lidarcodec.training.nets.score_net import ScoreNet
 from lidarcodec.units import LASERS
-from lidarcodec.whole_files import whole
 
 OPSET = 17
 

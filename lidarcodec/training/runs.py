@@ -26,9 +26,9 @@ import torch
 
 from lidarcodec.budgets import largest
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec.regular_files import open_regular
-from lidarcodec.untrusted_npz import ArraysRefusedError, check_archive
-from lidarcodec.whole_files import written_whole
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import written_whole
+from lidarcodec.untrusted.npz import ArraysRefusedError, check_archive
 
 Value = str | int | float | bool | None | list[Any]
 """What a setting of a run may be: it is written into its checkpoints."""

@@ -27,7 +27,7 @@ Motion motion_of(const In<std::int32_t, 1>& numbers) {
 }  // namespace
 
 void bind_motion(nb::module_& m) {
-  nb::class_<RangeHistory>(m, "RangeHistory", "What was last seen in each direction; see lidarcodec.codecs.warp.")
+  nb::class_<RangeHistory>(m, "RangeHistory", "What was last seen in each direction; see lidarcodec.motion.warp.")
       .def(nb::init<>())
       .def("forget", &RangeHistory::forget, "Forgets everything.")
       .def(

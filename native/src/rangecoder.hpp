@@ -6,7 +6,7 @@
 // the window has moved on), zeros understood after them. The decoder therefore knows where a stream must end, and
 // refuses one that is cut, longer, or ends in any other value: most damage is noticed at no cost.
 //
-// Same names and same order as lidarcodec/entropy/reference.py, which gives the same bytes.
+// Same names and same order as tests/reference/range_coder.py, which gives the same bytes.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -35,7 +35,7 @@ struct SenderReport {
   std::uint32_t score = 0;
 };
 
-// The numbers of both stand in lidarcodec/sources/udp_senders.py, too.
+// The numbers of both stand in lidarcodec/sources/udp/senders.py, too.
 enum class SenderVerdict { Keep, Hold, Refuse, OtherSensor };
 enum class SenderReason : std::uint8_t { None, First, Silent, Implausible };
 

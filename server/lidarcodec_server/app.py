@@ -19,7 +19,7 @@ from lidarcodec.transport import Transport
 from lidarcodec_server import openapi, problems
 from lidarcodec_server.auth import asks, check, known_operator
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.connections import ConnectionMetrics, Connections
+from lidarcodec_server.door.connections import ConnectionMetrics, Connections
 from lidarcodec_server.fairness import Fair
 from lidarcodec_server.live.part import live
 from lidarcodec_server.middleware import BodyLimit, FromHere, Knock, Observe, Reserved

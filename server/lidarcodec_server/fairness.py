@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lidarcodec_server.connections import host_of
+from lidarcodec_server.door.connections import host_of
 from lidarcodec_server.middleware import HEALTH, refuse
 from lidarcodec_server.problems import ProblemError
 

@@ -14,9 +14,9 @@ from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lidarcodec.untrusted_json import JsonRefusedError, read_json
+from lidarcodec.untrusted.json import JsonRefusedError, read_json
 from lidarcodec_server.config import is_loopback
-from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.metrics.metrics import Metrics
 from lidarcodec_server.problems import ProblemError
 
 HEALTH = ("/healthz", "/readyz")

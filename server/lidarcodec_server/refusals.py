@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 
 if TYPE_CHECKING:
     from lidarcodec_server.operations import Operation

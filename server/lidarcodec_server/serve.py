@@ -15,14 +15,14 @@ from typing import Any
 import uvicorn
 
 from lidarcodec.errors import SettingsError, TransportError
-from lidarcodec_server.acceptor import Acceptor
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.door import Door
-from lidarcodec_server.listening import address_of, begin, tls_of
+from lidarcodec_server.door.acceptor import Acceptor
+from lidarcodec_server.door.door import Door
+from lidarcodec_server.door.listening import address_of, begin, tls_of
+from lidarcodec_server.door.request_protocol import RequestProtocol, Times
 from lidarcodec_server.live.protocol import ViewerProtocol
-from lidarcodec_server.request_protocol import RequestProtocol, Times
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import TokenBook
 
 logger = logging.getLogger(__name__)

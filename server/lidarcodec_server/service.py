@@ -15,13 +15,13 @@ from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.transport import Transport, open_transport
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.control import Control
-from lidarcodec_server.fleet import Fleet, Stream
+from lidarcodec_server.fleet.control import Control
+from lidarcodec_server.fleet.fleet import Fleet, Stream
 from lidarcodec_server.limits import Limits, SparseLog
-from lidarcodec_server.metrics import Metrics
+from lidarcodec_server.metrics.metrics import Metrics
 from lidarcodec_server.migrations import StoreError
 from lidarcodec_server.refusals import Refusals
-from lidarcodec_server.store import Entry, Store
+from lidarcodec_server.store.store import Entry, Store
 from lidarcodec_server.tokens import TokenBook
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import valid_name
 from lidarcodec_server.config import Role
 from lidarcodec_server.migrations import StoreError
-from lidarcodec_server.store import Store, Token
+from lidarcodec_server.store.store import Store, Token
 
 logger = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from lidarcodec.apps.reports import COUNTED, COUNTED_TIMES, MEASURED, SUMMED
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings, is_name, settings_from
-from lidarcodec.untrusted_json import read_object
+from lidarcodec.untrusted.json import read_object
 
 MAX_STATUS_BYTES: Final = 64 * 1024
 MAX_SETTINGS_BYTES: Final = 8 * 1024

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lidarcodec.apps.flight import Flight
+from lidarcodec.apps.publisher.flight import Flight
 
 
 def checksum(index: int) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from tests.apps.streams import Loop
 
 KEY = "vehicle/lidar"

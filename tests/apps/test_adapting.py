@@ -7,8 +7,8 @@ import logging
 import pytest
 
 from lidarcodec.api import read_frames
-from lidarcodec.apps.adapting import Adapting
-from lidarcodec.apps.flight import LIMIT_S
+from lidarcodec.apps.publisher.adapting import Adapting
+from lidarcodec.apps.publisher.flight import LIMIT_S
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.adaptive import SHARE, START_KBPS
 from lidarcodec.settings import StreamSettings
@@ -81,7 +81,7 @@ def test_frames_left_out_make_it_take_a_smaller_share():
 def test_a_path_that_stands_still_is_said_once_and_so_is_its_end(caplog):
     _, adapting, send = path(8000.0)
     encoder = StreamEncoder(StreamSettings(target_kbps="auto"))
-    with caplog.at_level(logging.INFO, "lidarcodec.apps.adapting"):
+    with caplog.at_level(logging.INFO, "lidarcodec.apps.publisher.adapting"):
         for arrives in (True, False, False, False, True, True):
             send(40_000, arrives=arrives)
             adapting.aim(encoder, 0)

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from lidarcodec.apps.choosing import LONGEST_S, CodecChooser, encode_ms
+from lidarcodec.apps.publisher.choosing import LONGEST_S, CodecChooser, encode_ms
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.choosing import ranked

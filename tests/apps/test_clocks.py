@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from lidarcodec.apps.clocks import Clock, ClockOffset, LatencyClock
-from lidarcodec.apps.freshness import Freshness
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.round_trips import AGAIN_S, EVERY_S, RoundTrips
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.freshness import Freshness
+from lidarcodec.apps.receiver.live_stream import subscribe
+from lidarcodec.apps.receiver.round_trips import AGAIN_S, EVERY_S, RoundTrips
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.transport.test_contract import eventually

@@ -2,11 +2,11 @@
 
 import pytest
 
-from lidarcodec.apps import worker_process
 from lidarcodec.apps.control import settings_with
-from lidarcodec.codecs.riddle_shelf import FOLDER_VARIABLE, look_in, weights_of
-from lidarcodec.commands import publish_config
+from lidarcodec.apps.worker import process
+from lidarcodec.commands.publish import config as publish_config
 from lidarcodec.errors import SettingsError, UnknownNameError
+from lidarcodec.network.shelf import FOLDER_VARIABLE, look_in, weights_of
 from lidarcodec.settings import StreamSettings
 from tests.command_line import run_here
 
@@ -90,7 +90,7 @@ def test_a_config_file_names_the_folder_and_the_command_line_wins(folder, tmp_pa
 
 def test_a_folder_is_told_to_the_process_that_codes(folder):
     look_in(folder)
-    assert worker_process._environment()[FOLDER_VARIABLE] == str(folder)
+    assert process._environment()[FOLDER_VARIABLE] == str(folder)
     assert settings_with(RIDDLE, {"codec_settings": {"weights": "mine"}}).codec_settings["weights"] == "mine"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.apps.flight import LIMIT_S, NEW_CODEC_MESSAGES, REMEMBERED
+from lidarcodec.apps.publisher.flight import LIMIT_S, NEW_CODEC_MESSAGES, REMEMBERED
 from tests.apps.flights import Clock, Path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 
-from lidarcodec.apps.publish_desk import CHANGES_AT_ONCE, CHANGES_PER_S, STATUS_HOLDS_S
+from lidarcodec.apps.publisher.desk import CHANGES_AT_ONCE, CHANGES_PER_S, STATUS_HOLDS_S
 from lidarcodec.transport.keys import StreamKeys
 from tests.apps.in_memory import publisher
 

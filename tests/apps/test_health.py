@@ -11,7 +11,7 @@ import time
 import pytest
 
 from lidarcodec.apps import health
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.apps.health import HealthFile, SensorState, complaints
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.errors import SettingsError, SourceError

@@ -11,8 +11,8 @@ import threading
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.memory import MemoryNetwork

@@ -17,8 +17,8 @@ import pytest
 
 import lidarcodec
 from lidarcodec import wire
-from lidarcodec.apps.isolation import Isolation
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.codecs import table
 from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, WorkerError
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
@@ -259,7 +259,7 @@ def test_the_process_leaves_signals_of_a_group_to_its_stream(ends):
 @pytest.mark.parametrize("busy", [False, True], ids=["idle", "stopped"])
 def test_the_process_ends_with_a_stream_that_was_killed(busy):
     code = (
-        "import os, time; from lidarcodec.apps.isolation import Isolation\n"
+        "import os, time; from lidarcodec.apps.worker.isolation import Isolation\n"
         "one = Isolation('always', print); one.start('zstd')\n"
         "while not one.ready('zstd'): pass\n"
         "print(one.state()['pid'], flush=True); time.sleep(60)"

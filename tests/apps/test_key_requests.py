@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.receiver import Receiver
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.receiver import Receiver
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork

@@ -8,10 +8,10 @@ import time
 
 import pytest
 
-from lidarcodec.apps import learning
-from lidarcodec.apps.learning import MOST_FRAMES, SpareLearning
 from lidarcodec.apps.once import Once
-from lidarcodec.codecs import riddle_learner
+from lidarcodec.apps.publisher import learning
+from lidarcodec.apps.publisher.learning import MOST_FRAMES, SpareLearning
+from lidarcodec.network import learner
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings
 from tests.apps.in_memory import live, publisher
@@ -32,8 +32,8 @@ def running() -> bool:
 def soon(monkeypatch):
     """Looks at what was learned sooner than on a road, and with the priority of the others: this machine is busy."""
     monkeypatch.setattr(learning, "NICENESS", 0)
-    monkeypatch.setattr(riddle_learner, "CHECK_STEPS", 80)
-    monkeypatch.setattr(riddle_learner, "HELD_EVERY", 3)
+    monkeypatch.setattr(learner, "CHECK_STEPS", 80)
+    monkeypatch.setattr(learner, "HELD_EVERY", 3)
     yield
     assert eventually(lambda: not running())
 

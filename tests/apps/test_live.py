@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream, subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import LidarCodecError, TransportError
 from lidarcodec.settings import StreamSettings

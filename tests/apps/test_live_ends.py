@@ -10,8 +10,8 @@ import time
 import pytest
 
 from lidarcodec import wire
-from lidarcodec.apps.live_stats import REMEMBERED
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.stats import REMEMBERED
 from lidarcodec.apps.reports import COUNTED
 from lidarcodec.apps.swarm_shared import encoded
 from lidarcodec.errors import SettingsError, TransportError, UnknownNameError

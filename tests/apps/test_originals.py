@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lidarcodec.apps.once import Once
-from lidarcodec.apps.originals import Originals
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.originals import Originals
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import StreamDecoder, frames_of

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport.memory import MemoryNetwork
 from tests.apps.streams import Loop
 from tests.apps.test_udp_out import Driver

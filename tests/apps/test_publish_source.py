@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcodec.apps.clocks import Clock
 from lidarcodec.apps.mailbox import Mailbox
-from lidarcodec.apps.publish_source import FrameFeed
+from lidarcodec.apps.publisher.source import FrameFeed
 from tests.apps.streams import START_NS, Loop
 
 TURN_NS = 348 * 288_000

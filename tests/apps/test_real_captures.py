@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.sources import open_source
 from lidarcodec.transport import Endpoints

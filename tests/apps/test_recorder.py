@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.apps.recorder import WAITING, BackgroundRecorder
-from lidarcodec.apps.subscribe import subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import StreamDecoder

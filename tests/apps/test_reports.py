@@ -12,7 +12,7 @@ from lidarcodec.apps.reports import STATUS_FIELDS, Arrival, pack_arrival, read_a
 from lidarcodec.apps.timings import RECENT, Timings
 from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.settings import StreamSettings
-from lidarcodec.untrusted_json import JsonRefusedError
+from lidarcodec.untrusted.json import JsonRefusedError
 from tests.apps.in_memory import publisher
 
 NESTED = b'{"frames":' + b"[" * 300 + b"]" * 300 + b"}"

@@ -8,9 +8,9 @@ import time
 import pytest
 
 from lidarcodec.apps import spot_check
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.apps.spot_check import WAITING, SpotCheck
-from lidarcodec.apps.subscribe import subscribe
 from lidarcodec.codecs import pcodec
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder

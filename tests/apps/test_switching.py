@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import pytest
 
-from lidarcodec.apps.receiver import Receiver
+from lidarcodec.apps.receiver.receiver import Receiver
 from lidarcodec.codecs import table
 from lidarcodec.transport import Endpoints, open_transport
 from lidarcodec.transport.keys import StreamKeys

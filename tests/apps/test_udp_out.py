@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import subscribe
-from lidarcodec.apps.udp_out import UdpOut, address_of, due_s, target_of
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
+from lidarcodec.apps.receiver.udp_out import UdpOut, address_of, due_s, target_of
 from lidarcodec.assembly import Assembler, packets_of
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.frame import Frame

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.reports import Arrival, pack_arrival
 from lidarcodec.message import Message
 from lidarcodec.packet import Packet

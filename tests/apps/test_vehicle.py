@@ -14,7 +14,7 @@ import pytest
 import lidarcodec
 from lidarcodec.apps import vehicle as module
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
-from lidarcodec.commands import publish_config
+from lidarcodec.commands.publish import config as publish_config
 from lidarcodec.errors import SettingsError, SourceError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source

@@ -15,8 +15,8 @@ FIRST_IS_LIMIT = {"wait", "join", "acquire", "get", "recv"}
 NO_QUEUE = {"webbrowser"}
 SECOND_IS_LIMIT = {"wait_for"}
 FOR_WORK = {
-    ("lidarcodec/apps/learning.py", "_allowed"),
-    ("lidarcodec/apps/udp_out.py", "_run"),
+    ("lidarcodec/apps/publisher/learning.py", "_allowed"),
+    ("lidarcodec/apps/receiver/udp_out.py", "_run"),
     ("lidarcodec/apps/recorder.py", "_run"),
     ("lidarcodec/apps/spot_check.py", "_run"),
     ("lidarcodec/transport/memory.py", "_run"),
@@ -25,7 +25,7 @@ FOR_WORK = {
 }
 """Threads of our own that wait for work: `close` wakes them, and whoever closes waits for them with a limit."""
 OURS = {
-    ("lidarcodec/apps/publish.py", "run"),  # Publisher.wait: until the source ends, looks every TICK_S
+    ("lidarcodec/apps/publisher/publisher.py", "run"),  # Publisher.wait: until the source ends, looks every TICK_S
 }
 
 

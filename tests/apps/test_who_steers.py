@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from lidarcodec.apps.flight import LIMIT_S, PROOFS, REFUSED, REMEMBERED
-from lidarcodec.apps.followed import FORGET_S, LISTED, MAX_RECEIVERS, UNPROVED_S
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.publish_status import MAX_REPORTS
+from lidarcodec.apps.publisher.flight import LIMIT_S, PROOFS, REFUSED, REMEMBERED
+from lidarcodec.apps.publisher.followed import FORGET_S, LISTED, MAX_RECEIVERS, UNPROVED_S
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.publisher.status import MAX_REPORTS
 from lidarcodec.apps.reports import Arrival, pack_arrival
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from tests.apps.streams import Loop

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lidarcodec import errors
-from lidarcodec.apps.worker_frames import FrameReader, FrameWriter
-from lidarcodec.apps.worker_wire import (
+from lidarcodec.apps.worker.frames import FrameReader, FrameWriter
+from lidarcodec.apps.worker.wire import (
     HEAD,
     Channel,
     GarbledError,

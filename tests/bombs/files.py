@@ -13,20 +13,20 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from lidarcodec.codecs.riddle_weight_file import read_weights
-from lidarcodec.commands.certs import _read as read_deployment
-from lidarcodec.commands.publish_config import read as read_config
+from lidarcodec.commands.certs.command import _read as read_deployment
+from lidarcodec.commands.publish.config import read as read_config
 from lidarcodec.evaluation.trajectory import Trajectory
+from lidarcodec.network.weight_file import read_weights
 from lidarcodec.sensors import read_calibration
 from lidarcodec.sources import open_source
-from lidarcodec.sources.kitti_points import find_scans, read_points
+from lidarcodec.sources.kitti.points import find_scans, read_points
 from lidarcodec.sources.poses import read_poses
 from lidarcodec.training.annotation_folder import AnnotationFolder
 from lidarcodec.transport.zenoh import options_in
-from lidarcodec.untrusted_npz import read_npy
+from lidarcodec.untrusted.npz import read_npy
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.listening import check_tls
-from lidarcodec_server.passwords import with_password
+from lidarcodec_server.door.listening import check_tls
+from lidarcodec_server.store.passwords import with_password
 
 PCAP = bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000")
 PCAPNG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)

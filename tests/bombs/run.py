@@ -11,7 +11,7 @@ from pathlib import Path
 
 from lidarcodec.budgets import BUDGETS
 from lidarcodec.errors import LidarCodecError
-from lidarcodec.untrusted_npz import ArraysRefusedError
+from lidarcodec.untrusted.npz import ArraysRefusedError
 from tests.bombs.files import BOMBS
 
 PROGRAM_MIB = 2048

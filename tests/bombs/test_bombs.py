@@ -18,9 +18,9 @@ OWN_FILES = {
     "lidarcodec/sensors/generic.py": "tables of the package",
     "lidarcodec/reduction/score_network.py": "weights of the package",
     "lidarcodec/ratecontrol/curve.py": "figures of the package",
-    "lidarcodec/commands/about.py": "/proc",
+    "lidarcodec/commands/info/about.py": "/proc",
     "lidarcodec/transport/late_threads.py": "/proc",
-    "lidarcodec/commands/joined_captures.py": "as long as what it is compared with",
+    "lidarcodec/commands/join/captures.py": "as long as what it is compared with",
     "server/lidarcodec_server/routes/page.py": "the page of the package",
     "server/lidarcodec_server/web_files.py": "the page of the package",
 }

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges import gate as gates
 from lidarcodec.bridges.gate import Gate
 from tests.apps.streams import Loop

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges.ros2 import RosBridge, RosNames
 from lidarcodec.errors import SettingsError
 from lidarcodec.interop import ros

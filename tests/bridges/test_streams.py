@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.bridges.streams import Streams
 from lidarcodec.errors import SectionError, TransportError
 from tests.apps.streams import Loop

@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 from tests import asking
 from tests.command_line import COMMAND, environment, run_here
 from tests.transport.test_contract import eventually

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import lidarcodec
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 from tests.apps.streams import Loop
 from tests.command_line import environment
 from tests.packets import read_plain_pcap

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.packet import Packet
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.codecs.motion import Motion
-from lidarcodec.codecs.reference_mask_stream import MaskStreamReference, View
-from lidarcodec.codecs.warp import RangeHistory, beam_rows
 from lidarcodec.entropy import MaskStream, encode_mask, mask_stream
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
+from lidarcodec.motion.motion import Motion
+from lidarcodec.motion.warp import RangeHistory, beam_rows
 from tests.entropy.frames import frames, sensor
+from tests.reference.mask_stream import MaskStreamReference, View
 
 SENSOR = sensor()
 BEAMS = beam_rows(SENSOR)

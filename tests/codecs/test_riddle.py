@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from lidarcodec import entropy, wire
-from lidarcodec.codecs import riddle_weight_file as rf
-from lidarcodec.codecs import riddle_weights, table
+from lidarcodec.codecs import table
 from lidarcodec.codecs.riddle import RETURNS_PER_BYTE
-from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, shipped, weights_of
 from lidarcodec.entropy import fast
 from lidarcodec.errors import DecodeError, MissingReferenceError, SectionError, SettingsError
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.network import networks
+from lidarcodec.network import weight_file as rf
+from lidarcodec.network.shelf import native_nets, networks_of, shipped, weights_of
 from lidarcodec.settings import StreamSettings
-from tests.codecs.test_riddle_weights import float_layers, four_nets, with_cases, without_tiles
 from tests.contracts import frames
 from tests.entropy.test_predictive_coder import LEVELS, SENSOR, all_fired, check_bound, guess, mask, scene
+from tests.network.test_weights import float_layers, four_nets, with_cases, without_tiles
 from tests.sweeps import sampled
 
 STREAM = 7
@@ -58,11 +59,11 @@ def test_every_processor_gives_the_odds_of_the_reference(form: str, expects: boo
     rng = np.random.default_rng(4)
     inputs = rng.integers(-128, 128, (301, 112 if expects else 72)).astype(np.int8)
     for hidden in ((8, 8), (32, 32), (96, 32), (24, 40), (192, 48), (152, 64), (256, 256)):
-        plain = riddle_weights.quantised(expects, 0, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
+        plain = networks.quantised(expects, 0, float_layers(inputs.shape[1], hidden, seed=hidden[0]))
         for net in (plain, with_cases(plain)):
             nets = entropy.NativeNets(form)
             nets.add([layer.given for layer in net.layers])
-            np.testing.assert_array_equal(nets.run(inputs), riddle_weights.run(net, inputs))
+            np.testing.assert_array_equal(nets.run(inputs), networks.run(net, inputs))
 
 
 def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
@@ -72,14 +73,14 @@ def test_first_layers_of_bytes_give_the_same_on_every_processor() -> None:
         drawn = float_layers(inputs, hidden, seed=hidden[0])
         first = rng.integers(-128, 128, drawn[0][0].shape)
         first[0], first[1] = -128, 127
-        net = riddle_weights.quantised(inputs == 112, 2, [(first / 64, drawn[0][1]), *drawn[1:]])
+        net = networks.quantised(inputs == 112, 2, [(first / 64, drawn[0][1]), *drawn[1:]])
         assert net.layers[0].shift == 6  # kept as it is: exact in 8 bits
         given = rng.integers(-128, 128, (33, inputs)).astype(np.int8)
         given[0], given[1] = -128, 127
         for form, of in product(fast.net_forms(), (net, with_cases(net))):
             nets = entropy.NativeNets(form)
             nets.add([layer.given for layer in of.layers])
-            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(of, given))
+            np.testing.assert_array_equal(nets.run(given), networks.run(of, given))
 
 
 @pytest.mark.parametrize("form", fast.net_forms())
@@ -91,11 +92,11 @@ def test_tiles_without_weights_are_left_out_alike_on_every_processor(form: str, 
         if in_bytes:
             drawn[0] = rng.integers(-128, 128, drawn[0][0].shape) / 64, drawn[0][1]
         for share in (0.5, 0.02):
-            net = with_cases(riddle_weights.quantised(inputs == 112, 2, without_tiles(drawn, share, rng)))
+            net = with_cases(networks.quantised(inputs == 112, 2, without_tiles(drawn, share, rng)))
             given = rng.integers(-128, 128, (33, inputs)).astype(np.int8)
             nets = entropy.NativeNets(form)
             nets.add([layer.given for layer in net.layers])
-            np.testing.assert_array_equal(nets.run(given), riddle_weights.run(net, given))
+            np.testing.assert_array_equal(nets.run(given), networks.run(net, given))
 
 
 @pytest.mark.parametrize("step", sampled([1, 11, 501], [11]))

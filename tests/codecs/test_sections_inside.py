@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.calibrations import SensorBook, encode_calibration
-from lidarcodec.codecs.intensity import Quality, decode_intensity, encode_intensity, values_within
-from lidarcodec.codecs.planes import decode_pose, fired_cells, pose_sections
-from lidarcodec.codecs.zstd_frames import compress, decompress
+from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError, TruncatedError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.planes.calibrations import SensorBook, encode_calibration
+from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intensity, values_within
+from lidarcodec.planes.sections import decode_pose, fired_cells, pose_sections
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames

@@ -10,11 +10,11 @@ import pytest
 
 from lidarcodec import wire
 from lidarcodec.codecs import table
-from lidarcodec.codecs.history import StreamHistory
 from lidarcodec.entropy import PredictiveCoder, known_columns
 from lidarcodec.errors import MissingReferenceError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.history import StreamHistory
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
 from tests.golden.test_golden import slabs

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from lidarcodec import entropy
-from lidarcodec.codecs.motion import STILL
-from lidarcodec.codecs.warp import RangeHistory, beam_rows
 from lidarcodec.entropy import fast
 from lidarcodec.entropy.mask_coder import row_geometry
+from lidarcodec.motion.motion import STILL
+from lidarcodec.motion.warp import RangeHistory, beam_rows
 from tests.entropy.frames import all_fired, mask
 from tests.entropy.test_predictive_coder import LEVELS, SENSOR, guess, scene
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from lidarcodec.codecs import table
-from lidarcodec.codecs.h264_stream import PRESETS, PictureReader, PictureWriter, Preset
-from lidarcodec.codecs.h264_units import check_sequence, split_units
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
+from lidarcodec.ranges.video.h264_stream import PRESETS, PictureReader, PictureWriter, Preset
+from lidarcodec.ranges.video.h264_units import check_sequence, split_units
 from lidarcodec.settings import settings_from
 from tests.contracts import frames
 

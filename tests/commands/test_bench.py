@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from lidarcodec.codecs import table
-from lidarcodec.commands import bench as command
-from lidarcodec.commands.curve import POINTS, curve, knob_of
+from lidarcodec.commands.bench import command
+from lidarcodec.commands.bench.curve import POINTS, curve, knob_of
 from lidarcodec.errors import MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.evaluation import plots
 
@@ -117,7 +117,7 @@ def test_what_a_receiver_fills_in_and_how_far_intensity_is_off_is_told(capsys):
 
 
 def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("lidarcodec.commands.curve.TARGETS_KBPS", (700, 4000))
+    monkeypatch.setattr("lidarcodec.commands.bench.curve.TARGETS_KBPS", (700, 4000))
     monkeypatch.setattr(sys.modules[__name__], "SOURCE", "sim:road?seed=2&frames=5")
     picture = tmp_path / "operating.svg"
     found, _ = bench(capsys, "pcodec", frames=5, as_curve=True, metrics="all", plot=picture)
@@ -138,7 +138,7 @@ def test_with_all_metrics_a_curve_is_the_operating_curve_of_a_target(capsys, tmp
 
 
 def test_where_a_drive_says_nothing_of_its_way_the_rest_of_the_curve_is_drawn_all_the_same(capsys, monkeypatch):
-    monkeypatch.setattr("lidarcodec.commands.curve.TARGETS_KBPS", (2000,))
+    monkeypatch.setattr("lidarcodec.commands.bench.curve.TARGETS_KBPS", (2000,))
     (found,), _ = bench(capsys, "zstd", as_curve=True, metrics="all")
     assert found["localisation"] is None, "one frame is no drive"
     assert found["chamfer_m"] > 0

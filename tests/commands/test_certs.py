@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.commands import certs
-from lidarcodec.commands.folder_lock import locked
+from lidarcodec.commands.certs import command as certs
+from lidarcodec.commands.certs.folder_lock import locked
 from lidarcodec.errors import MissingExtraError, SettingsError, SourceError
 from tests.command_line import run, start
 from tests.transport.conftest import free_port

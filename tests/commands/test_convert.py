@@ -13,7 +13,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sensors import write_db_xml
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests import packets as made
 from tests.command_line import run_here
 

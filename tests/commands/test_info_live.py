@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.commands import inspect_source
+from lidarcodec.commands.info import source as inspect_source
 from tests import packets as made
 from tests.command_line import run_here, the_one_line
 

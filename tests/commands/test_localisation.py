@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from lidarcodec.commands.curve import POINTS
+from lidarcodec.commands.bench.curve import POINTS
 from tests.command_line import run_here, the_one_line
 
 SOURCE = "sim:street?frames=9&traffic=0"

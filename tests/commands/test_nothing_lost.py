@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests.command_line import run_here
 from tests.packets import turning
 

@@ -10,8 +10,8 @@ import pytest
 
 from lidarcodec.commands.outputs import check_output, contents_of, open_output
 from lidarcodec.errors import SettingsError
+from lidarcodec.files.whole import whole
 from lidarcodec.pipeline import frames_of
-from lidarcodec.whole_files import whole
 from tests.packets import sensor, turning
 
 

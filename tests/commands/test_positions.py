@@ -9,7 +9,7 @@ import pytest
 
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from tests.command_line import run, run_here
 from tests.packets import turning
 from tests.positions import interleaved, position

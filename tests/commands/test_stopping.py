@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import pytest
 
-from lidarcodec.commands.stopping import SIGNALS, Interrupter, stoppable
+from lidarcodec.commands.running.stopping import SIGNALS, Interrupter, stoppable
 
 
 @pytest.fixture(autouse=True)

@@ -114,7 +114,7 @@ def test_bench_that_is_stopped_prints_what_it_has_and_that_there_is_more(drive: 
             os.kill(os.getpid(), signal.SIGTERM)
         return bench(*given, **more)  # type: ignore[arg-type]
 
-    with mock.patch("lidarcodec.commands.bench.bench", interrupted):
+    with mock.patch("lidarcodec.commands.bench.command.bench", interrupted):
         result = run_here(
             "bench", drive / "drive.pcap", "--codec", "raw,zstd,pcodec", "--frames", 1, "--json", "--plot",
             tmp_path / "bench.png",

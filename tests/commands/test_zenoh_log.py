@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from lidarcodec.commands.zenoh_log import MOST_KINDS, Sparse
+from lidarcodec.commands.running.zenoh_log import MOST_KINDS, Sparse
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Endpoints, open_transport
 from tests.command_line import start

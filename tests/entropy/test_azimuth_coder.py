@@ -16,13 +16,13 @@ from lidarcodec.entropy import (
     columns_in_turn,
     decode_azimuth,
     encode_azimuth,
-    reference_azimuth,
     rotation_from_runs,
     rotation_runs,
 )
 from lidarcodec.entropy.azimuth_coder import RotationRuns
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from tests.entropy.frames import all_fired, frames, one_in_three
+from tests.reference import azimuth as reference_azimuth
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import decode_intensity, encode_intensity, intensity_coder, reference_intensity
+from lidarcodec.entropy import decode_intensity, encode_intensity, intensity_coder
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from tests.entropy.frames import all_fired, frames, mask, one_in_three, sensor
 from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calibration
+from tests.reference import intensity
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 SENSOR = sensor()
@@ -61,9 +62,9 @@ def test_any_intensities_come_back_and_native_writes_what_the_reference_writes(c
     np.testing.assert_array_equal(decode_intensity(data, returns, fired, of), expected)
 
     layout, cells = layout_of(fired, of), returns.view(np.uint8)
-    np.testing.assert_array_equal(reference_intensity.decode_intensity(data, cells, layout), expected)
+    np.testing.assert_array_equal(intensity.decode_intensity(data, cells, layout), expected)
     turn, rate = int.from_bytes(data[1:3], "little"), int.from_bytes(data[3:5], "little")
-    assert data == reference_intensity.encode_intensity(values, cells, layout, turn, rate)
+    assert data == intensity.encode_intensity(values, cells, layout, turn, rate)
 
 
 @pytest.mark.parametrize("width", [1, 2, 7, 174, 2088])

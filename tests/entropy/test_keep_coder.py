@@ -12,15 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcodec import api
-from lidarcodec.codecs.history import MaskHistory
-from lidarcodec.entropy import decode_keep, encode_keep, encode_mask, fast, keep_coder, reference_keep
+from lidarcodec.entropy import decode_keep, encode_keep, encode_mask, fast, keep_coder
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.errors import DecodeError, SectionError
+from lidarcodec.motion.history import MaskHistory
 from lidarcodec.reduction import make_reducer
 from lidarcodec.settings import StreamSettings
 from tests.entropy.frames import all_fired, one_in_three, sensor
 from tests.entropy.test_mask_coder import SENSOR, golden_sensor, layout_of, random_calibration
 from tests.entropy.test_mask_coder import SensorModel as Sensor
+from tests.reference import keep as reference_keep
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 

@@ -12,11 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import columns_in_turn, decode_mask, encode_mask, mask_coder, reference_mask
+from lidarcodec.entropy import columns_in_turn, decode_mask, encode_mask, mask_coder
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.sensor_model import Calibration, SensorModel
 from tests.entropy.frames import all_fired, frames, mask, one_in_three, sensor
+from tests.reference import mask as reference_mask
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 SENSOR = sensor()

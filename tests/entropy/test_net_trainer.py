@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, weights_of
-from lidarcodec.codecs.riddle_tiles import tiles_left
-from lidarcodec.codecs.riddle_weights import Net, quantised
 from lidarcodec.entropy import NetTrainer, PredictiveCoder, ReturnSamples, TrainSettings
+from lidarcodec.network.networks import Net, quantised
+from lidarcodec.network.shelf import native_nets, networks_of, weights_of
+from lidarcodec.network.tiles import tiles_left
 from tests.entropy.frames import all_fired, sensor
 from tests.entropy.test_predictive_coder import LEVELS, guess, scene
 

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import PredictiveCoder, predictive_coder, predictive_tables, reference_predictive
+from lidarcodec.entropy import PredictiveCoder, predictive_coder, predictive_tables
 from lidarcodec.entropy.mask_coder import row_geometry
-from lidarcodec.entropy.reference_predictive import Given, Model
 from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from tests.entropy.frames import all_fired, mask, one_in_three, sensor
 from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calibration
+from tests.reference import predictive
+from tests.reference.predictive import Given, Model
 
 SENSOR = sensor()
 LEVELS = (np.arange(64) * 37 % 130).astype(np.int32)
@@ -90,14 +91,14 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
     check_bound(came, ranges, returns, step)
 
     frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
-    np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
+    np.testing.assert_array_equal(predictive.decode(data, cells, frame, Model()), came)
     turn = int.from_bytes(data[1:3], "little")
     counted = frame._replace(firing=firing % predictive_coder.FIRINGS, quick=quick)
-    assert data == reference_predictive.encode(ranges, cells, counted, turn, Model())
+    assert data == predictive.encode(ranges, cells, counted, turn, Model())
     for before in (frame._replace(firing=None), frame._replace(by_leaf=False)):
-        old = reference_predictive.encode(ranges, cells, before, turn, Model())
+        old = predictive.encode(ranges, cells, before, turn, Model())
         np.testing.assert_array_equal(decoded(old, returns, fired, of, step, levels, expected), came)
-        np.testing.assert_array_equal(reference_predictive.decode(old, cells, frame, Model()), came)
+        np.testing.assert_array_equal(predictive.decode(old, cells, frame, Model()), came)
 
 
 @settings(max_examples=40, deadline=None)
@@ -117,12 +118,12 @@ def test_free_ranges_keep_the_bound_and_come_back_as_the_encoder_says(case) -> N
         assert data == coded(ranges, *about, expected, firing, quick)
 
     frame, cells = Given(layout_of(fired, of), step, levels.tolist(), expected), returns.view(np.uint8)
-    np.testing.assert_array_equal(reference_predictive.decode(data, cells, frame, Model()), came)
+    np.testing.assert_array_equal(predictive.decode(data, cells, frame, Model()), came)
     nearest = frame._replace(firing=firing % predictive_coder.FIRINGS, quick=quick, free=step > 1)
-    other = reference_predictive.encode(ranges, cells, nearest, int.from_bytes(data[1:3], "little"), Model())
+    other = predictive.encode(ranges, cells, nearest, int.from_bytes(data[1:3], "little"), Model())
     came = decoded(other, *about, expected=expected)
     check_bound(came, ranges, returns, step)
-    np.testing.assert_array_equal(reference_predictive.decode(other, cells, frame, Model()), came)
+    np.testing.assert_array_equal(predictive.decode(other, cells, frame, Model()), came)
 
 
 @pytest.mark.parametrize("quick", [False, True])
@@ -166,7 +167,7 @@ def test_frames_of_either_kind_follow_each_other_each_change_beginning_from_noth
         check_bound(decoder.decode(data, returns, fired, SENSOR, 11, LEVELS), ranges, returns, 11)
         turn = int.from_bytes(data[1:3], "little")
         cells = returns.view(np.uint8)
-        assert data == reference_predictive.encode(ranges, cells, frame._replace(quick=quick), turn, written)
+        assert data == predictive.encode(ranges, cells, frame._replace(quick=quick), turn, written)
         alone = coded(ranges, returns, fired, SENSOR, 11, quick=quick)
         assert data == alone if quick != before or seed == 0 else len(data) < len(alone)
         before = quick
@@ -276,7 +277,7 @@ def test_a_firing_beyond_the_pattern_is_refused() -> None:
         decoded(bytes(data), returns, fired, SENSOR, 1)
     frame = Given(layout_of(fired, SENSOR), 1, LEVELS.tolist())
     with pytest.raises(SectionError, match="counted"):
-        reference_predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
+        predictive.decode(bytes(data), returns.view(np.uint8), frame, Model())
 
 
 @pytest.mark.parametrize("quick", [False, True])

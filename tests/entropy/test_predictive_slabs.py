@@ -7,14 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import KnownColumns, PredictiveCoder, known_columns, reference_predictive
+from lidarcodec.entropy import KnownColumns, PredictiveCoder, known_columns
 from lidarcodec.entropy.mask_coder import row_geometry
-from lidarcodec.entropy.reference_predictive import Given, Model
 from lidarcodec.errors import SectionError, TruncatedError
 from lidarcodec.sensor_model import SensorModel
 from tests.entropy.frames import all_fired, mask, sensor
 from tests.entropy.test_mask_coder import layout_of, random_calibration
 from tests.entropy.test_predictive_coder import LEVELS, STEPS, check_bound, guess, scene
+from tests.reference import predictive
+from tests.reference.predictive import Given, Model
 
 SENSOR = sensor()
 TURN = 2000
@@ -63,11 +64,11 @@ def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None
         seen = None if expected is None else np.hstack([known.expected, expected])
         frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count, 5 * at, quick)
         image, cells = (np.hstack(both) for both in ((known.ranges, ranges), (known.ranges != 0, returns)))
-        assert data == reference_predictive.encode(image, cells.view(np.uint8), frame, TURN, written)
-        again = reference_predictive.decode(data, cells.view(np.uint8), frame, read, image)
+        assert data == predictive.encode(image, cells.view(np.uint8), frame, TURN, written)
+        again = predictive.decode(data, cells.view(np.uint8), frame, read, image)
         np.testing.assert_array_equal(again[:, count:], came)
         not_counted = frame._replace(firing=None, quick=False)
-        old = reference_predictive.encode(image, cells.view(np.uint8), not_counted, TURN, old_written)
+        old = predictive.encode(image, cells.view(np.uint8), not_counted, TURN, old_written)
         assert known_columns(old) == known_columns(data)
         old_came = old_decoder.decode(old, returns, fired, of, step, levels, expected=expected, slab_after=known)
         np.testing.assert_array_equal(old_came, came)
@@ -96,7 +97,7 @@ def test_slabs_go_on_from_free_ones_and_from_rounded_ones(stream, free) -> None:
         seen = None if expected is None else np.hstack([known.expected, expected])
         frame = Given(layout_of(np.hstack([known.fired, fired]), of), step, levels.tolist(), seen, count)
         image, cells = (np.hstack(both) for both in ((known.ranges, ranges), (known.ranges != 0, returns)))
-        again = reference_predictive.decode(data, cells.view(np.uint8), frame, read, image)
+        again = predictive.decode(data, cells.view(np.uint8), frame, read, image)
         np.testing.assert_array_equal(again[:, count:], came)
         edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
 

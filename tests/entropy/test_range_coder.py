@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import fast, number_series, reference
+from lidarcodec.entropy import fast, number_series
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
+from tests.reference import range_coder as reference
 
 DECISIONS = st.lists(st.tuples(st.integers(0, 1), st.integers(1, 65535)), max_size=300)
 NUMBERS = st.one_of(st.integers(0, 3), st.integers(0, 300), st.integers(0, 2**64 - 1))

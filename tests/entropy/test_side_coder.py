@@ -13,10 +13,11 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcodec.entropy import decode_side, encode_side, fast, number_series, reference_series, side_coder
+from lidarcodec.entropy import decode_side, encode_side, fast, number_series, side_coder
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.side import SideInfo
 from tests.entropy.frames import frames, s2_side, same_side
+from tests.reference import series as reference_series
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from lidarcodec.commands import bench as command
+from lidarcodec.commands.bench import command
 from lidarcodec.errors import DecodeError, MissingExtraError, UnknownNameError
 from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.peers import table

@@ -9,14 +9,14 @@ import pytest
 
 from lidarcodec.cli import run
 from lidarcodec.codecs import pcodec
-from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.codecs.jpeg_layered import CODEC as LAYERED
 from lidarcodec.errors import RoundTripError
 from lidarcodec.evaluation.round_trip import RoundTrip, difference
 from lidarcodec.frame import Frame
 from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.planes.intensity import Quality, reduced
 from lidarcodec.settings import settings_from
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.wire import pack
 from tests.contracts import frames
 from tests.packets import turning

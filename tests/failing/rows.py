@@ -16,17 +16,17 @@ import numpy as np
 from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.cli import app
 from lidarcodec.codecs import table
-from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, weights_of
-from lidarcodec.commands import running
+from lidarcodec.commands.running import run as running
 from lidarcodec.entropy import PredictiveCoder
 from lidarcodec.errors import LidarCodecError, MissingReferenceError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.network.shelf import native_nets, networks_of, weights_of
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.recording import RecordingReader
 from lidarcodec.settings import settings_from
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.wire import pack, unpack
 from tests.contracts import frames

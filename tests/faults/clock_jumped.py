@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from lidarcodec.apps.clocks import Clock
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.transport import Endpoints
 from tests.apps.streams import Loop
 from tests.faults.outcome import Outcome

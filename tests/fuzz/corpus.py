@@ -20,13 +20,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcodec.codecs.riddle_learner import Offer
-from lidarcodec.codecs.riddle_shelf import native_nets, networks_of, weights_of
-from lidarcodec.codecs.riddle_update import update_of
-from lidarcodec.codecs.riddle_weight_file import pack_weights
-from lidarcodec.codecs.riddle_weights import CASES, Net
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.network.learner import Offer
+from lidarcodec.network.networks import CASES, Net
+from lidarcodec.network.shelf import native_nets, networks_of, weights_of
+from lidarcodec.network.update import update_of
+from lidarcodec.network.weight_file import pack_weights
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import settings_from
 from lidarcodec.wire import pack, unpack

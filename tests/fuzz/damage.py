@@ -18,11 +18,11 @@ import numpy as np
 
 from lidarcodec._native import crc32c
 from lidarcodec.codecs import table
-from lidarcodec.codecs.calibrations import encode_calibration
-from lidarcodec.codecs.riddle_shelf import weights_of
-from lidarcodec.codecs.riddle_update import applied, is_update
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.network.shelf import weights_of
+from lidarcodec.network.update import applied, is_update
+from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 from lidarcodec.wire import pack

@@ -15,7 +15,7 @@ from lidarcodec.interop.velodyne_scan import packets_of_scan, scan_of
 from lidarcodec.pipeline import StreamEncoder, frames_of
 from lidarcodec.recording import RecordingReader, RecordingWriter, RosbagWriter
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
 from lidarcodec.wire import pack
 from tests.fuzz.mutations import mutated
 from tests.packets import sensor, turning

@@ -15,11 +15,11 @@ import cv2
 import imagecodecs
 import numpy as np
 
-from lidarcodec.codecs.h264_stream import PictureReader, PictureWriter
-from lidarcodec.codecs.h264_units import split_units
-from lidarcodec.codecs.jpeg_file import read_jpeg, write_jpeg
-from lidarcodec.codecs.jxl_file import read_jxl, write_jxl
 from lidarcodec.codecs.png import read_png
+from lidarcodec.ranges.image.jpeg_file import read_jpeg, write_jpeg
+from lidarcodec.ranges.image.jxl_file import read_jxl, write_jxl
+from lidarcodec.ranges.video.h264_stream import PictureReader, PictureWriter
+from lidarcodec.ranges.video.h264_units import split_units
 from tests.fuzz.mutations import mutated
 
 WIDTH = 96

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcodec._native import crc32c
-from lidarcodec.codecs.riddle_shelf import Shelf, weights_of
-from lidarcodec.codecs.riddle_update import update_of, weights_with
-from lidarcodec.codecs.riddle_weights import CASES, Layer, Net
+from lidarcodec.network.networks import CASES, Layer, Net
+from lidarcodec.network.shelf import Shelf, weights_of
+from lidarcodec.network.update import update_of, weights_with
 from tests.fuzz.mutations import mutated
 
 

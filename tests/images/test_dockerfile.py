@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lidarcodec.cli import app
-from lidarcodec.commands.options import command_line
+from lidarcodec.commands.running.options import command_line
 from tests.images.__main__ import BEGIN, END, written
 from tests.images.dockerfile import DOCKERFILE, ROOT, Ignored, context, copied, parse
 

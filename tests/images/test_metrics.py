@@ -15,7 +15,7 @@ import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.settings import StreamSettings
 from tests.images.dockerfile import ROOT
 from tests.server.live import frame, running

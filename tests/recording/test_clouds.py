@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.apps.recorder import BackgroundRecorder
-from lidarcodec.apps.subscribe import subscribe
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.recording import RecordingReader, RecordingWriter

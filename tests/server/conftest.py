@@ -10,12 +10,12 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 import httpx
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from tests.apps.streams import Loop
 
 STREAM = "/api/v1/streams/car-7/roof"

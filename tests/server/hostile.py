@@ -31,11 +31,11 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.transport.memory import MemoryNetwork
 from lidarcodec_server.app import create_app
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.listening import listen
+from lidarcodec_server.door.listening import listen
 from tests.apps.streams import Loop
 
 CHECKS = [status_code_conformance, content_type_conformance, response_schema_conformance]

@@ -16,7 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 from websockets.asyncio.client import ClientConnection, connect
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport import Transport
 from lidarcodec.transport.memory import MemoryNetwork

@@ -11,7 +11,7 @@ from lidarcodec.errors import SettingsError
 from lidarcodec_server.auth import subprotocol_of
 from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.serve import check_open
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token, digest_of
 from tests.server.conftest import STREAM, until
 

@@ -11,10 +11,10 @@ import pytest
 
 from lidarcodec.errors import SettingsError
 from lidarcodec_server.config import ServerConfig
-from lidarcodec_server.connections import Connections, host_of
+from lidarcodec_server.door.connections import Connections, host_of
 from lidarcodec_server.fairness import Fair
 from lidarcodec_server.serve import with_handles
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.faults.serving import Server
 from tests.server.conftest import STREAM

@@ -18,12 +18,12 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from lidarcodec.commands.certificates import Authority
-from lidarcodec_server.acceptor import PATIENCE_S, WAITING, Acceptor
-from lidarcodec_server.connections import Connections
-from lidarcodec_server.door import HANDSHAKE_S, Door
-from lidarcodec_server.request_protocol import CHUNKS, MAX_HEADERS, RequestProtocol, Times
-from lidarcodec_server.store import Store
+from lidarcodec.commands.certs.certificates import Authority
+from lidarcodec_server.door.acceptor import PATIENCE_S, WAITING, Acceptor
+from lidarcodec_server.door.connections import Connections
+from lidarcodec_server.door.door import HANDSHAKE_S, Door
+from lidarcodec_server.door.request_protocol import CHUNKS, MAX_HEADERS, RequestProtocol, Times
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.command_line import start
 from tests.faults.serving import Server

@@ -13,9 +13,9 @@ from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.untrusted_json import JsonRefusedError
-from lidarcodec_server.desired import overlaid, wanted_with
-from lidarcodec_server.fleet import Fleet
+from lidarcodec.untrusted.json import JsonRefusedError
+from lidarcodec_server.fleet.desired import overlaid, wanted_with
+from lidarcodec_server.fleet.fleet import Fleet
 from lidarcodec_server.told import MAX_STATUS_BYTES, known_settings, read_status
 from tests.server.conftest import STREAM, until
 

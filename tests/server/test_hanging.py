@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server import limits
 from lidarcodec_server.limits import Limits, TooManyError
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.server.conftest import STREAM, until
 

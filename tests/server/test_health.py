@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import make_url
 
-from lidarcodec.apps.demo_processes import free_port
-from lidarcodec.commands.certificates import Authority
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.commands.certs.certificates import Authority
 from lidarcodec.commands.health import run as health
 from lidarcodec.commands.server_extra import server_config
 from lidarcodec.errors import SettingsError, SourceError
-from lidarcodec_server.passwords import with_password
+from lidarcodec_server.store.passwords import with_password
 from tests.command_line import run_here, start
 from tests.server.live import running
 from tests.server.test_metrics import value

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcodec_server import limits
 from lidarcodec_server.limits import Limits, SparseLog, TooManyError
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import create_token
 from tests.server.conftest import STREAM
 

@@ -13,7 +13,7 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
-from lidarcodec.apps.demo_processes import free_port
+from lidarcodec.apps.demo.processes import free_port
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.wire import unpack
 from tests import asking

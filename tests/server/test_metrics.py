@@ -7,14 +7,14 @@ import re
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.apps.timings import Timings
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.fleet import Fleet
-from lidarcodec_server.metrics import Metrics
-from lidarcodec_server.spending import gauges_of
-from lidarcodec_server.totals import MAX_SENDERS, Totals
+from lidarcodec_server.fleet.fleet import Fleet
+from lidarcodec_server.metrics.metrics import Metrics
+from lidarcodec_server.metrics.spending import gauges_of
+from lidarcodec_server.metrics.totals import MAX_SENDERS, Totals
 from tests.server.conftest import until
 
 CAR = {"vehicle": "car-7", "sensor": "roof"}

@@ -12,10 +12,10 @@ import pytest
 import sqlalchemy as sa
 
 from lidarcodec.errors import SettingsError
-from lidarcodec_server.database_file import note_of
 from lidarcodec_server.serve import check_open
-from lidarcodec_server.store import Store
-from lidarcodec_server.tables import facts, tokens
+from lidarcodec_server.store.database_file import note_of
+from lidarcodec_server.store.store import Store
+from lidarcodec_server.store.tables import facts, tokens
 from lidarcodec_server.tokens import TokenBook, create_token
 from tests.command_line import start
 from tests.faults.serving import Server

@@ -6,7 +6,7 @@ import pytest
 
 from lidarcodec_server.operations import Operation
 from lidarcodec_server.refusals import Refusals
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import Client, create_token
 from tests.server.conftest import STREAM, until
 

@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from lidarcodec_server.migrations import StoreError
-from lidarcodec_server.store import Store
+from lidarcodec_server.store.store import Store
 from lidarcodec_server.tokens import Client, TokenBook, create_token
 from tests.server.conftest import until
 from tests.server.test_store import postgres

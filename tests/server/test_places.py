@@ -8,8 +8,8 @@ import re
 import pytest
 
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server import places
-from lidarcodec_server.fleet import Fleet
+from lidarcodec_server.fleet import places
+from lidarcodec_server.fleet.fleet import Fleet
 from tests.server.conftest import until
 
 

@@ -18,8 +18,8 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner
 
-from lidarcodec.apps.demo_processes import free_port
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.commands import serve, token
 from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.transport import Endpoints, open_transport

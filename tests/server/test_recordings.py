@@ -13,7 +13,7 @@ import pytest
 from websockets.sync.client import connect
 
 import lidarcodec
-from lidarcodec.apps.subscribe import subscribe
+from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.assembly import packets_of
 from lidarcodec.recording import RotatingRecorder
 from lidarcodec_server.live.shelf import MissingRecordingError, Shelf

@@ -11,8 +11,8 @@ import httpx
 import pytest
 
 from benchmarks.link_ends import looped
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.receiver import Receiver
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.receiver import Receiver
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from tests.server.live import running

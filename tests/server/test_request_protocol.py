@@ -9,8 +9,8 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from lidarcodec_server.connections import Connections
-from lidarcodec_server.request_protocol import RequestProtocol, Times
+from lidarcodec_server.door.connections import Connections
+from lidarcodec_server.door.request_protocol import RequestProtocol, Times
 
 GET = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LIMIT_S = 20.0

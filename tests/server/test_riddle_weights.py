@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from lidarcodec.codecs.riddle_shelf import shipped
-from lidarcodec.codecs.riddle_weight_file import unpack_weights
+from lidarcodec.network.shelf import shipped
+from lidarcodec.network.weight_file import unpack_weights
 
 WEIGHTS = "/api/v1/codecs/riddle/weights"
 

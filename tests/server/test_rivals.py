@@ -9,12 +9,12 @@ import time
 
 import pytest
 
-from lidarcodec.apps.demo_processes import free_port
-from lidarcodec.apps.publish_desk import CHANGES_AT_ONCE
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.apps.publisher.desk import CHANGES_AT_ONCE
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server import fleet
-from lidarcodec_server.rivals import TELL_S, TIMES, WITHIN_S, Rivals
+from lidarcodec_server.fleet import fleet
+from lidarcodec_server.fleet.rivals import TELL_S, TIMES, WITHIN_S, Rivals
 from tests.command_line import start
 from tests.server.conftest import STREAM, until
 from tests.server.test_processes import CAR, Server

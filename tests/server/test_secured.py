@@ -5,7 +5,7 @@ from __future__ import annotations
 import httpx
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.transport import Endpoints
 from lidarcodec_server.app import create_app
 from tests.apps.streams import Loop

@@ -6,7 +6,7 @@ import urllib.request
 
 import pytest
 
-from lidarcodec.commands import certs
+from lidarcodec.commands.certs import command as certs
 from tests.command_line import start
 from tests.faults.serving import Server
 from tests.transport.conftest import free_port

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server import control
+from lidarcodec_server.fleet import control
 from tests.server.conftest import STREAM, until
 
 

@@ -21,8 +21,8 @@ from alembic.runtime.migration import MigrationContext
 from lidarcodec.errors import SettingsError
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.migrations import NEWEST, StoreError, configuration, upgrade
-from lidarcodec_server.store import Store
-from lidarcodec_server.tables import audit, metadata
+from lidarcodec_server.store.store import Store
+from lidarcodec_server.store.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
 from tests.server.conftest import until
 

@@ -6,7 +6,7 @@ import pytest
 
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec_server.fleet import Stream
+from lidarcodec_server.fleet.fleet import Stream
 from lidarcodec_server.schemas import StreamAnswer
 from tests.server.conftest import STREAM, until
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.timings import BOUNDS_MS
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.untrusted_json import JsonRefusedError
+from lidarcodec.untrusted.json import JsonRefusedError
 from lidarcodec_server import told
 from lidarcodec_server.told import known_settings, read_answer, read_status
 from tests.apps.streams import Loop

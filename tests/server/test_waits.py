@@ -8,7 +8,7 @@ import time
 import httpx
 import pytest
 
-from lidarcodec.apps.receiver import Receiver
+from lidarcodec.apps.receiver.receiver import Receiver
 from tests.server.live import running
 from tests.transport.test_contract import eventually
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from lidarcodec.assembly import Assembler
-from lidarcodec.commands.inspect_source import inspect_source
+from lidarcodec.commands.info.source import inspect_source
 from lidarcodec.errors import CalibrationError, SourceError, UnknownNameError
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.sensors import generic_sensor, read_calibration, write_yaml
 from lidarcodec.sensors.hdl64 import parse
 from lidarcodec.sources import open_source
-from lidarcodec.sources.kitti import KittiSource
-from lidarcodec.sources.kitti_grid import fit_rings, regrid
-from lidarcodec.sources.kitti_inversion import Geometry, invert
-from lidarcodec.sources.kitti_points import find_scans, read_points
+from lidarcodec.sources.kitti.grid import fit_rings, regrid
+from lidarcodec.sources.kitti.inversion import Geometry, invert
+from lidarcodec.sources.kitti.points import find_scans, read_points
+from lidarcodec.sources.kitti.source import KittiSource
 from lidarcodec.sources.unkept import unkept
 
 RECOVERED = "kitti_hdl64e_s2_recovered.yaml"

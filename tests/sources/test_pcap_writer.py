@@ -11,7 +11,7 @@ import pytest
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sources import open_source
-from lidarcodec.sources.pcap_writer import PcapWriter, checksum
+from lidarcodec.sources.captures.pcap_writer import PcapWriter, checksum
 from tests.sources import captures as c
 
 PACKETS = [Packet(c.payload(k), c.T0_NS + k * 288_123) for k in range(50)]

@@ -15,10 +15,10 @@ from lidarcodec.packet import Packet, data_packets
 from lidarcodec.recording import RecordingWriter
 from lidarcodec.recording.layout import pack_batch, unpack_batch
 from lidarcodec.sources import open_source, unkept
-from lidarcodec.sources.capture import stamped_datagrams
-from lidarcodec.sources.pcap import Ending
-from lidarcodec.sources.pcap_writer import PcapWriter
-from lidarcodec.sources.position_socket import PositionListener
+from lidarcodec.sources.captures.pcap import Ending
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
+from lidarcodec.sources.captures.source import stamped_datagrams
+from lidarcodec.sources.udp.positions import PositionListener
 from lidarcodec.units import DATA_PORT, POSITION_PORT
 from tests.positions import interleaved, position
 from tests.sources import captures as c
@@ -154,20 +154,20 @@ def test_those_of_strangers_and_too_long_ones_are_counted():
 
 
 def test_a_port_that_is_taken_is_a_warning_and_one_that_was_named_an_error(monkeypatch, caplog):
-    from lidarcodec.sources import position_socket
+    from lidarcodec.sources.udp import positions
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        monkeypatch.setattr(position_socket, "POSITION_PORT", port)
-        monkeypatch.setattr(position_socket, "DATA_PORT", 1)
+        monkeypatch.setattr(positions, "POSITION_PORT", port)
+        monkeypatch.setattr(positions, "DATA_PORT", 1)
         options = {"interface": None, "share": False}
-        assert position_socket.listener_beside("127.0.0.1", 1, None, **options) is None
+        assert positions.listener_beside("127.0.0.1", 1, None, **options) is None
         assert f"cannot be received: cannot listen on udp://127.0.0.1:{port}" in caplog.text
         with pytest.raises(SourceError, match="in use"):
-            position_socket.listener_beside("127.0.0.1", 1, port, **options)
-        assert position_socket.listener_beside("127.0.0.1", 1, 0, **options) is None
-        assert position_socket.listener_beside("127.0.0.1", 2, None, **options) is None
+            positions.listener_beside("127.0.0.1", 1, port, **options)
+        assert positions.listener_beside("127.0.0.1", 1, 0, **options) is None
+        assert positions.listener_beside("127.0.0.1", 2, None, **options) is None
 
 
 def test_nothing_waits_without_end_while_no_sensor_is_known():

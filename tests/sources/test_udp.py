@@ -15,8 +15,10 @@ import pytest
 from lidarcodec import _native
 from lidarcodec.errors import PacketError, SettingsError, SourceError, UnknownNameError
 from lidarcodec.sensors import generic_sensor, status_bytes
-from lidarcodec.sources import open_source, udp, udp_socket
-from lidarcodec.sources.udp import UdpSource
+from lidarcodec.sources import open_source
+from lidarcodec.sources.udp import socket as udp_socket
+from lidarcodec.sources.udp import source as udp
+from lidarcodec.sources.udp.source import UdpSource
 from tests.sources import captures as c
 
 PAYLOADS = [c.payload(k) for k in range(500)]

@@ -18,8 +18,8 @@ from lidarcodec.pipeline import frames_of
 from lidarcodec.sensors import generic_sensor, identify
 from lidarcodec.sensors.table import MODELS
 from lidarcodec.sources import open_source
-from lidarcodec.sources.udp_notices import MAX_CAUSES, Notices
-from lidarcodec.sources.udp_senders import SenderReason, SenderVerdict
+from lidarcodec.sources.udp.notices import MAX_CAUSES, Notices
+from lidarcodec.sources.udp.senders import SenderReason, SenderVerdict
 from tests.sources import captures as c
 
 PACKET_NS = 288_000

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
+from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.sensors import generic_sensor, status_bytes, write_calibration
 from lidarcodec.sources import open_source, unit_calibration
 from lidarcodec.sources.unit_calibration import is_generic, note_of

@@ -10,8 +10,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.subscribe import LiveStream
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import LiveStream
 from lidarcodec.transport import Endpoints, certificates_of, open_transport
 from lidarcodec.transport.certificates import Certificates, CertificateWatch, Validity, validities
 from tests.apps.streams import Loop

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcodec.commands import certs
+from lidarcodec.commands.certs import command as certs
 from lidarcodec.errors import TransportError
 from lidarcodec.transport import Endpoints, open_transport, party_of
 from lidarcodec.transport.base import Priority

@@ -14,8 +14,8 @@ import zstandard
 import lidarcodec.errors
 from lidarcodec import entropy, wire
 from lidarcodec.codecs import table
-from lidarcodec.codecs.intensity import Quality, reduced
 from lidarcodec.message import SectionType
+from lidarcodec.planes.intensity import Quality, reduced
 from lidarcodec.settings import StreamSettings
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 from lidarcodec.wire import header

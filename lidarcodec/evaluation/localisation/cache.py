@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.budgets import largest
-from lidarcodec.untrusted_npz import ArraysRefusedError, read_npz
-from lidarcodec.whole_files import written_whole
+from lidarcodec.files.whole import written_whole
+from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 FORM: Final = 1
 """Raised when the same input gives other results than before."""

@@ -12,15 +12,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.canvas import level_offsets
 from lidarcodec.codecs.expecting import as_decoded
-from lidarcodec.codecs.firings import FiringCounter
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.riddle_shelf import native_nets
-from lidarcodec.codecs.riddle_weights import Net
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.entropy import PredictiveCoder, ReturnSamples, columns_in_turn
 from lidarcodec.frame import Frame
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.warp import RangeHistory
+from lidarcodec.network.networks import Net
+from lidarcodec.network.shelf import native_nets
+from lidarcodec.ranges.firings import FiringCounter
+from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.training.riddle.extraction import Rows, joined, rows_of
 
 _WARM: Final = 5

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.riddle_weights import INPUTS_ALONE, INPUTS_EXPECTING
 from lidarcodec.entropy import columns_in_turn
 from lidarcodec.entropy.mask_coder import row_geometry
 from lidarcodec.frame import Frame
+from lidarcodec.network.networks import INPUTS_ALONE, INPUTS_EXPECTING
+from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.units import LASERS
 
 Rows = npt.NDArray[np.int8]

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 import torch
 
-from lidarcodec.codecs.riddle_tiles import SUMS
-from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.errors import SettingsError
+from lidarcodec.network.networks import Net
+from lidarcodec.network.tiles import SUMS
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.extraction import LABELS, Rows, row_bytes
 from lidarcodec.training.riddle.nets import HIDDEN, RiddleLoss, RiddleNet, mean_bits, values_of

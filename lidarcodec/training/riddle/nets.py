@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from lidarcodec.codecs.riddle_weights import (
+from lidarcodec.errors import SettingsError
+from lidarcodec.network.networks import (
     CASE_BITS,
     CASES,
     INPUT_UNIT,
@@ -26,8 +27,7 @@ from lidarcodec.codecs.riddle_weights import (
     in_floats,
     run,
 )
-from lidarcodec.codecs.riddle_weights import quantised as quantised_net
-from lidarcodec.errors import SettingsError
+from lidarcodec.network.networks import quantised as quantised_net
 from lidarcodec.training.riddle.extraction import LABELS, SAID, Rows
 
 HIDDEN: Final = {"small": (32, 32), "large": (96, 32), "largest": (192, 48)}

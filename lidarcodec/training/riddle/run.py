@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from lidarcodec.codecs.riddle_shelf import weights_of
-from lidarcodec.codecs.riddle_weight_file import pack_weights, unpack_weights
-from lidarcodec.codecs.riddle_weights import SIZES, Net, Weights
 from lidarcodec.errors import SettingsError
+from lidarcodec.files.whole import written_whole
+from lidarcodec.network.networks import SIZES, Net, Weights
+from lidarcodec.network.shelf import weights_of
+from lidarcodec.network.weight_file import pack_weights, unpack_weights
 from lidarcodec.training import runs
 from lidarcodec.training.riddle.drives import simulated_drives
 from lidarcodec.training.riddle.fitting import FitSettings, Measured, fit
 from lidarcodec.training.riddle.nets import HIDDEN, KEEP, exported, mean_bits
 from lidarcodec.training.riddle.samples import Gathering, SampleStore
 from lidarcodec.training.riddle.tiles import share_left
-from lidarcodec.whole_files import written_whole
 
 KINDS: Final = ("alone", "expecting")
 HELD_ROWS: Final = 400_000

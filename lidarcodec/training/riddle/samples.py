@@ -18,19 +18,19 @@ import numpy as np
 
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs.expecting import as_decoded
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.riddle_shelf import EFFORTS, networks_of
-from lidarcodec.codecs.riddle_weights import Weights
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.errors import SettingsError, SourceError
+from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.warp import RangeHistory
+from lidarcodec.network.networks import Weights
+from lidarcodec.network.shelf import EFFORTS, networks_of
 from lidarcodec.sources import open_source
 from lidarcodec.training.riddle.beside import BesideSamples
 from lidarcodec.training.riddle.drives import clips, frames_to_learn
 from lidarcodec.training.riddle.extraction import LABELS, Rows, extracted, joined, row_bytes
 from lidarcodec.training.riddle.variations import Variation
 from lidarcodec.training.runs import step_rng
-from lidarcodec.whole_files import written_whole
 
 STEPS: Final = (1, 1, 1, 3, 3, 3, 5, 7, 7, 11, 11, 11, 15, 21, 25, 35, 51, 51, 51, 75, 101, 151, 201, 251)
 """Quantiser steps, as often as they stand here."""

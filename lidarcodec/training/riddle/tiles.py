@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from lidarcodec.codecs.riddle_tiles import INPUTS, SUMS, tiles_left
-from lidarcodec.codecs.riddle_weights import Net
+from lidarcodec.network.networks import Net
+from lidarcodec.network.tiles import INPUTS, SUMS, tiles_left
 from lidarcodec.training.riddle.nets import RiddleNet
 
 EVERY: Final = 50

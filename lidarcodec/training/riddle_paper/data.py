@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcodec.codecs.motion import Motion
-from lidarcodec.codecs.motion_finder import MotionFinder
-from lidarcodec.codecs.warp import RangeHistory
 from lidarcodec.frame import Frame
+from lidarcodec.motion.finder import MotionFinder
+from lidarcodec.motion.motion import Motion
+from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
 from lidarcodec.training.riddle_paper.context import ContextReader, Contexts, nearest_anchor

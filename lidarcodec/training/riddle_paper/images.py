@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.canvas import Canvas, level_offsets, spacing_of
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.ranges.image.canvas import Canvas, level_offsets, spacing_of
 from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS_PER_BLOCK, RANGE_STEP_M
 
 Cells = npt.NDArray[np.int32]

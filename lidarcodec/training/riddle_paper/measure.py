@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from lidarcodec import entropy
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.warp import RangeHistory
+from lidarcodec.motion.warp import RangeHistory
+from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.training.riddle_paper.baselines import BASELINES
 from lidarcodec.training.riddle_paper.coding import Predictor, decode_image, encode_image
 from lidarcodec.training.riddle_paper.context import ContextReader

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import xyz_of
-from lidarcodec.codecs.canvas import level_offsets
-from lidarcodec.codecs.motion import Motion
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.motion.motion import Motion
+from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import RANGE_STEP_M
 

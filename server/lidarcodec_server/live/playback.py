@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lidarcodec.apps.publish import Publisher
-from lidarcodec.apps.publish_source import NOMINAL_HZ
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.publisher.source import NOMINAL_HZ
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.recording import RecordingSource
 from lidarcodec.transport import Transport

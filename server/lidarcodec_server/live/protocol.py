@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from lidarcodec_server.connections import Connections
+from lidarcodec_server.door.connections import Connections
 from lidarcodec_server.limits import Meter
 from lidarcodec_server.live.incoming import Frames
 

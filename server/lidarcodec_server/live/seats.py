@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from lidarcodec_server.connections import host_of
+from lidarcodec_server.door.connections import host_of
 
 SILENT_S: Final = 60.0
 """A socket whose stream has been silent for so long gives way first."""

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any, Final, Literal, Self
 
 from lidarcodec.errors import LidarCodecError
-from lidarcodec.regular_files import check_regular, open_regular
+from lidarcodec.files.regular import check_regular, open_regular
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.untrusted_json import read_object
+from lidarcodec.untrusted.json import read_object
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.live.holding import Hold, held_alone
 

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from lidarcodec.apps.freshness import Forward
-from lidarcodec.apps.receiver import Receiver
+from lidarcodec.apps.receiver.freshness import Forward
+from lidarcodec.apps.receiver.receiver import Receiver
 from lidarcodec.errors import DecodeError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message

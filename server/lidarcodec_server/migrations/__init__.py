@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select, text
 
 from lidarcodec.errors import LidarCodecError
-from lidarcodec_server.tables import metadata
+from lidarcodec_server.store.tables import metadata
 
 if TYPE_CHECKING:
     from alembic.config import Config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from alembic import context
 
-from lidarcodec_server.tables import metadata
+from lidarcodec_server.store.tables import metadata
 
 context.configure(
     connection=context.config.attributes["connection"],

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Codec
-from lidarcodec.codecs.riddle_shelf import shipped
+from lidarcodec.network.shelf import shipped
 from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, Pins, operating_curve
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.problems import ProblemError

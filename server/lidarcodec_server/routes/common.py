@@ -9,8 +9,8 @@ from starlette.requests import HTTPConnection, Request
 
 from lidarcodec.settings import MAX_NAME, NAME_PATTERN
 from lidarcodec.transport.keys import StreamKeys
-from lidarcodec.untrusted_json import JsonRefusedError, read_object
-from lidarcodec_server.fleet import Stream
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec_server.fleet.fleet import Stream
 from lidarcodec_server.middleware import NEEDS_JSON, is_json
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.service import Service

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
 from lidarcodec_server.auth import Viewer
-from lidarcodec_server.fleet import Stream, number_in
+from lidarcodec_server.fleet.fleet import Stream, number_in
 from lidarcodec_server.routes.common import TheService
 from lidarcodec_server.routes.live import TheRecordings
 

@@ -8,7 +8,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from lidarcodec.filling import fills_for
-from lidarcodec_server.fleet import Stream
+from lidarcodec_server.fleet.fleet import Stream
 from lidarcodec_server.live.hub import LiveHub
 from lidarcodec_server.live.recordings import Recordings
 from lidarcodec_server.routes.common import TheService, TheStream, known_stream

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 from starlette.requests import Request
 
 from lidarcodec_server.auth import require_viewer
-from lidarcodec_server.metrics import MEDIA_TYPE
+from lidarcodec_server.metrics.metrics import MEDIA_TYPE
 from lidarcodec_server.routes.common import TheService
 
 router = APIRouter(tags=["health"])

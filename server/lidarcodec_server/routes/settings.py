@@ -10,7 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings
 from lidarcodec_server.auth import Viewer
-from lidarcodec_server.control import State
+from lidarcodec_server.fleet.control import State
 from lidarcodec_server.operations import Operation, operates
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.routes.common import JsonObject, TheService, TheStream, known_stream

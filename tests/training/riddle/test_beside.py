@@ -10,8 +10,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
-from lidarcodec.codecs.riddle_shelf import networks_of, weights_of  # noqa: E402
 from lidarcodec.frame import Frame  # noqa: E402
+from lidarcodec.network.shelf import networks_of, weights_of  # noqa: E402
 from lidarcodec.sources.simulator import SimulatorSource  # noqa: E402
 from lidarcodec.training.riddle import nets  # noqa: E402
 from lidarcodec.training.riddle.beside import BesideSamples  # noqa: E402

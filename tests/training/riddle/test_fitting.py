@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.riddle_weights import Net
 from lidarcodec.errors import SettingsError
+from lidarcodec.network.networks import Net
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 

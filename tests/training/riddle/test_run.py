@@ -13,8 +13,8 @@ pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 from typer.testing import CliRunner
 
 from lidarcodec.cli import app
-from lidarcodec.codecs.riddle_weight_file import read_weights
 from lidarcodec.errors import SettingsError
+from lidarcodec.network.weight_file import read_weights
 from lidarcodec.training.riddle.run import RiddleRun, train
 from lidarcodec.training.riddle.samples import Gathering
 

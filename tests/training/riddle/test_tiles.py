@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.riddle_tiles import tiles_left
 from lidarcodec.errors import SettingsError
+from lidarcodec.network.tiles import tiles_left
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 

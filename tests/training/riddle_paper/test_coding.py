@@ -9,7 +9,7 @@ from lidarcodec.errors import DecodeError, UnknownNameError
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
-from lidarcodec.codecs.motion import Motion  # noqa: E402
+from lidarcodec.motion.motion import Motion  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
 from lidarcodec.training.nets.riddle_paper import NetShape, RiddlePaper  # noqa: E402
 from lidarcodec.training.riddle_paper.coding import CODERS, Predictor, decode_image, encode_image  # noqa: E402

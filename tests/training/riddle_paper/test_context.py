@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.motion import STILL, Motion
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.motion.motion import STILL, Motion
 from lidarcodec.training.riddle_paper.context import OFFSETS, SPATIAL, ContextReader, nearest_anchor
 from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
 from lidarcodec.training.riddle_paper.moved import MovedPoints

@@ -12,7 +12,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
 from benchmarks import riddle_paper  # noqa: E402
-from lidarcodec.codecs.motion import STILL  # noqa: E402
+from lidarcodec.motion.motion import STILL  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
 from lidarcodec.training.nets.riddle_paper import NetShape, RiddlePaper  # noqa: E402
 from lidarcodec.training.riddle_paper.coding import Predictor  # noqa: E402

@@ -11,7 +11,7 @@ from lidarcodec.errors import SettingsError, SourceError
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
-from lidarcodec.codecs.motion import STILL  # noqa: E402
+from lidarcodec.motion.motion import STILL  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
 from lidarcodec.training.riddle_paper.coding import Predictor  # noqa: E402
 from lidarcodec.training.riddle_paper.data import Scan, read_scans  # noqa: E402

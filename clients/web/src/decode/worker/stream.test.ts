@@ -15,7 +15,7 @@ import { DECODES, type Decoded, StreamDecoder } from "./stream";
 import { readWeights } from "./weights";
 
 const FOLDER = import.meta.dirname;
-const WEIGHTS = join(FOLDER, "../../../../../lidarcodec/codecs/weights");
+const WEIGHTS = join(FOLDER, "../../../../../lidarcodec/network/weights");
 const SHIPPED = readdirSync(WEIGHTS).map((name) => new Uint8Array(readFileSync(join(WEIGHTS, name))));
 const NOW = 1_700_000_000_000;
 const ALL = vectors(/./);

@@ -1,0 +1,320 @@
+"""The whole system on one machine: a vehicle's process publishes over loopback, a server's shows it on a page, and this
+one decodes and counts.
+
+A table on a terminal, plain lines elsewhere; at the end a summary, and a picture of the last frame.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, TYPE_CHECKING, Any
+
+from lidarcodec.apps.demo.browser import show as show_in_browser
+from lidarcodec.apps.demo.processes import PageServer, vehicle
+from lidarcodec.codecs import table
+from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.ratecontrol.choosing import without_auto
+from lidarcodec.settings import StreamSettings
+from lidarcodec.units import PACKET_BYTES
+
+if TYPE_CHECKING:
+    from lidarcodec.apps.receiver.live_stream import LiveStream
+
+VEHICLE, STREAM = "demo", "demo/lidar"
+PICTURE = Path("demo-out") / "last-frame.png"
+FIRST_FRAME_S = 30.0
+"""Longest wait for the first frame."""
+BEGIN_S = 0.02
+"""How soon what the other processes say is seen, until all is there."""
+REDRAW_S = 0.25
+LINE_S = 2.0
+MADE = "MAKELEVEL" in os.environ
+"""Whether `make` started this: `make demo` is one thing to a user."""
+SECONDS = 20.0
+"""How long it takes where nobody sits before it."""
+
+
+def number(value: float | None, digits: int, unit: str = "") -> str:
+    """A value as text; a dash for none."""
+    return "-" if value is None else f"{value:,.{digits}f}{unit}"
+
+
+@dataclass
+class Figures:
+    """What the table shows. Rates are over what was received; `replaced` counts on both sides."""
+
+    frames: int = 0
+    seconds: float = 0.0
+    fps: float | None = None
+    ratio: float | None = None
+    bits_per_point: float | None = None
+    kbps: float | None = None
+    raw_kbps: float | None = None
+    p50_ms: float | None = None
+    p99_ms: float | None = None
+    encode_ms: float | None = None
+    decode_ms: float | None = None
+    replaced: int = 0
+    errors: int = 0
+    fidelity: str = ""
+
+    def line(self) -> str:
+        """The same in one line."""
+        return (
+            f"{self.frames} frames, {number(self.fps, 1)}/s, ratio {number(self.ratio, 2)}, "
+            f"{number(self.bits_per_point, 2)} bit/point, {number(self.kbps, 0)} kbit/s, "
+            f"latency {number(self.p50_ms, 1)}/{number(self.p99_ms, 1)} ms, {self.replaced} replaced"
+        )
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and values, in the order in which they are shown."""
+
+        def pair(first: float | None, second: float | None) -> str:
+            return f"{number(first, 1)} / {number(second, 1, ' ms')}"
+
+        return [
+            ("frames", f"{self.frames:,}, {number(self.fps, 1)} a second"),
+            ("ratio", f"{number(self.ratio, 2)} : 1, {self.fidelity}"),
+            ("bits per point", f"{number(self.bits_per_point, 2)}, all data included"),
+            ("bitrate", f"{number(self.kbps, 0, ' kbit/s')} instead of {number(self.raw_kbps, 0)}"),
+            ("latency p50 / p99", pair(self.p50_ms, self.p99_ms)),
+            ("encode / decode p50", pair(self.encode_ms, self.decode_ms)),
+            ("replaced", f"{self.replaced}, {self.errors} errors"),
+        ]
+
+
+class Demo:
+    """Runs the demonstration.
+
+    source: what the vehicle sees; seconds: from the first frame on, None: on a terminal until interrupted, else 20
+    settings: of the stream; words: further options of `publish`; picture: where the last frame is drawn
+    browser: whether to open the page
+    """
+
+    def __init__(
+        self,
+        source: str,
+        seconds: float | None,
+        settings: StreamSettings,
+        words: list[str],
+        picture: Path = PICTURE,
+        *,
+        browser: bool = True,
+    ) -> None:
+        self._source, self._seconds, self._words, self._picture = source, seconds, words, picture
+        self._browser = browser
+        self._fidelity = "packets are restored byte for byte"
+        if not table.codec(without_auto(settings).codec).bounded:
+            self._fidelity = "lossy, without an error bound"
+        elif settings.step > 1:
+            self._fidelity = f"range errors up to {settings.max_error_m} m"
+        elif settings.intensity_levels != 256:
+            self._fidelity = f"ranges exact, intensity {settings.intensity}"
+        self._interrupted, self._parent = False, os.getppid()
+        self._live: LiveStream | None = None
+        self._started = time.monotonic()
+        self._packets = self._points = self._seen = 0
+        self._last: Frame | None = None
+
+    def interrupt(self) -> None:
+        """End soon, with the summary. For signal handlers."""
+        self._interrupted = True
+        if self._live is not None:
+            self._live.interrupt()
+
+    @property
+    def _stopped(self) -> bool:
+        """Whether to end: somebody wants it, or the `make` that this is a part of was killed."""
+        return self._interrupted or (MADE and os.getppid() != self._parent)
+
+    def run(self, server: PageServer, meeting_port: int) -> Figures:
+        """Show everything, save the picture, print the summary. meeting_port: of loopback, where the server is, too
+
+        Raises SourceError when no frame came or one of its processes failed, TransportError when the port that was
+        asked for is taken.
+        """
+        with (
+            TemporaryFile() as complaints,
+            vehicle(self._source, VEHICLE, meeting_port, self._words, complaints) as car,
+            _listening(meeting_port) as live,
+        ):
+            self._live = live
+            page = self._begin(server, live, car, complaints)
+            fault = self._watch(live, car, server if page else None, self._limit_s(page=page))
+            figures = self.figures(live)
+        self._summarise(figures)
+        if fault:
+            raise SourceError(fault)
+        return figures
+
+    def _begin(self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> bool:
+        """Until the page's address is known and a frame has come, whichever is first. False: there is no page.
+
+        Frames are taken all the while: one that waits gives way to the next.
+        """
+        page: bool | None = None
+        end = time.monotonic() + FIRST_FRAME_S
+        while (page is None or self._last is None) and not self._stopped:
+            if page is None:
+                page = self._open_page(server)
+            frame = live.next(BEGIN_S)
+            if frame is not None:
+                if self._last is None:
+                    self._started = time.monotonic()
+                self._take(frame)
+            elif self._last is None and (car.poll() is not None or time.monotonic() > end):
+                complaints.seek(0)
+                said = complaints.read().decode(errors="replace").strip().removeprefix("lidarcodec: ")
+                why = said or f"no frame in {FIRST_FRAME_S:g} s"
+                raise SourceError(f"the vehicle process sent nothing from {self._source}: {why}")
+        return bool(page)
+
+    def _open_page(self, server: PageServer) -> bool | None:
+        """Say where the page is, and show it where there is a browser. None: not yet; False: never, it says why."""
+        try:
+            address = server.address()
+        except TransportError as error:
+            if server.port is not None:
+                raise
+            print(f"{error}.", flush=True)
+            return False
+        if address is None:
+            return None
+        opened = self._browser and show_in_browser(address)
+        print(f"The page is at {address}{' and opens in the browser' if opened else ''}", flush=True)
+        return True
+
+    def _limit_s(self, *, page: bool) -> float:
+        """How long to go on."""
+        if self._seconds is not None:
+            return self._seconds
+        if not page or not sys.stdout.isatty():
+            return SECONDS
+        print("Press Ctrl-C to stop.", flush=True)
+        return math.inf
+
+    def _watch(
+        self, live: LiveStream, car: subprocess.Popen[bytes], server: PageServer | None, limit_s: float
+    ) -> str | None:
+        """Until the end; why it came too soon, if it did. server: of the page, if there is one"""
+        end = self._started + limit_s
+        with _display(self._source) as show:
+            while time.monotonic() < end and not self._stopped:
+                frame = live.next(max(0.0, min(REDRAW_S, end - time.monotonic())))
+                if frame is not None:
+                    self._take(frame)
+                elif car.poll() is not None:
+                    return (
+                        f"the publisher of {self._source} ended with code {car.returncode}" if car.returncode else None
+                    )
+                if server is not None and server.ended and not self._stopped:
+                    return "the server of the page ended too soon"
+                show(self, live)
+        return None
+
+    def _take(self, frame: Frame) -> None:
+        self._last = frame
+        self._seen += 1
+        self._packets += frame.side.packets if frame.side else 0
+        self._points += frame.points
+
+    def figures(self, live: LiveStream) -> Figures:
+        """Where it stands now."""
+        summary, status = live.summary(), live.status or {}
+        latency, frames = summary["latency_ms"], summary.get("frames", 0)
+        figures = Figures(
+            frames=frames,
+            seconds=time.monotonic() - self._started,
+            fps=summary["fps"],
+            p50_ms=latency["p50"],
+            p99_ms=latency["p99"],
+            encode_ms=(status.get("encode_ms") or {}).get("p50"),
+            decode_ms=summary["decode_ms"]["p50"],
+            replaced=status.get("replaced", 0) + summary["replaced"],
+            errors=sum(summary["errors"].values()),
+            fidelity=self._fidelity,
+        )
+        if frames and self._points:
+            frame_bytes = summary["bytes"] / frames
+            packets = self._packets / self._seen
+            figures.ratio = packets * PACKET_BYTES / frame_bytes
+            figures.bits_per_point = frame_bytes * 8 * self._seen / self._points
+            if figures.fps is not None:
+                figures.kbps = frame_bytes * 8 * figures.fps / 1000
+                figures.raw_kbps = packets * PACKET_BYTES * 8 * figures.fps / 1000
+        return figures
+
+    def _summarise(self, figures: Figures) -> None:
+        print(f"\n{self._source}, {figures.seconds:.0f} s, vehicle and receiver on this machine:")
+        for name, value in figures.rows():
+            print(f"  {name:<20} {value}")
+        if self._last is not None:
+            from lidarcodec.apps.picture import picture_of, save_picture
+
+            title = f"lidarcodec   {self._source}   frame {self._last.index}"
+            if figures.ratio is not None:
+                title += f"   {figures.ratio:.2f} : 1"
+            try:
+                save_picture(picture_of(self._last, title), self._picture)
+            except (OSError, LidarCodecError) as error:  # a folder that cannot be written spoils no demonstration
+                print(f"  {'last frame':<20} not saved: {error}")
+            else:
+                print(f"  {'last frame':<20} {self._picture}")
+
+
+def _listening(meeting_port: int) -> LiveStream:
+    """What the vehicle sends. Loaded now only, while the other processes start."""
+    from lidarcodec.apps.receiver.live_stream import LiveStream
+    from lidarcodec.transport import Endpoints
+
+    return LiveStream(STREAM, endpoints=Endpoints.of(loopback_port=meeting_port))
+
+
+@contextmanager
+def _display(source: str) -> Iterator[Any]:
+    """Function that shows where a demo stands: a table on a terminal, else a line every two seconds."""
+    shown_s = 0.0
+
+    def due(every_s: float) -> bool:
+        nonlocal shown_s
+        now = time.monotonic()
+        if now - shown_s < every_s:
+            return False
+        shown_s = now
+        return True
+
+    if not sys.stdout.isatty():
+
+        def line(demo: Demo, live: LiveStream) -> None:
+            if due(LINE_S):
+                print(demo.figures(live).line(), flush=True)
+
+        yield line
+        return
+    from rich.live import Live
+    from rich.table import Table
+
+    with Live(refresh_per_second=8, transient=True) as screen:
+
+        def table(demo: Demo, live: LiveStream) -> None:
+            if due(REDRAW_S):
+                grid = Table(
+                    title=f"{source}: vehicle -> Zenoh over loopback -> here", title_justify="left", min_width=64
+                )
+                grid.add_column("", style="dim")
+                grid.add_column("now", justify="left", style="bold")
+                for name, value in demo.figures(live).rows():
+                    grid.add_row(name, value)
+                screen.update(grid)
+
+        yield table

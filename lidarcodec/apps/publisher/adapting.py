@@ -1,0 +1,79 @@
+"""Adapting: what messages took on the path, as a bitrate for the encoder; between Flight and `ratecontrol.adaptive`."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Any, Protocol
+
+from lidarcodec.apps.publisher.flight import LIMIT_S, Flight
+from lidarcodec.ratecontrol.adaptive import (
+    CAUTION_S,
+    Landing,
+    PathState,
+    adapted,
+    capacity_kbps,
+    elsewhere,
+    target_kbps,
+)
+
+logger = logging.getLogger(__name__)
+
+
+class Aimed(Protocol):
+    """What takes a bitrate: a StreamEncoder, wherever it runs."""
+
+    def aim(self, target_kbps: float) -> None: ...
+
+
+class Adapting:
+    """Measures the path with every message, whether or not a bitrate is asked for; so `auto` begins where the path is.
+
+    Thread-safe as far as the status is concerned: one thread aims.
+    """
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
+        self._lock = threading.Lock()
+        self._state = PathState()
+        self._switches = self._replaced = 0
+        self._stalled = False
+
+    def aim(self, encoder: Aimed, replaced: int) -> None:
+        """Before a frame is encoded: tell the encoder what the path carries. replaced: frames left out so far."""
+        landings = self._flight.landings()
+        switched, self._switches = self._flight.switches != self._switches, self._flight.switches
+        with self._lock:
+            if switched:
+                self._state = elsewhere(self._state)
+            for landing in landings:
+                left_out, self._replaced = replaced - self._replaced, replaced
+                self._state, _ = adapted(self._state, landing._replace(replaced=left_out))
+                self._tell(landing)
+            encoder.aim(target_kbps(self._state))
+
+    def report(self) -> dict[str, Any]:
+        """For the status: what the path was found to carry, in kbit/s, or null, and what of it is used."""
+        with self._lock:
+            state = self._state
+        found = capacity_kbps(state)
+        return {
+            "capacity_kbps": None if found is None else round(found, 1),
+            "share": round(state.share, 3),
+            "cautious": state.caution_s > 0.0,
+        }
+
+    def _tell(self, landing: Landing) -> None:
+        """One line when the path stands still, one when messages arrive again."""
+        if landing.landed != self._stalled:
+            return
+        self._stalled = not landing.landed
+        if self._stalled:
+            long = landing.send_s >= LIMIT_S  # less is a lost message, counted as `timeouts`
+            level = logging.WARNING if long else logging.DEBUG
+            logger.log(level, "a message did not arrive within %.1f s: the automatic bitrate falls", landing.send_s)
+        else:
+            logger.info("messages arrive again: the automatic bitrate rises, slowly for the first %.0f s", CAUTION_S)
+
+
+__all__ = ["Adapting", "Aimed"]

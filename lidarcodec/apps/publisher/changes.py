@@ -1,0 +1,97 @@
+"""Changes: the settings of a publisher's stream, changed between two frames, as a whole or not at all."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lidarcodec.apps.control import Applied, settings_with
+from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.sending import Sending
+from lidarcodec.apps.worker.isolation import Isolation
+from lidarcodec.apps.worker.process import START_S as WORKER_START_S
+from lidarcodec.errors import SettingsError
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.ratecontrol.choosing import with_codec
+from lidarcodec.settings import StreamSettings
+
+logger = logging.getLogger(__name__)
+
+
+class Changes:
+    """Changes settings, one change after the other. Thread-safe.
+
+    asked:   the settings as they were asked for, the codec `auto` in them
+    running: whether the stream has begun and not ended
+    tell:    has the status told soon
+    """
+
+    def __init__(
+        self,
+        asked: StreamSettings,
+        encoder: StreamEncoder,
+        sending: Sending,
+        isolation: Isolation,
+        choosing: CodecChooser,
+        running: Callable[[], bool],
+        tell: Callable[[], None],
+    ) -> None:
+        self.asked = asked
+        self.preparing: str | None = None
+        """The codec whose process a change waits for."""
+        self._encoder, self._sending, self._isolation, self._choosing = encoder, sending, isolation, choosing
+        self._running, self._tell = running, tell
+        self._lock = threading.Lock()
+        choosing.when_chosen(self._chosen)
+
+    def change(self, changes: dict[str, Any]) -> Applied:
+        """Change some settings. The old codec goes on until the process of the new one is ready, if it needs one.
+
+        Raises SettingsError or UnknownNameError; then nothing has changed.
+        """
+        with self._lock:
+            asked = settings_with(self.asked, changes)
+            first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
+        logger.info("new settings from frame %d on: %s", first, changes)
+        return Applied(asked, first, key)
+
+    def _chosen(self, asked: StreamSettings, codec: str) -> None:
+        """In the thread that chooses what `auto` is: have it, unless settings changed meanwhile."""
+        with self._lock:
+            if self.asked == asked and self._encoder.settings.codec != codec and self._running():
+                self._apply(asked, with_codec(asked, codec))
+
+    def _apply(self, asked: StreamSettings, wanted: StreamSettings) -> tuple[int, bool]:
+        """wanted: as asked for, with a codec in place of `auto`. If it is refused, all stays as it was."""
+        try:
+            self._prepare(wanted)
+            first, key = self._sending.apply(wanted)
+        except Exception:
+            self._choosing.codec_for(self.asked, self._encoder.settings.codec)
+            raise
+        self._isolation.changed(wanted.codec)
+        self.asked = asked
+        return first, key
+
+    def _prepare(self, wanted: StreamSettings) -> None:
+        """Wait until the codec can be used at once; receivers are told meanwhile, so that theirs will be ready too."""
+        if self._isolation.isolated(self._encoder.settings.codec) or not self._isolation.isolated(wanted.codec):
+            return
+        if not self._running():
+            return
+        self.preparing = wanted.codec
+        self._tell()
+        self._isolation.start(wanted.codec)
+        end = time.monotonic() + WORKER_START_S
+        while not self._isolation.ready(wanted.codec):
+            if self._isolation.rests or not self._running() or time.monotonic() > end:
+                self.preparing = None
+                why = self._isolation.last_failure or "its process is not ready"
+                raise SettingsError(f"codec {wanted.codec} cannot be used at the moment: {why}", "codec")
+        self.preparing = None
+
+
+__all__ = ["Changes"]

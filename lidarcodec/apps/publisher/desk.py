@@ -1,0 +1,114 @@
+"""Desk: what reaches a publisher from the network: receivers that come and go, arrivals, reports, control queries."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Protocol
+
+from lidarcodec.apps.clocks import Clock
+from lidarcodec.apps.control import Applied, TooOftenError, answered
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publisher.allowance import Allowance
+from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.status import StatusBoard
+from lidarcodec.apps.reports import read_arrival
+from lidarcodec.settings import StreamSettings, is_name
+from lidarcodec.transport import Transport
+from lidarcodec.transport.base import Closeable
+from lidarcodec.transport.keys import StreamKeys
+
+CHANGES_PER_S, CHANGES_AT_ONCE = 5.0, 20
+"""Changes of settings that are taken, of everybody together."""
+QUESTIONS_PER_S, QUESTIONS_AT_ONCE = 50.0, 100
+"""Questions for the settings and the status that are answered, of everybody together."""
+STATUS_HOLDS_S = 0.1
+"""However often somebody asks, the status is made up at most so often."""
+
+
+class Controlled(Protocol):
+    """What control queries act on: a Publisher."""
+
+    @property
+    def settings(self) -> StreamSettings: ...
+
+    def status(self) -> dict[str, Any]: ...
+
+    def change(self, /, **changes: Any) -> Applied: ...
+
+    def request_key(self) -> bool: ...
+
+    @property
+    def next_index(self) -> int: ...
+
+
+class Desk:
+    """Hands on what comes in; called in threads of the transport, and must be quick."""
+
+    def __init__(
+        self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock, once: Once
+    ) -> None:
+        """once: counts and logs what is refused"""
+        self._once = once
+        self._changes = Allowance(CHANGES_PER_S, CHANGES_AT_ONCE)
+        self._questions = Allowance(QUESTIONS_PER_S, QUESTIONS_AT_ONCE)
+        self._status: dict[str, Any] = {}
+        self._status_s = float("-inf")
+        self._publisher, self._keys = publisher, keys
+        self._flight, self._board, self._clock = flight, board, clock
+
+    def declare(self, transport: Transport) -> list[Closeable]:
+        """Begin to listen and to answer."""
+        keys = self._keys
+        return [
+            transport.watch(keys.arrived(), self._receiver_changed),
+            transport.listen(keys.arrived(), self._arrived),
+            transport.listen(keys.report(), self._reported),
+            transport.answer(keys.control_get, answered(self._get)),
+            transport.answer(keys.control_set, answered(self._set)),
+            transport.answer(keys.control_keyframe, answered(self._keyframe)),
+        ]
+
+    def _receiver_changed(self, key: str, alive: bool) -> None:
+        name = key.rpartition("/")[2]
+        if alive and is_name(name):
+            self._flight.came(name)
+            self._publisher.request_key()
+        else:
+            self._flight.went(name)
+
+    def _arrived(self, key: str, data: bytes) -> None:
+        name = key.rpartition("/")[2]
+        arrival = read_arrival(data)
+        if arrival is not None and is_name(name):
+            self._flight.reported(name, arrival.frame_index, arrival.checksum, arrival.held_ns / 1e9)
+
+    def _reported(self, key: str, data: bytes) -> None:
+        name = key.rpartition("/")[2]
+        rtt_ms = self._board.report(name, data, self._flight.standing(name))
+        if rtt_ms is not None:
+            self._flight.round_trip(name, rtt_ms / 1e3)
+
+    def _get(self, query: dict[str, Any]) -> dict[str, Any]:
+        if "ping" in query:  # the time as late as can be, and whether the way back may be busy with a frame
+            return {"ping": query["ping"], "busy": self._flight.busy, "time_ns": self._clock.wall_ns()}
+        self._take(self._questions, "questions refused", "settings are asked for")
+        if time.monotonic() - self._status_s >= STATUS_HOLDS_S:
+            self._status, self._status_s = self._publisher.status(), time.monotonic()
+        return {"settings": self._publisher.settings.model_dump(), "status": self._status}
+
+    def _set(self, query: dict[str, Any]) -> dict[str, Any]:
+        self._take(self._changes, "changes refused", "settings are changed")
+        applied = self._publisher.change(**{str(field): value for field, value in query.items()})
+        return {"applied": applied.settings.model_dump(), "first_frame": applied.first_frame, "key": applied.key}
+
+    def _keyframe(self, query: dict[str, Any]) -> dict[str, Any]:
+        merged = self._publisher.request_key()
+        return {"first_frame": self._publisher.next_index, "merged": merged}
+
+    def _take(self, allowance: Allowance, cause: str, what: str) -> None:
+        """Raises TooOftenError, and counts it, when the allowance is used up."""
+        retry_s = allowance.take()
+        if retry_s:
+            error = TooOftenError(what, retry_s)
+            self._once.add(cause, error)
+            raise error

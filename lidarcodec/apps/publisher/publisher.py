@@ -1,0 +1,384 @@
+"""Publisher: packets of a source, live, to whoever subscribes.
+
+    source thread    packets -> assembler -> mailbox of one frame (newest wins)
+    encode thread    waits until the last message has arrived -> newest frame -> encoder -> bytes -> network
+    status thread    once a second: status as JSON
+
+The source is never held up by the encoder, nor the encoder by the network: what is too much is replaced in the mailbox,
+before it is encoded, and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.control import Applied
+from lidarcodec.apps.ending import ended
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publisher.changes import Changes
+from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.desk import Desk
+from lidarcodec.apps.publisher.flight import LIMIT_S, Flight
+from lidarcodec.apps.publisher.learning import SpareLearning
+from lidarcodec.apps.publisher.originals import Originals, check_local
+from lidarcodec.apps.publisher.sending import Sending
+from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed
+from lidarcodec.apps.publisher.status import StatusBoard
+from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
+from lidarcodec.apps.worker.isolation import Isolate, Isolation
+from lidarcodec.errors import TransportError, WorkerError
+from lidarcodec.frame import Frame
+from lidarcodec.pipeline import StreamEncoder, check
+from lidarcodec.settings import StreamSettings
+from lidarcodec.sources.base import Source
+from lidarcodec.sources.poses import Poses
+from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
+from lidarcodec.transport.base import Closeable, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.units import FRAME_PACKETS
+
+logger = logging.getLogger(__name__)
+
+Rate = float | Literal["max"]
+PATIENT_S = 30.0
+"""With rate `max` no frame is to be lost: a receiver that is there may take so long for each."""
+TICK_S = 0.2
+"""How soon a thread that waits sees that it should stop."""
+LAST_FRAME_S = 1.0
+"""What is being encoded at the end may take so long before its process is killed."""
+STATUS_S = 1.0
+START_S = 1.0
+"""How long `start` waits for the network: endpoints that cannot be used are known by then."""
+LAST_READ_S = 5.0
+"""How long it may take to read what the sensor has sent by the end: packets of 4.7 s wait at most. It is recorded."""
+JOIN_S = 10.0
+
+
+class Publisher:
+    """Publishes one sensor. A context manager: starts on entering, stops on leaving.
+
+    source:    anything of `lidarcodec.open_source`; stays the caller's, but is closed on `stop`
+    rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
+               as fast as the receivers take them, with its own time stamps
+    endpoints: where to listen and connect; by default nothing leaves the machine
+    transport: one that is open, or a function that opens one, given the event that stops it. It stays the caller's;
+               endpoints then only say where it leads
+    poses:     where the sensor was, sent with each frame
+    original:  send frames as they were before coding, too, to who compares on this machine and only while somebody does
+    record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
+    isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
+               crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
+    clock:     tells the time
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        settings: StreamSettings | None = None,
+        *,
+        vehicle: str = "vehicle",
+        sensor: str = "lidar",
+        rate: Rate | None = None,
+        endpoints: Endpoints | None = None,
+        transport: Transport | Callable[[threading.Event], Transport] | None = None,
+        record: str | Path | None = None,
+        record_as: RecordAs = "packets",
+        record_limits: dict[str, int] | None = None,
+        poses: Poses | None = None,
+        original: bool = False,
+        isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
+    ) -> None:
+        """Raises SettingsError or UnknownNameError when settings, names or limits are not allowed, and TransportError
+        for a configuration file that is none.
+        """
+        self.keys = StreamKeys(vehicle, sensor)
+        self._once = Once(logger)
+        self._isolation = Isolation(isolate, self._worker_failed)
+        asked = check(settings or StreamSettings())
+        live_rate = rate if isinstance(rate, int | float) and not source.live else NOMINAL_HZ
+        self._choosing = CodecChooser(1.0 / (live_rate * FRAME_PACKETS))
+        self._encoder = StreamEncoder(self._choosing.codec_for(asked), make_encoder=self._isolation.make_encoder)
+        self._own_transport = transport is None
+        self._certificates = certificates_of(endpoints)
+        self._transport: Transport | None = None
+        self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
+        if callable(transport):
+            self._open = transport
+        else:
+            self._transport = transport
+        self._every = rate == "max" and not source.live
+        self._recorder = None
+        if record is not None:
+            self._recorder = BackgroundRecorder(Path(record), self.keys, None, **(record_limits or {}))
+        self._stop = threading.Event()
+        self._done = threading.Event()
+        self._opened = threading.Event()
+        self._interrupted = self._begun = False
+        self._declared: list[Closeable] = []
+        self._failure: BaseException | None = None
+        self._mailbox: Mailbox[Frame] = Mailbox()
+        self._feed = FrameFeed(
+            source,
+            self._mailbox,
+            asked.framing,
+            10.0 if rate is None else rate,
+            self._recorder,
+            record_as,
+            poses,
+            clock,
+        )
+        one_machine = (endpoints or Endpoints()).local and (endpoints is not None or transport is None)
+        self._flight = Flight(asked.follow, limit_s=PATIENT_S if self._every else LIMIT_S, slow_server=not one_machine)
+        self._originals: Originals | None = None
+        if original:
+            check_local(endpoints or Endpoints())
+            self._originals = Originals(self.keys, self._encoder.stream_id, self._once)
+        self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
+        self._learning = SpareLearning(self._encoder, self._once)
+        self._sending = Sending(
+            self._encoder,
+            self._mailbox,
+            self._feed,
+            self._flight,
+            self._isolation,
+            self._board,
+            self._once,
+            self._stop,
+            self._learning,
+            self._choosing,
+            every=self._every,
+            originals=self._originals,
+            recorder=self._recorder,
+        )
+        self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
+        self._tell_now = threading.Event()
+        self._changes = Changes(
+            asked,
+            self._encoder,
+            self._sending,
+            self._isolation,
+            self._choosing,
+            running=lambda: self._begun and not self._done.is_set(),
+            tell=self._tell_now.set,
+        )
+        self._threads = [
+            threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
+            threading.Thread(target=self._encode_frames, name="lidarcodec encoder", daemon=True),
+            threading.Thread(target=self._tell_status, name="lidarcodec status", daemon=True),
+        ]
+
+    @property
+    def settings(self) -> StreamSettings:
+        """The settings in force, as they were asked for: with the codec `auto`, the status has the one it is."""
+        return self._changes.asked
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the source, or the network; None while all is well, and after a source that came to its end."""
+        return self._failure
+
+    @property
+    def next_index(self) -> int:
+        """Index of the next frame to be encoded."""
+        return self._sending.next_index
+
+    @property
+    def stream_id(self) -> int:
+        """Random number of this start."""
+        return self._encoder.stream_id
+
+    def start(self) -> Self:
+        """Open the network and begin. A router that cannot be reached is tried again while the source runs.
+
+        Raises TransportError when the endpoints cannot be used.
+        """
+        if self._begun:
+            raise TransportError("a publisher can be started only once: create a new one")
+        self._begun = True
+        if self._recorder is not None:
+            self._recorder.start()
+        self._isolation.start(self._encoder.settings.codec)
+        for thread in self._threads:
+            thread.start()
+        self._opened.wait(START_S)
+        if isinstance(self._failure, TransportError):
+            self.stop()
+            raise self._failure
+        return self
+
+    def run(self) -> None:
+        """Start, and stay until the source ends, or `interrupt` or `stop` is called.
+
+        Raises what ended the source: SourceError, PacketError; TransportError when the endpoints cannot be used.
+        """
+        with self:
+            self.wait()
+        if self._failure is not None:
+            raise self._failure
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Whether the source has ended and everything was sent; waits for it, until interrupted."""
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while not self._done.is_set():
+            left = TICK_S if end is None else end - time.monotonic()
+            if left <= 0 or self._interrupted:
+                return False
+            self._done.wait(min(left, TICK_S))
+        return True
+
+    def interrupt(self) -> None:
+        """Have `run` and `wait` return soon. The one method for signal handlers: it takes no lock."""
+        self._interrupted = True
+
+    def stop(self) -> None:
+        """End everything: threads, network, recording, source. Harmless when called twice."""
+        self._stop.set()
+        self._end()
+        self._mailbox.close()
+        if self._recorder is not None:
+            self._feed.finish()
+            ended(self._threads[:1], LAST_READ_S)
+        self._feed.close()
+        self._flight.wake()
+        current = threading.current_thread()
+        waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
+        for thread in waiting:
+            thread.join(LAST_FRAME_S)
+        self._choosing.close()
+        self._learning.close()
+        self._isolation.close()
+        for thread in waiting:
+            thread.join(JOIN_S)
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._own_transport and self._transport is not None:
+            self._transport.close()
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def status(self) -> dict[str, Any]:
+        """What is told once a second on the status key (docs/live.md lists the fields)."""
+        return self._board.status(
+            settings=self.settings,
+            codec=(codec := self._encoder.settings.codec),
+            codec_choice=self._choosing.state(codec),
+            rate=self._encoder.rate,
+            reduction=self._encoder.reduction,
+            learning=self._learning.state(),
+            path=self._sending.adapting.report(),
+            feed=self._feed,
+            flight=self._flight.state(),
+            errors=self._once.counts,
+            preparing=self._changes.preparing,
+            worker=self._isolation.state(),
+            worker_restarts=self._isolation.restarts,
+            recording=None if self._recorder is None else self._recorder.state(),
+            certificate=None if self._certificates is None else self._certificates.told(),
+            matching=self._sending.matching,
+            ended=self._done.is_set(),
+        )
+
+    def change(self, /, **changes: Any) -> Applied:
+        """Change settings between two frames, as a whole or not at all. The old codec goes on until the process of the
+        new one is ready, if it needs one.
+
+        Raises SettingsError or UnknownNameError.
+        """
+        return self._changes.change(changes)
+
+    def request_key(self) -> bool:
+        """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
+        return self._sending.request_key()
+
+    def _end(self) -> None:
+        self._done.set()
+        self._tell_now.set()
+
+    # --- the source thread ------------------------------------------------------------------------------------------
+
+    def _feed_frames(self) -> None:
+        try:
+            self._feed.run(wait=self._every)
+        except Exception as error:
+            if not self._stop.is_set():
+                logger.warning("the source ended: %s", error)
+                self._failure = self._failure or error
+        finally:
+            self._mailbox.close()
+
+    # --- the encode thread ------------------------------------------------------------------------------------------
+
+    def _encode_frames(self) -> None:
+        try:
+            if self._transport is None:
+                self._transport = self._open(self._stop)
+            sender = self._declare(self._transport)
+            self._opened.set()
+            self._sending.run(sender)
+        except Exception as error:
+            if not self._stop.is_set():
+                self._failure = self._failure or error
+        finally:
+            for one in reversed(self._declared):  # the token first: receivers see the end after the last message
+                one.close()
+            self._opened.set()
+            self._end()
+
+    def _declare(self, transport: Transport) -> Sender:
+        keys = self.keys
+        self._declared += self._desk.declare(transport)
+        priority = Priority.EVERY_FRAME if self._every else Priority.FRAMES
+        sender = transport.sender(keys.frame, priority, self._matched)
+        self._sending.matching = sender.matching
+        if self._originals is not None:
+            self._originals.declare(transport)
+            self._declared.append(self._originals)
+        self._declared += [sender, transport.token(keys.alive)]
+        return sender
+
+    # --- the status thread ------------------------------------------------------------------------------------------
+
+    def _tell_status(self) -> None:
+        while not self._opened.wait(1.0):
+            pass
+        if self._transport is None or self._failure is not None:
+            return
+        try:
+            sender = self._transport.sender(self.keys.status, Priority.STATUS)
+            while True:
+                self._tell_now.wait(STATUS_S)
+                self._tell_now.clear()
+                ended = self._done.is_set()
+                sender.put(self._board.packed(self.status()))
+                if ended:
+                    return
+        except TransportError as error:
+            if not self._stop.is_set():
+                self._once.add("status errors", error)
+
+    # --- handlers, in threads of the transport ----------------------------------------------------------------------
+
+    def _matched(self, matching: bool) -> None:
+        logger.info("%s: %s", self.keys.prefix, "a receiver is connected" if matching else "no receiver is connected")
+        if matching:
+            self._sending.request_key()
+        self._sending.matching = matching
+
+    def _worker_failed(self, error: WorkerError) -> None:
+        self._once.add(f"worker {error.cause}", error)
+        self.request_key()
+
+
+__all__ = ["Publisher", "Rate"]

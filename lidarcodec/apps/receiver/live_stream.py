@@ -1,0 +1,310 @@
+"""LiveStream: decoded frames of a live stream, to iterate over, and to hand on as UDP packets or as a recording.
+
+>>> from lidarcodec.transport.memory import MemoryNetwork
+>>> with subscribe("vehicle/lidar", transport=MemoryNetwork().transport()) as live:
+...     print(live.next(timeout_s=0.01), live.summary()["replaced"])
+None 0
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.receiver.freshness import Forward, Freshness, MaxAge
+from lidarcodec.apps.receiver.receiver import Receiver
+from lidarcodec.apps.receiver.stats import ReceiverStats
+from lidarcodec.apps.receiver.udp_out import UdpOut
+from lidarcodec.apps.recorder import BackgroundRecorder
+from lidarcodec.apps.worker.isolation import Isolate
+from lidarcodec.errors import TransportError
+from lidarcodec.frame import Frame
+from lidarcodec.settings import valid_name
+from lidarcodec.transport import Endpoints, Transport, certificates_of, party_of
+from lidarcodec.transport.endpoints import Mode
+from lidarcodec.transport.keys import StreamKeys
+
+TICK_S = 0.2
+LAST_PACKETS_S = 5.0
+"""What is left to be sent by UDP when a stream ends is half a second of packets."""
+
+
+def receiver_name() -> str:
+    """A name that no other receiver has: host, process, four random digits."""
+    host = "".join(c if c.isascii() and c.isalnum() else "-" for c in socket.gethostname())[:32]
+    return f"{host}-{os.getpid()}-{os.urandom(2).hex()}"
+
+
+def subscribe(
+    key: str = "lidarcodec/v1/vehicle/lidar",
+    *,
+    connect: str | list[str] | None = None,
+    listen: str | list[str] | None = None,
+    config: str | Path | None = None,
+    mode: Mode | None = None,
+    loopback_port: int | None = None,
+    **options: Any,
+) -> LiveStream:
+    """A live stream to iterate over; `with subscribe(...) as live: for frame in live: ...`
+
+    connect, listen, config, mode, loopback_port: as in `Endpoints`; without them nothing leaves the machine
+    options: those of `LiveStream`
+    Raises SettingsError for a key or name that is none, TransportError for endpoints that cannot be used.
+    """
+    endpoints = Endpoints.of(connect, listen, config, mode, loopback_port)
+    return LiveStream(key, endpoints=endpoints, **options)
+
+
+class LiveStream:
+    """Decoded frames of one stream, through restarts of its publisher and of the network. A context manager.
+
+    key:        `lidarcodec/v1/VEHICLE/SENSOR`, or `VEHICLE/SENSOR`
+    endpoints:  where to listen and connect; by default nothing leaves the machine. `transport`: an open one instead
+    receiver:   the name under which arrivals are reported; by default whom a configuration of `lidarcodec certs` is
+                for, because only under that one it may report, else a unique one
+    newest:     True: whoever iterates too slowly gets the newest frame, and what was replaced is counted. False: every
+                frame is waited for, and the publisher feels it
+    timeout_s:  iteration ends after so long without a frame; None: never
+    max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
+                two seconds for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
+    until_end:  iteration ends when the publisher has gone
+    udp:        `HOST:PORT` that gets the packets as the sensor's own stream (`?position=PORT`: position packets, too,
+                which port 8308 gets beside port 2368);  record: folder that gets the messages;
+                clouds: and the points of each frame, for viewers
+    isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
+                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
+    stats:      counts and times of this receiver;  status: the publisher's last status
+    """
+
+    def __init__(
+        self,
+        key: str,
+        *,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        receiver: str | None = None,
+        newest: bool = True,
+        timeout_s: float | None = None,
+        max_age_s: MaxAge = "live",
+        until_end: bool = False,
+        udp: str | None = None,
+        record: str | Path | None = None,
+        clouds: bool = False,
+        isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
+    ) -> None:
+        """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
+        keys = StreamKeys.parse(key)
+        party, self._certificates = party_of(endpoints), certificates_of(endpoints)
+        own = receiver_name() if party is None else party.name
+        self.receiver = valid_name(own if receiver is None else receiver, "receiver")
+        self._newest, self._timeout_s, self._clock = newest, timeout_s, clock
+        self._fresh = Freshness.of(max_age_s, newest=newest)
+        self._udp = None if udp is None else UdpOut(udp)
+        self._recorder = None if record is None else BackgroundRecorder(Path(record), keys)
+        self._clouds = clouds
+        if clouds and self._recorder is not None:
+            self._recorder.keep_clouds()
+        self._interrupted = self._begun = False
+        self._forward = Forward()
+        self._listeners: list[Callable[[], object]] = []
+        self._frames: Mailbox[Frame] = Mailbox(self._notify)
+        self._receiver = Receiver(
+            keys,
+            self.receiver,
+            self._deliver,
+            self._keep,
+            self._ended,
+            endpoints=endpoints,
+            transport=transport,
+            until_end=until_end,
+            isolate=isolate,
+            clock=clock,
+        )
+
+    # --- for whoever iterates ---------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        """Begin to receive. A router that cannot be reached is tried again meanwhile.
+
+        Raises TransportError when the endpoints cannot be used, or the stream was open before.
+        """
+        if self._begun:
+            raise TransportError("a live stream can be opened only once: call subscribe() again")
+        self._begun = True
+        for output in (self._udp, self._recorder):
+            if output is not None:
+                output.start()
+        try:
+            self._receiver.start()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def next(self, timeout_s: float | None = None) -> Frame | None:
+        """The next frame; None when there was none in time, or after the end or an interruption.
+
+        Raises TransportError when the network failed for good, or nobody opened the stream; else what ended it.
+        """
+        self._check_begun()
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while not self._interrupted:
+            left = TICK_S if end is None else end - time.monotonic()
+            frame = self._frames.take(max(0.0, min(left, TICK_S)))
+            if frame is not None:
+                return frame
+            if self._frames.finished:
+                self._raise_failure()
+                return None
+            if left <= 0:
+                return None
+        return None
+
+    def __iter__(self) -> Iterator[Frame]:
+        while (frame := self.next(self._timeout_s)) is not None:
+            yield frame
+
+    async def next_async(self, timeout_s: float | None = None) -> Frame | None:
+        """As `next`, for asyncio; no frame is lost when the wait is cancelled."""
+        self._check_begun()
+        loop = asyncio.get_running_loop()
+        end = None if timeout_s is None else loop.time() + timeout_s
+        changed = asyncio.Event()
+
+        def tell() -> None:
+            loop.call_soon_threadsafe(changed.set)
+
+        self._listeners.append(tell)
+        try:
+            while not self._interrupted:
+                changed.clear()
+                frame = self._frames.take(0.0)
+                if frame is not None:
+                    return frame
+                if self._frames.finished:
+                    self._raise_failure()
+                    return None
+                left = TICK_S if end is None else end - loop.time()
+                if left <= 0:
+                    return None
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), min(left, TICK_S))
+            return None
+        finally:
+            self._listeners.remove(tell)
+
+    async def __aiter__(self) -> AsyncIterator[Frame]:
+        while (frame := await self.next_async(self._timeout_s)) is not None:
+            yield frame
+
+    @property
+    def stats(self) -> ReceiverStats:
+        """Counts and times of this receiver."""
+        return self._receiver.stats
+
+    @property
+    def status(self) -> dict[str, Any] | None:
+        """The publisher's last status (docs/live.md lists the fields); None before the first."""
+        return self._receiver.status
+
+    @property
+    def alive(self) -> bool:
+        """Whether a publisher is there."""
+        return self._receiver.alive
+
+    @property
+    def replaced(self) -> int:
+        """Frames that gave way to a newer one because nobody took them."""
+        return self._frames.replaced
+
+    def summary(self) -> dict[str, Any]:
+        """Counts and times as plain values, those of the outputs included."""
+        return {
+            **self.stats.summary(),
+            "errors": dict(self._receiver.errors),
+            "worker": self._receiver.worker,
+            "worker_restarts": self._receiver.worker_restarts,
+            "replaced": self.replaced,
+            "rtt_ms": self._receiver.rtt_ms,
+            "udp": None if self._udp is None else dict(self._udp.counts),
+            "recording": None if self._recorder is None else self._recorder.state(),
+            "certificate": None if self._certificates is None else self._certificates.told(),
+        }
+
+    def interrupt(self) -> None:
+        """Have iteration end soon. The one method for signal handlers: it takes no lock."""
+        self._interrupted = True
+
+    def request_key(self) -> None:
+        """Ask the publisher for a key frame."""
+        self._receiver.request_key()
+
+    def close(self) -> None:
+        """End everything: threads, network, outputs. Harmless when called twice."""
+        self._frames.close()
+        if self._udp is not None:
+            self._udp.close()
+        self._receiver.close()
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def _deliver(self, frame: Frame) -> None:
+        """Hand a frame on, in the decode thread."""
+        latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
+        if self._clouds and self._recorder is not None:
+            self._recorder.cloud(frame)
+        if not self._fresh.shows(latency_ms, self._clock.monotonic_s()) or (self._newest and self._goes_back(frame)):
+            self.stats.count("stale")
+            return
+        if self._newest:
+            if self._udp is not None:
+                self._udp.put(frame)
+            self._frames.put(frame)
+            return
+        while self._udp is not None and not self._udp.put_wait(frame, TICK_S) and not self._frames.closed:
+            pass
+        while not self._frames.put_wait(frame, TICK_S) and not self._frames.closed:
+            pass
+
+    def _goes_back(self, frame: Frame) -> bool:
+        """Whether a later frame of the same stream was shown before: a path may mix up what it carries."""
+        message = self._receiver.decoded
+        return self._forward.goes_back(
+            None if message is None else message.stream_id, frame.index, self._clock.monotonic_s()
+        )
+
+    def _keep(self, data: bytes) -> None:
+        if self._recorder is not None:
+            self._recorder.message(data)
+
+    def _ended(self) -> None:
+        """Nothing more will come: let the last packets leave, then end the iteration."""
+        if self._udp is not None and not self._frames.closed:
+            self._udp.wait_sent(LAST_PACKETS_S)
+        self._frames.close()
+
+    def _notify(self) -> None:
+        """Wake the coroutines that wait."""
+        for tell in tuple(self._listeners):
+            with contextlib.suppress(RuntimeError):  # its loop is closed
+                tell()
+
+    def _check_begun(self) -> None:
+        if not self._begun and not self._frames.closed:
+            raise TransportError("this live stream is not open: write `with subscribe(...) as live:`")
+
+    def _raise_failure(self) -> None:
+        if self._receiver.failure is not None:
+            raise self._receiver.failure

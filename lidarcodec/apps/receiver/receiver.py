@@ -1,0 +1,364 @@
+"""Receiver: messages of one stream in, decoded frames out, through restarts of either side.
+
+    receive thread   ring of one -> header -> slot of the decoder -> arrival report
+    decode thread    bytes -> message -> frames -> whoever was given
+    control thread   asks for key frames when one is needed, reports once a second, measures the round trip
+
+The arrival report leaves before decoding. It waits for one thing only: that the message before is out of the slot. So
+the publisher feels a decoder that is too slow, replaces frames before they are encoded, and no reference is lost.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from lidarcodec.apps.clocks import SYSTEM, Clock
+from lidarcodec.apps.mailbox import Mailbox
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.receiver.round_trips import RoundTrips
+from lidarcodec.apps.receiver.stats import ReceiverStats
+from lidarcodec.apps.reports import Arrival, pack_arrival, read_status
+from lidarcodec.apps.worker.isolation import Isolate, Isolation
+from lidarcodec.codecs import table
+from lidarcodec.errors import (
+    DecodeError,
+    LidarCodecError,
+    MissingReferenceError,
+    TransportError,
+    UnsupportedVersionError,
+    WorkerError,
+)
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.transport import Endpoints, Transport, open_transport
+from lidarcodec.transport.base import Closeable, Inbox, Priority, Sender
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.json import JsonRefusedError
+from lidarcodec.wire import checksum_of, unpack
+
+logger = logging.getLogger(__name__)
+
+TICK_S = 0.2
+KEY_INTERVAL_S = 0.5
+"""Key frames are asked for at most so often."""
+REPORT_S = 1.0
+ASK_S = 1.0
+START_S = 1.0
+JOIN_S = 10.0
+
+
+class Receiver:
+    """One receiver of one stream.
+
+    on_frame:   takes every decoded frame, in the decode thread; what it does holds up the next one
+    on_message: takes the bytes of every message, in the receive thread; must be quick
+    on_end:     called when nothing more will come
+    until_end:  end when the publisher has gone
+    isolate:    which decoders run in a process of their own, as for `LiveStream`;  clock: tells the time
+    failure:    what ended it, if it did not end as it should
+    decoding:   whether messages are decoded; may change at any time. Without it they are only counted, reported as
+                arrived and handed to on_message, and key frames are asked for only by `request_key`
+    decoded:    the message whose frames on_frame is given
+    stats:      counts and times;  status: the publisher's last status;  alive: whether a publisher is there
+    """
+
+    def __init__(
+        self,
+        keys: StreamKeys,
+        name: str,
+        on_frame: Callable[[Frame], object],
+        on_message: Callable[[bytes], object],
+        on_end: Callable[[], object],
+        *,
+        endpoints: Endpoints | None = None,
+        transport: Transport | None = None,
+        until_end: bool = False,
+        isolate: Isolate | None = None,
+        clock: Clock = SYSTEM,
+        decoding: bool = True,
+    ) -> None:
+        """Raises SettingsError for an unknown choice of `isolate`."""
+        self.keys, self.name = keys, name
+        self.decoding = decoding
+        self.decoded: Message | None = None
+        self.stats = ReceiverStats(clock)
+        self.stats.clocks.unsure = self._ask_time
+        self._clock, self._round_trips = clock, RoundTrips(clock, self.stats.clocks)
+        self.status: dict[str, Any] | None = None
+        self.alive = False
+        self.failure: Exception | None = None
+        self._on_frame, self._on_message, self._on_end, self._until_end = on_frame, on_message, on_end, until_end
+        self._endpoints, self._transport, self._own_transport = endpoints, transport, transport is None
+        self._declared: list[Closeable] = []
+        self._slot: Mailbox[Message] = Mailbox()
+        self._once = Once(logger)
+        self._isolation = Isolation(isolate, lambda error: self._once.add(f"worker {error.cause}", error))
+        self._decoder = StreamDecoder(self._isolation.make_decoder)
+        self._stop, self._opened, self._poke = threading.Event(), threading.Event(), threading.Event()
+        self._joined: int | None = None
+        self._key_wanted, self._key_asked_for = True, False
+        self._threads = [
+            threading.Thread(target=run, name=f"lidarcodec {run.__name__.strip('_')}", daemon=True)
+            for run in (self._receive, self._decode, self._control)
+        ]
+
+    @property
+    def errors(self) -> Counter[str]:
+        """What went wrong, by cause."""
+        return Counter(dict(self._once.counts))
+
+    @property
+    def rtt_ms(self) -> float | None:
+        """Shortest of the last round trips to the publisher."""
+        return self._round_trips.rtt_ms
+
+    def start(self) -> None:
+        """Begin to receive. A router that cannot be reached is tried again meanwhile.
+
+        Raises TransportError when the endpoints cannot be used.
+        """
+        for thread in self._threads:
+            thread.start()
+        self._opened.wait(START_S)
+        if self.failure is not None:
+            self.close()
+            raise self.failure
+
+    @property
+    def worker(self) -> dict[str, Any] | None:
+        """The process in which the decoder runs: `pid`, `state`, `restarts`, `last_failure`; None if there was none."""
+        return self._isolation.state()
+
+    @property
+    def worker_restarts(self) -> int:
+        """Processes of the decoder that were started because another one had failed."""
+        return self._isolation.restarts
+
+    def request_key(self) -> None:
+        """Ask the publisher for a key frame, soon."""
+        self._key_asked_for = True
+        self._want_key()
+
+    def _want_key(self) -> None:
+        self._key_wanted = True
+        self._poke.set()
+
+    def close(self) -> None:
+        """End everything; harmless when called twice."""
+        self._stop.set()
+        self._poke.set()
+        self._slot.close()
+        for one in reversed(self._declared):
+            one.close()
+        if self._own_transport and self._transport is not None:
+            self._transport.close()
+        self._isolation.close()
+        for thread in self._threads:
+            if thread.is_alive() and thread is not threading.current_thread():
+                thread.join(JOIN_S)
+        if self._own_transport and self._transport is not None:  # it may have been opened after the first look
+            self._transport.close()
+
+    @contextmanager
+    def _failing_aloud(self) -> Iterator[None]:
+        """What ends one of the threads ends the receiver, and is told: nothing freezes in silence."""
+        try:
+            yield
+        except Exception as error:
+            if self._stop.is_set():
+                return
+            if not isinstance(error, TransportError):
+                logger.exception("%s: the receiver stops", self.keys.prefix)
+            self.failure = self.failure or error
+            self._end()
+
+    def _end(self) -> None:
+        """Receive no more; what has come is still decoded."""
+        self._slot.close()
+        self._poke.set()
+        for one in self._declared[:1]:
+            one.close()
+
+    # --- the receive thread -----------------------------------------------------------------------------------------
+
+    def _receive(self) -> None:
+        try:
+            with self._failing_aloud():
+                if self._transport is None:
+                    self._transport = open_transport(self._endpoints, stop=self._stop)
+                inbox, arrivals = self._declare(self._transport)
+                self._opened.set()
+                self._take_messages(inbox, arrivals)
+        finally:
+            self._opened.set()
+            self._slot.close()
+            self._poke.set()
+
+    def _declare(self, transport: Transport) -> tuple[Inbox, Sender]:
+        keys = self.keys
+        self._declared.append(inbox := transport.inbox(keys.frame))
+        self._declared.append(arrivals := transport.sender(keys.arrived(self.name), Priority.REAL_TIME))
+        self._declared.append(transport.listen(keys.status, self._status_came))
+        self._declared.append(transport.watch(keys.alive, self._publisher_changed))
+        self._declared.append(transport.token(keys.arrived(self.name)))
+        if self._stop.is_set():
+            inbox.close()
+        return inbox, arrivals
+
+    def _take_messages(self, inbox: Inbox, arrivals: Sender) -> None:
+        while (data := inbox.receive()) is not None and not self._stop.is_set():
+            try:
+                message = unpack(data)  # nothing is believed, or counted, before its checksum
+            except DecodeError as error:
+                self._once.add("decode_errors", error)
+                if not isinstance(error, UnsupportedVersionError):  # no key frame would help
+                    self._want_key()
+                continue
+            if self.stats.repeated(message):
+                continue
+            begins = self.stats.arrived(message, len(data))
+            if begins and not message.key:
+                self._want_key()
+            if message.key:  # who asks from here on may not see this one any more
+                self._key_asked_for = False
+            came_ns = time.monotonic_ns()
+            while not self._slot.put_wait(message, TICK_S):
+                if self._slot.closed:
+                    return
+            try:
+                held_ns = time.monotonic_ns() - came_ns
+                now_ns, checksum = self._clock.wall_ns(), checksum_of(data)
+                arrivals.put(pack_arrival(Arrival(message.frame_index, now_ns, held_ns, checksum)))
+            except TransportError as error:
+                self._once.add("arrival_errors", error)
+            self._on_message(data)
+
+    # --- the decode thread ------------------------------------------------------------------------------------------
+
+    def _decode(self) -> None:
+        try:
+            with self._failing_aloud():
+                while not self._slot.finished:
+                    message = self._slot.take(TICK_S)
+                    if message is not None:
+                        for frame in self._frames_of(message):
+                            self._on_frame(frame)
+        finally:
+            self._on_end()
+
+    def _frames_of(self, message: Message) -> list[Frame]:
+        if not self.decoding:
+            self._have_key(message, but_decodes=False)
+            if self._joined is not None:  # what is skipped now would be missing later
+                self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
+            return []
+        start = time.perf_counter()
+        self.decoded = message
+        try:
+            if not message.key and message.stream_id != self._joined:
+                self.stats.count("before_key")
+                self._want_key()
+                return []
+            frames = self._decoder.decode(message)
+        except MissingReferenceError as error:
+            self._once.add("missing_references", error)
+            self._want_key()
+            return []
+        except UnsupportedVersionError as error:  # no key frame would help
+            self._once.add("decode_errors", error)
+            return []
+        except WorkerError as error:
+            if self._stop.is_set():
+                return []
+            self._once.add("decode_errors", error)
+            if not error.resting:
+                self._want_key()
+            return []
+        except LidarCodecError as error:
+            self._once.add("decode_errors", error)
+            self._want_key()
+            return []
+        except Exception as error:  # a fault of ours: this message is lost, the stream is not
+            logger.exception("frame %d could not be decoded", message.frame_index)
+            self._once.add("decode_errors", error)
+            self._decoder = StreamDecoder(self._isolation.make_decoder)
+            self._want_key()
+            return []
+        self.stats.decode_ms.add(1e3 * (time.perf_counter() - start))
+        self._joined = message.stream_id
+        self._have_key(message, but_decodes=True)
+        return frames
+
+    def _have_key(self, message: Message, *, but_decodes: bool) -> None:
+        """Ask no longer for what came, a key frame or any that decodes; nor while somebody else still waits for one."""
+        if (message.key or but_decodes) and not self._key_asked_for:
+            self._key_wanted = False
+
+    # --- the control thread -----------------------------------------------------------------------------------------
+
+    def _control(self) -> None:
+        while not self._opened.wait(TICK_S):
+            pass
+        transport = self._transport
+        if transport is None or self.failure is not None:
+            return
+        with self._failing_aloud():
+            self._keep_in_touch(transport)
+
+    def _keep_in_touch(self, transport: Transport) -> None:
+        self._declared.append(reports := transport.sender(self.keys.report(self.name), Priority.STATUS))
+        due_key = due_report = self._clock.monotonic_s()
+        while not self._stop.is_set():
+            now = self._clock.monotonic_s()
+            try:
+                if self._key_wanted and now >= due_key:
+                    due_key = now + KEY_INTERVAL_S
+                    if transport.ask(self.keys.control_keyframe, timeout_s=ASK_S) is not None:
+                        self.stats.count("key_requests")
+                if now >= self._round_trips.due_s:
+                    self._round_trips.ask(lambda data: transport.ask(self.keys.control_get, data, ASK_S))
+                if now >= due_report:
+                    due_report = now + REPORT_S
+                    self._isolation.tidy()
+                    reports.put(json.dumps(self.stats.report(self.errors, self.rtt_ms)).encode())
+            except TransportError as error:  # the next round tries again
+                if self._stop.is_set() or self._slot.closed:
+                    return
+                self._once.add("control_errors", error)
+            soonest = min(due_key if self._key_wanted else due_report, self._round_trips.due_s, due_report)
+            self._poke.wait(max(0.01, soonest - self._clock.monotonic_s()))
+            self._poke.clear()
+
+    def _ask_time(self) -> None:
+        """A clock was seen to jump: ask for the publisher's time soon."""
+        self._round_trips.hurry()
+        self._poke.set()
+
+    # --- handlers, in threads of the transport ----------------------------------------------------------------------
+
+    def _status_came(self, key: str, data: bytes) -> None:
+        try:
+            self.status = status = read_status(data)
+        except JsonRefusedError as error:
+            self._once.add("status_errors", error)
+            return
+        preparing = status.get("preparing")  # have a process ready when its first message comes
+        if self.decoding and isinstance(preparing, str) and preparing in table.names():
+            self._isolation.start(preparing)
+
+    def _publisher_changed(self, key: str, alive: bool) -> None:
+        logger.info("%s: %s", self.keys.prefix, "the publisher is online" if alive else "the publisher is offline")
+        self.alive = alive
+        if alive:
+            self._key_wanted = True
+            self._poke.set()
+        elif self._until_end:
+            self._end()

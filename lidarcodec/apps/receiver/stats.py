@@ -1,0 +1,174 @@
+"""ReceiverStats: what a receiver counts and measures of a stream. Bounded, whatever arrives."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+import time
+from collections import Counter, OrderedDict, deque
+from typing import Any
+
+from lidarcodec.apps.clocks import SYSTEM, Clock, LatencyClock
+from lidarcodec.apps.receiver.freshness import OnlyBehind
+from lidarcodec.apps.reports import COUNTED, Report
+from lidarcodec.apps.timings import Timings
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+
+logger = logging.getLogger(__name__)
+
+REMEMBERED = 64
+"""Newest messages of a stream that are known again when they come once more. What is older than all of them is no
+message that was delayed: a path that replays what it carried would show the past as the present."""
+STREAMS = 8
+JUMP = 36_000
+"""Frames, an hour at 10 Hz. A number so far from the last one says nothing of what is missing."""
+
+
+def last_packet_ns(frame: Frame) -> int:
+    """Host time of a frame's last packet, on the vehicle."""
+    if frame.side is None or not frame.side.packets:
+        return frame.stamp_ns
+    return frame.stamp_ns + int(frame.side.packet_ns[-1])
+
+
+class ReceiverStats:
+    """Counts of one receiver. Thread-safe.
+
+    gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
+    jumps: times that frame numbers went so far that nobody can say how many are missing
+    second_publisher: times that a stream came back after another one: two publishers have the same name
+    duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
+    before_key: messages that came before the first key message of a stream, which is where a decoder can join
+    clocks: how far the publisher's clock is from ours
+    """
+
+    def __init__(self, clock: Clock = SYSTEM) -> None:
+        self.start = secrets.randbits(48)
+        self.clocks = LatencyClock(clock)
+        self._lock = threading.Lock()
+        self._stream_id: int | None = None
+        self._earlier: OrderedDict[int, deque[int]] = OrderedDict()
+        self._next_index = 0
+        self._behind = OnlyBehind()
+        self._recent: deque[float] = deque(maxlen=64)
+        self.counts: Counter[str] = Counter()
+        self.latency_ms = Timings()
+        self.decode_ms = Timings()
+
+    @property
+    def stream_id(self) -> int | None:
+        """Of the publisher's current start."""
+        return self._stream_id
+
+    def repeated(self, message: Message) -> bool:
+        """Whether this message came before, or is older than the newest 64 of its stream; counts it then."""
+        with self._lock:
+            newest = self._earlier.get(message.stream_id, deque())
+            known = message.frame_index in newest
+            if len(newest) == REMEMBERED and message.frame_index < min(newest):
+                known = not self._behind.lasts(message.frame_index, time.monotonic())
+                if not known:
+                    newest.clear()
+            elif not known:
+                self._behind.over()
+            self.counts["duplicates"] += known
+            return known
+
+    def arrived(self, message: Message, size: int) -> bool:
+        """Take a message that came. True: it begins another stream.
+
+        A gap is no reason for a key frame: most are frames that the publisher replaced before it encoded them. A
+        message whose reference was really lost says so when it is decoded.
+        """
+        with self._lock:
+            self.counts["messages"] += 1
+            self.counts["bytes"] += size
+            begins = message.stream_id != self._stream_id
+            if begins:
+                self.counts["restarts"] += self._stream_id is not None
+                if message.stream_id in self._earlier:
+                    self.counts["second_publisher"] += 1
+                    if self.counts["second_publisher"] == 1:
+                        logger.warning(
+                            "two publishers use the same name: rename one of them with --vehicle or --sensor"
+                        )
+                self._stream_id = message.stream_id
+                self.clocks.restarted()
+                self._earlier.setdefault(message.stream_id, deque(maxlen=REMEMBERED))
+                self._earlier.move_to_end(message.stream_id)
+                while len(self._earlier) > STREAMS:
+                    self._earlier.popitem(last=False)
+                self._next_index = 0
+            elif abs(message.frame_index - self._next_index) > JUMP:
+                self.counts["jumps"] += 1
+                self._next_index = message.frame_index
+            elif message.frame_index > self._next_index:
+                self.counts["gaps"] += 1
+                self.counts["missing"] += message.frame_index - self._next_index
+            elif message.frame_index < self._next_index:
+                self.counts["out_of_order"] += 1
+            self._earlier[message.stream_id].append(message.frame_index)
+            self._next_index = max(self._next_index, message.frame_index + message.frame_count)
+            return begins
+
+    def decoded(self, frame: Frame, now_ns: int) -> float | None:
+        """Take a decoded frame; its latency in ms if that can be told: from its last packet to `now_ns`."""
+        latency = self.clocks.latency_ms(last_packet_ns(frame), now_ns)
+        with self._lock:
+            self.counts["frames"] += 1
+            self.counts["clocks_apart"] += latency is None
+            self._recent.append(time.monotonic())
+        if latency is not None:
+            self.latency_ms.add(latency)
+        return latency
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count something else."""
+        with self._lock:
+            self.counts[what] += number
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second over the newest 64."""
+        with self._lock:
+            if len(self._recent) < 2 or time.monotonic() - self._recent[-1] > 5.0:
+                return None
+            return round((len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6), 2)
+
+    def summary(self) -> dict[str, Any]:
+        """Counts, and percentiles of latency and decoding."""
+        with self._lock:
+            counts = dict(self.counts)
+        return {
+            **counts,
+            "fps": self.fps,
+            "latency_ms": self.latency_ms.summary(),
+            "decode_ms": self.decode_ms.summary(),
+            "clock": self.clocks.state(),
+        }
+
+    def report(self, errors: Counter[str], rtt_ms: float | None) -> Report:
+        """What is told to the publisher once a second; `reports` has the fields."""
+        with self._lock:
+            counts = self.counts + errors
+        latency, decode, clock = self.latency_ms.summary(), self.decode_ms.summary(), self.clocks.state()
+        latency_buckets, latency_sum_ms = self.latency_ms.histogram()
+        decode_buckets, decode_sum_ms = self.decode_ms.histogram()
+        return {
+            "start": self.start,
+            **{name: counts[name] for name in COUNTED},
+            "fps": self.fps,
+            "latency_p50_ms": latency["p50"],
+            "latency_p99_ms": latency["p99"],
+            "decode_p50_ms": decode["p50"],
+            "decode_p99_ms": decode["p99"],
+            "rtt_ms": rtt_ms,
+            "clock_offset_ms": clock["offset_ms"],
+            "clock_bound_ms": clock["bound_ms"],
+            "latency_sum_ms": latency_sum_ms,
+            "decode_sum_ms": decode_sum_ms,
+            "latency_buckets": latency_buckets,
+            "decode_buckets": decode_buckets,
+        }

@@ -1,0 +1,1 @@
+"""Codecs in processes of their own; `python -m lidarcodec.apps.worker` is such a process."""

@@ -1,0 +1,143 @@
+"""The process in which one codec runs: `python -m lidarcodec.apps.worker SOCKET LIMIT_S`. Started by `process`.
+
+It answers what it is asked and ends when the other side is gone. Signals that end a whole group of processes are left
+to the other side, which wants to end its stream first. While it works an alarm of the kernel is set, so that it ends
+even when it hangs in native code and nobody is there any more to kill it. (The system's own notice of a parent's death
+goes by the thread that started the process, and a stream's threads come and go.)
+"""
+
+from __future__ import annotations
+
+import signal
+
+if __name__ == "__main__":  # before anything slow is imported, and never in the process of whoever imports this
+    for _signal in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(_signal, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, 60.0)
+
+import contextlib
+import os
+import resource
+import socket
+import sys
+from typing import Final, TypeVar
+
+from lidarcodec.apps.worker.frames import FrameReader, FrameWriter
+from lidarcodec.apps.worker.wire import MAX_TEXT, Channel, GarbledError, Head, Kind, error_bytes, message_parts
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.settings import StreamSettings, settings_from
+from lidarcodec.untrusted.json import read_object
+from lidarcodec.wire import pack, unpack
+
+MEMORY_BYTES: Final = 2 * 2**30
+"""Of address space. A codec takes 125 to 250 MB of it; the limits of a message's header allow less than half a GB."""
+
+T = TypeVar("T")
+
+
+class Session:
+    """Answers questions, one after the other, with one encoder or decoder."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._reader, self._writer = FrameReader(), FrameWriter()
+        self._encoder: Encoder | None = None
+        self._decoder: Decoder | None = None
+
+    def answer(self, head: Head) -> None:
+        """Read the body of a question, and answer it.
+
+        Raises whatever the codec does, and then has not answered; EOFError when the other side is gone.
+        """
+        channel = self._channel
+        if head.kind == Kind.ENCODE:
+            frame = self._reader.take(channel)
+            self._say_messages(_opened(self._encoder).encode(frame, key=head.flag))
+        elif head.kind == Kind.DECODE:
+            self._say_frames(_opened(self._decoder).decode(unpack(channel.take(head.size))))
+        elif head.kind == Kind.FLUSH and self._encoder is not None:
+            self._say_messages(self._encoder.flush())
+        elif head.kind == Kind.FLUSH:
+            self._say_frames(_opened(self._decoder).flush())
+        else:
+            given = read_object(channel.take(head.size), MAX_TEXT)
+            channel.say(Kind.DONE, flag=self._set_up(Kind(head.kind), given))
+
+    def _set_up(self, kind: Kind, given: dict[str, object]) -> bool:
+        if kind == Kind.LOAD:
+            if given["codec"] is not None:
+                table.codec(str(given["codec"]))
+        elif kind == Kind.OPEN_ENCODER:
+            self._decoder = None
+            self._encoder = table.make_encoder(_settings(given), int(str(given["stream_id"])))
+        elif kind == Kind.OPEN_DECODER:
+            self._encoder = None
+            self._decoder = table.make_decoder(int(str(given["codec"])))
+        else:
+            return _opened(self._encoder).apply(_settings(given))
+        return False
+
+    def _say_messages(self, messages: list[Message]) -> None:
+        packed = [pack(message) for message in messages]
+        self._channel.say(Kind.MESSAGES, message_parts(packed), number=len(packed))
+
+    def _say_frames(self, frames: list[Frame]) -> None:
+        try:
+            parts = [part for frame in frames for part in self._writer.parts(frame)]
+        except LidarCodecError:
+            self._writer = FrameWriter()  # what it believes it has told was not sent
+            raise
+        self._channel.say(Kind.FRAMES, parts, number=len(frames))
+
+
+def _opened(codec: T | None) -> T:
+    if codec is None:
+        raise RuntimeError("asked before a codec was opened")
+    return codec
+
+
+def _settings(given: dict[str, object]) -> StreamSettings:
+    values = given["settings"]
+    return settings_from(values if isinstance(values, dict) else {})
+
+
+def _limit_resources() -> None:
+    """A bound on memory, and no core files: a hostile stream must not fill a disk with them."""
+    for what, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_CORE, 0)):
+        _, hard = resource.getrlimit(what)
+        limit = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        with contextlib.suppress(OSError, ValueError):  # a system that has no such limit
+            resource.setrlimit(what, (limit, hard))
+
+
+def main(number: int, limit_s: float) -> None:
+    """Answer until the other side is gone."""
+    _limit_resources()
+    channel = Channel(socket.socket(fileno=number))
+    session = Session(channel)
+    while True:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        try:
+            head = channel.head()
+            signal.setitimer(signal.ITIMER_REAL, limit_s)
+            try:
+                session.answer(head)
+            except EOFError:
+                raise
+            except LidarCodecError as error:
+                channel.say(Kind.FAILED, [error_bytes(error)])
+            except Exception as error:  # a fault: the other side ends this process as soon as it has read why
+                channel.say(Kind.FAILED, [error_bytes(error)])
+                channel.drain()
+        except (EOFError, GarbledError):
+            return
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]))
+    os._exit(0)  # a native library must not hang or crash in its destructors, with nobody to see it

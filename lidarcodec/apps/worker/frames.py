@@ -1,0 +1,175 @@
+"""Frames between two processes of this machine: a fixed head, then each array as it lies in memory.
+
+    head   index, stamp, columns, what follows, packets, layouts, irregular blocks, second returns, bytes of positions
+    sensor only when it is another one than in the frame before: name, convention, range step, origin, calibration
+    arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second
+           positions, as a POSITION section]
+
+Whoever reads believes nothing: counts are limited before memory is taken, and values that no codec may give (an azimuth
+of 36000, a truth that is neither 0 nor 1) are refused, since a codec that was taken over may be on the other side.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, Final, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.apps.worker.wire import Buffer, Channel, GarbledError
+from lidarcodec.entropy import decode_positions, encode_positions
+from lidarcodec.errors import LidarCodecError, SectionError
+from lidarcodec.frame import Frame
+from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, Origin, SensorModel
+from lidarcodec.side import Role, SideInfo
+from lidarcodec.units import (
+    AZIMUTH_TURN,
+    BLOCK_BYTES,
+    BLOCKS_PER_PACKET,
+    LASERS,
+    LASERS_PER_BLOCK,
+    MAX_COLUMNS,
+    MAX_PACKETS,
+    MAX_POSITIONS_BYTES,
+)
+
+_HEAD: Final = struct.Struct("<qqIIIIIII")
+_SENSOR: Final = struct.Struct("<BBBd")
+_HAS_SENSOR, _HAS_SIDE, _HAS_KEEP, _HAS_POSE = 1, 2, 4, 8
+_LIMITS: Final = {
+    "columns": MAX_COLUMNS,
+    "packets": MAX_PACKETS,
+    "layouts": 1 << 16,
+    "irregular blocks": MAX_PACKETS * BLOCKS_PER_PACKET,
+    "second returns": MAX_PACKETS * BLOCKS_PER_PACKET,
+    "bytes of positions": 2 * MAX_POSITIONS_BYTES,
+}
+_CONVENTIONS: Final = get_args(Convention)
+_ORIGINS: Final = get_args(Origin)
+_TABLE: Final = (len(CALIBRATION_FIELDS), LASERS)
+_SIDE: Final = ("packet_ns", "gps_us", "status", "layouts", "layout", "irregular", "second")
+
+Told = tuple[Any, ...]
+
+
+def _checked(counts: tuple[int, ...]) -> None:
+    for (what, limit), count in zip(_LIMITS.items(), counts, strict=True):
+        if count > limit:
+            raise SectionError(f"a frame of {count} {what}: at most {limit}")
+
+
+def _bytes_of(array: npt.NDArray[Any]) -> Buffer:
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data if array.size else b""
+
+
+def _identity(sensor: SensorModel) -> Told:
+    return sensor.hash, sensor.name, sensor.convention, sensor.range_step_m, sensor.origin
+
+
+class FrameWriter:
+    """Frames as buffers, in order; remembers which sensor was told."""
+
+    def __init__(self) -> None:
+        self._told: Told | None = None
+
+    def parts(self, frame: Frame) -> list[Buffer]:
+        """Buffers of a frame; none of the images is copied.
+
+        Raises SectionError for a frame that is too large.
+        """
+        side, sensor = frame.side, frame.sensor
+        told = _identity(sensor)
+        counts, positions = (0, 0, 0, 0, 0), b""
+        if side is not None:
+            positions = encode_positions(side.positions, host_step_ns=1) if side.positions else b""
+            counts = (side.packets, len(side.layouts), len(side.irregular), len(side.second), len(positions))
+        _checked((frame.width, *counts))
+        flags = (_HAS_SENSOR if told != self._told else 0) | (_HAS_SIDE if side is not None else 0)
+        flags |= (_HAS_KEEP if frame.keep is not None else 0) | (_HAS_POSE if frame.pose is not None else 0)
+        parts: list[Buffer] = [_HEAD.pack(frame.index, frame.stamp_ns, frame.width, flags, *counts)]
+        if told != self._told:
+            name = sensor.name.encode()
+            if len(name) > 0xFF:
+                raise SectionError(f"a sensor name of {len(name)} bytes: at most 255")
+            at = _CONVENTIONS.index(sensor.convention), _ORIGINS.index(sensor.origin)
+            parts += [_SENSOR.pack(*at, len(name), sensor.range_step_m), name, _bytes_of(sensor.calibration.table)]
+        arrays: list[npt.NDArray[Any]] = [frame.range, frame.intensity, frame.azimuth, frame.fired]
+        arrays += [array for array in (frame.keep, frame.pose) if array is not None]
+        arrays += [] if side is None else [getattr(side, name) for name in _SIDE]
+        self._told = told
+        return parts + [_bytes_of(array) for array in arrays] + [positions] * bool(positions)
+
+
+class FrameReader:
+    """Frames out of a channel, in order; remembers the sensor.
+
+    Raises GarbledError for what cannot be a frame; EOFError and TimeoutError as the channel does.
+    """
+
+    def __init__(self) -> None:
+        self._sensor: SensorModel | None = None
+
+    def take(self, channel: Channel, end: float | None = None) -> Frame:
+        """The next frame."""
+        try:
+            return self._take(channel, end)
+        except (LidarCodecError, UnicodeDecodeError) as error:
+            raise GarbledError(str(error)) from None
+
+    def _take(self, channel: Channel, end: float | None) -> Frame:
+        index, stamp_ns, width, flags, *counts = _HEAD.unpack(channel.take(_HEAD.size, end))
+        _checked((width, *counts))
+        if flags & _HAS_SENSOR:
+            self._sensor = self._take_sensor(channel, end)
+        if self._sensor is None or index < 0 or flags > 15:
+            raise GarbledError(f"a frame {index} of an unknown sensor")
+
+        def array(dtype: npt.DTypeLike, *shape: int) -> npt.NDArray[Any]:
+            whole = np.empty(shape, dtype)
+            if whole.size:
+                channel.fill(whole.reshape(-1).view(np.uint8).data, end)
+            return whole
+
+        images = {
+            "range": array(np.uint16, LASERS, width),
+            "intensity": array(np.uint8, LASERS, width),
+            "azimuth": array(np.uint16, 2, width),
+            "fired": _truths(array(np.bool_, 2, width)),
+        }
+        if images["azimuth"].max(initial=0) >= AZIMUTH_TURN:
+            raise GarbledError("a frame with an azimuth beyond a turn")
+        keep = _truths(array(np.bool_, LASERS, width)) if flags & _HAS_KEEP else None
+        pose = array(np.float64, 4, 4) if flags & _HAS_POSE else None
+        side = None
+        if flags & _HAS_SIDE:
+            packets, layouts, irregular, second, position_bytes = counts
+            side = SideInfo(
+                array(np.int64, packets),
+                array(np.uint32, packets),
+                array(np.uint8, packets, 2),
+                array(np.uint8, layouts, BLOCKS_PER_PACKET),
+                array(np.uint16, packets),
+                array(np.uint8, irregular, BLOCK_BYTES),
+                array(np.uint8, second, LASERS_PER_BLOCK * 3),
+                decode_positions(channel.take(position_bytes, end), packets) if position_bytes else (),
+            )
+            if side.layouts.max(initial=0) > max(Role):
+                raise GarbledError("side information with a role that is none")
+        return Frame(index, stamp_ns, **images, sensor=self._sensor, side=side, keep=keep, pose=pose)
+
+    @staticmethod
+    def _take_sensor(channel: Channel, end: float | None) -> SensorModel:
+        convention, origin, name_bytes, step_m = _SENSOR.unpack(channel.take(_SENSOR.size, end))
+        if convention >= len(_CONVENTIONS) or origin >= len(_ORIGINS) or not (math.isfinite(step_m) and step_m > 0):
+            raise GarbledError("a sensor that is none")
+        name = channel.take(name_bytes, end).decode()
+        table = np.frombuffer(channel.take(_TABLE[0] * _TABLE[1] * 4, end), np.int32).reshape(_TABLE).copy()
+        return SensorModel(name, Calibration(table), _ORIGINS[origin], _CONVENTIONS[convention], step_m)
+
+
+def _truths(array: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    if array.view(np.uint8).max(initial=0) > 1:
+        raise GarbledError("a truth that is neither 0 nor 1")
+    return array

@@ -1,0 +1,175 @@
+"""Codecs in a process of their own: an encoder and a decoder that look like any other, and the choice of who gets one.
+
+Native code of others can crash on bad input. In a process of its own such a crash costs one frame; the next process
+begins with a key frame.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, Final, Literal, cast, get_args
+
+from lidarcodec.apps.worker.keeper import LIMIT_S, TICK_S, WorkerKeeper
+from lidarcodec.apps.worker.process import WorkerProcess
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import Decoder, Encoder
+from lidarcodec.errors import LidarCodecError, SettingsError, WorkerError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message
+from lidarcodec.settings import StreamSettings
+
+Isolate = Literal["auto", "always", "never"]
+"""Which codecs run in a process of their own: those that say so, all, none."""
+VARIABLE: Final = "LIDARCODEC_ISOLATE"
+UNUSED_S: Final = 30.0
+"""A process that no codec needs any more is ended after so long."""
+
+
+def isolate_of(given: str | None) -> Isolate:
+    """What was given, else LIDARCODEC_ISOLATE, else `auto`.
+
+    Raises SettingsError.
+    """
+    value = given or os.environ.get(VARIABLE) or "auto"
+    if value not in get_args(Isolate):
+        raise SettingsError(f"isolate must be one of {', '.join(get_args(Isolate))}, not '{value}'", "isolate")
+    return cast(Isolate, value)
+
+
+class IsolatedEncoder:
+    """An encoder in the keeper's process. Its settings outlive the process."""
+
+    def __init__(self, keeper: WorkerKeeper, settings: StreamSettings, stream_id: int) -> None:
+        self._keeper, self._settings, self._stream_id = keeper, settings, stream_id
+
+    def open(self, process: WorkerProcess) -> None:
+        """Begin afresh in this process."""
+        process.open_encoder(self._settings, self._stream_id)
+
+    def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
+        """As `Encoder.encode`; raises WorkerError when the process fails, and the frame is lost."""
+        return self._keeper.run(self, lambda process: process.encode(frame, key=key))
+
+    def apply(self, settings: StreamSettings) -> bool:
+        """As `Encoder.apply`; should the process fail, the next one begins with these settings."""
+        before, self._settings = self._settings, settings
+        if not self._keeper.holds(self):
+            return True
+        if settings == before:
+            return False
+        try:
+            return self._keeper.run(self, lambda process: process.apply(settings))
+        except WorkerError:
+            return True
+        except LidarCodecError:
+            self._settings = before
+            raise
+
+    def flush(self) -> list[Message]:
+        """As `Encoder.flush`; nothing when the process is gone, and what it held with it."""
+        if not self._keeper.holds(self):
+            return []
+        try:
+            return self._keeper.run(self, WorkerProcess.flush_encoder)
+        except WorkerError:
+            return []
+
+
+class IsolatedDecoder:
+    """A decoder in the keeper's process."""
+
+    def __init__(self, keeper: WorkerKeeper, codec: int) -> None:
+        self._keeper, self._codec = keeper, codec
+
+    def open(self, process: WorkerProcess) -> None:
+        """Begin afresh in this process."""
+        process.open_decoder(self._codec)
+
+    def decode(self, message: Message) -> list[Frame]:
+        """As `Decoder.decode`; raises WorkerError when the process fails, and the message is lost."""
+        return self._keeper.run(self, lambda process: process.decode(message))
+
+    def flush(self) -> list[Frame]:
+        """As `Decoder.flush`; nothing when the process is gone, and what it held with it."""
+        if not self._keeper.holds(self):
+            return []
+        try:
+            return self._keeper.run(self, WorkerProcess.flush_decoder)
+        except WorkerError:
+            return []
+
+
+class Isolation:
+    """Makes the codecs of one stream, in this process or in one of their own; that one is shared by those that follow
+    each other."""
+
+    def __init__(
+        self, isolate: str | None, on_failure: Callable[[WorkerError], object], limit_s: float = LIMIT_S
+    ) -> None:
+        """Raises SettingsError for an unknown choice."""
+        self._isolate = isolate_of(isolate)
+        self._keeper = WorkerKeeper(on_failure, limit_s)
+        self._wanted = False
+
+    @property
+    def restarts(self) -> int:
+        """Processes that were started because another one had failed."""
+        return self._keeper.restarts
+
+    @property
+    def rests(self) -> bool:
+        """Whether there is no process, and none will be started for a while, after failures."""
+        return self._keeper.rests
+
+    @property
+    def last_failure(self) -> str | None:
+        """What was wrong with the last process that failed."""
+        return self._keeper.last_failure
+
+    def isolated(self, codec: str) -> bool:
+        """Whether this codec runs in a process of its own."""
+        return self._isolate == "always" or (self._isolate == "auto" and table.codec(codec).isolated)
+
+    def make_encoder(self, settings: StreamSettings, stream_id: int) -> Encoder:
+        """As `table.make_encoder`."""
+        if not self.isolated(table.check(settings).codec):
+            return table.make_encoder(settings, stream_id)
+        self._keeper.codec = settings.codec
+        return IsolatedEncoder(self._keeper, settings, stream_id)
+
+    def make_decoder(self, number: int) -> Decoder:
+        """As `table.make_decoder`."""
+        codec = table.codec_name(number)
+        self._wanted = self.isolated(codec)
+        if not self._wanted:
+            return table.make_decoder(number)
+        self._keeper.start(codec)
+        return IsolatedDecoder(self._keeper, number)
+
+    def start(self, codec: str) -> None:
+        """Have a process ready for a codec that needs one. Does not wait."""
+        if self.isolated(codec):
+            self._keeper.start(codec)
+
+    def ready(self, codec: str, timeout_s: float = TICK_S) -> bool:
+        """Whether a frame of this codec can be coded at once; waits so long for its process."""
+        return not self.isolated(codec) or self._keeper.ready(timeout_s)
+
+    def changed(self, codec: str) -> None:
+        """The stream is coded by this codec now: a process that it does not need is ended."""
+        if not self.isolated(codec):
+            self._keeper.end_if_unused()
+
+    def tidy(self) -> None:
+        """End a process that no decoder needs any more."""
+        if not self._wanted:
+            self._keeper.end_if_unused(UNUSED_S)
+
+    def state(self) -> dict[str, Any] | None:
+        """For the status, as `WorkerKeeper.state`."""
+        return self._keeper.state()
+
+    def close(self) -> None:
+        """End everything; harmless when called twice."""
+        self._keeper.close()

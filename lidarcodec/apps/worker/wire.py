@@ -1,0 +1,206 @@
+"""What a stream's process and its codec's process say to each other, over a socket pair: a head, then a body.
+
+A head is 16 bytes: kind, flag, 2 spare, number of parts, bytes of the body. Kinds below DONE are asked, the others are
+answers; there is one answer to each question. Nothing is pickled: settings and errors are JSON, messages are those of
+the wire, frames are arrays (`frames`), and every size is checked before memory is taken.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import struct
+import time
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+from lidarcodec import errors
+from lidarcodec.errors import LidarCodecError
+from lidarcodec.untrusted.json import JsonRefusedError, read_object
+from lidarcodec.wire import MAX_MESSAGE
+
+HEAD: Final = struct.Struct("<BB2xIQ")
+MAX_TEXT: Final = 1 << 18
+"""Bytes of settings, or of an error."""
+MAX_BODY: Final = 512 * 2**20
+"""Bytes of the frames, or messages, that one question brings."""
+MESSAGE_SIZE: Final = struct.Struct("<I")
+MAX_MESSAGES: Final = 1024
+_PARTS: Final = 64
+"""Buffers given to the system in one call."""
+
+
+class Kind(IntEnum):
+    """What a head announces."""
+
+    LOAD = 1
+    OPEN_ENCODER = 2
+    OPEN_DECODER = 3
+    ENCODE = 4
+    APPLY = 5
+    DECODE = 6
+    FLUSH = 7
+    DONE = 32
+    MESSAGES = 33
+    FRAMES = 34
+    FAILED = 35
+
+
+class Head(NamedTuple):
+    """flag: a truth; number: of messages or frames that follow; size: bytes that follow."""
+
+    kind: int
+    flag: bool
+    number: int
+    size: int
+
+
+class GarbledError(Exception):
+    """The other side says what cannot be: it is not to be listened to any more."""
+
+
+Buffer = bytes | bytearray | memoryview
+
+
+class Channel:
+    """One end of the socket pair. Every wait ends at a deadline (monotonic; None only in the child).
+
+    Raises TimeoutError at the deadline, EOFError when the other side is gone, GarbledError for what cannot be.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._socket = sock
+
+    def say(
+        self, kind: Kind, parts: Sequence[Buffer] = (), *, flag: bool = False, number: int = 0, end: float | None = None
+    ) -> None:
+        """Send a head and its body; `parts` are C-contiguous bytes."""
+        waiting = [memoryview(part).cast("B") for part in parts if len(part)]
+        size = sum(len(part) for part in waiting)
+        waiting.insert(0, memoryview(HEAD.pack(kind, flag, number, size)))
+        try:
+            while waiting:
+                self._set_limit(end)
+                sent = self._socket.sendmsg(waiting[:_PARTS])
+                while waiting and sent >= len(waiting[0]):
+                    sent -= len(waiting.pop(0))
+                if sent:
+                    waiting[0] = waiting[0][sent:]
+        except (BrokenPipeError, ConnectionResetError) as error:
+            raise EOFError from error
+
+    def head(self, end: float | None = None) -> Head:
+        """The next head."""
+        kind, flag, number, size = HEAD.unpack(self.take(HEAD.size, end))
+        limit = {Kind.MESSAGES: MAX_BODY, Kind.FRAMES: MAX_BODY, Kind.ENCODE: MAX_BODY, Kind.DECODE: MAX_MESSAGE}
+        if size > limit.get(kind, MAX_TEXT) or flag > 1:
+            raise GarbledError(f"a head of kind {kind} that announces {size} bytes")
+        return Head(kind, bool(flag), number, size)
+
+    def take(self, size: int, end: float | None = None) -> bytes:
+        """Exactly so many bytes."""
+        data = bytearray(size)
+        self.fill(memoryview(data), end)
+        return bytes(data)
+
+    def fill(self, view: memoryview, end: float | None = None) -> None:
+        """Fill bytes that somebody else owns."""
+        at = 0
+        while at < len(view):
+            self._set_limit(end)
+            try:
+                got = self._socket.recv_into(view[at:])
+            except ConnectionResetError as error:
+                raise EOFError from error
+            if not got:
+                raise EOFError
+            at += got
+
+    def drain(self) -> None:
+        """Take what comes until the other side is gone: it may still be saying what nobody will read."""
+        waste = memoryview(bytearray(1 << 16))
+        with contextlib.suppress(EOFError):
+            while True:
+                self.fill(waste)
+
+    def close(self) -> None:
+        """Close this end: the other one sees it."""
+        self._socket.close()
+
+    def _set_limit(self, end: float | None) -> None:
+        left = None if end is None else end - time.monotonic()
+        if left is not None and left <= 0:
+            raise TimeoutError
+        self._socket.settimeout(left)
+
+
+# --- messages ---------------------------------------------------------------------------------------------------------
+
+
+def message_parts(packed: Sequence[bytes]) -> list[Buffer]:
+    """The body of an answer of messages."""
+    return [part for one in packed for part in (MESSAGE_SIZE.pack(len(one)), one)]
+
+
+def take_messages(channel: Channel, head: Head, end: float | None) -> list[bytes]:
+    """The bytes of each message of an answer."""
+    if head.number > MAX_MESSAGES:
+        raise GarbledError(f"{head.number} messages in one answer")
+    packed, left = [], head.size
+    for _ in range(head.number):
+        (size,) = MESSAGE_SIZE.unpack(channel.take(MESSAGE_SIZE.size, end))
+        left -= MESSAGE_SIZE.size + size
+        if left < 0 or size > MAX_MESSAGE:
+            raise GarbledError(f"a message of {size} bytes in an answer of {head.size}")
+        packed.append(channel.take(size, end))
+    if left:
+        raise GarbledError(f"an answer with {left} bytes behind its messages")
+    return packed
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+_ATTRIBUTES: Final = {"offset": int, "needs": int, "field": str, "name": str, "extra": str}
+_TREE: Final = {
+    name: one for name, one in vars(errors).items() if isinstance(one, type) and issubclass(one, LidarCodecError)
+}
+
+
+def error_bytes(error: BaseException) -> bytes:
+    """An error as JSON: name of its type, text, and the attributes of our tree."""
+    said: dict[str, Any] = {"type": type(error).__name__, "text": str(error)[:4096]}
+    said |= {name: getattr(error, name) for name in _ATTRIBUTES if isinstance(error, LidarCodecError) and
+             isinstance(getattr(error, name, None), _ATTRIBUTES[name])}  # fmt: skip
+    known = getattr(error, "known", None)
+    if isinstance(error, LidarCodecError) and isinstance(known, tuple):
+        said["known"] = [str(name) for name in known[:256]]
+    return json.dumps(said).encode()
+
+
+def read_error(data: bytes) -> LidarCodecError | str:
+    """The error, of its own type and with its attributes; as text when it is none of our tree.
+
+    Raises GarbledError.
+    """
+    try:
+        said = read_object(data, MAX_TEXT)
+        kind, text = str(said["type"]), str(said["text"])
+    except (JsonRefusedError, KeyError):
+        raise GarbledError("an error that is none") from None
+    cls = _TREE.get(kind)
+    if cls is None:
+        return f"{kind}: {text}" if text else kind
+    error: LidarCodecError = cls.__new__(cls)
+    Exception.__init__(error, text)
+    error.__dict__ |= {"offset": 0} if issubclass(cls, errors.DecodeError) else {}
+    error.__dict__ |= {"field": None} if issubclass(cls, errors.SettingsError) else {}
+    for name, wanted in _ATTRIBUTES.items():
+        if isinstance(said.get(name), wanted) and not isinstance(said[name], bool):
+            setattr(error, name, said[name])
+    if isinstance(said.get("known"), list):
+        error.__dict__["known"] = tuple(map(str, said["known"]))
+    if issubclass(cls, errors.MissingReferenceError) and not hasattr(error, "needs"):
+        raise GarbledError("a missing reference without its frame")
+    return error

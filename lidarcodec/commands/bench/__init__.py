@@ -1,0 +1,1 @@
+"""`lidarcodec bench`, with its curves."""

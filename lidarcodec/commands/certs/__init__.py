@@ -1,0 +1,1 @@
+"""`lidarcodec certs`: a certificate authority and what it keeps."""

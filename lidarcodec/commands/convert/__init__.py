@@ -1,0 +1,1 @@
+"""`lidarcodec convert`: options, work, and what it writes."""

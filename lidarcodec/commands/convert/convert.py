@@ -1,0 +1,176 @@
+"""`lidarcodec convert`: any source into a capture, a recording or a rosbag2, packets byte for byte."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import Final
+
+from lidarcodec.commands import encode
+from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, form_of, open_output
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running import remaining
+from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.sources import check_finite, check_not_input, readable
+from lidarcodec.commands.turns import Turns
+from lidarcodec.commands.unkept import say_unkept
+from lidarcodec.errors import CalibrationError, SettingsError, SourceError
+from lidarcodec.files.whole import check_free, whole
+from lidarcodec.packet import part_of
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors import db_xml, read_calibration
+from lidarcodec.sources import PacketSource, open_source
+from lidarcodec.sources.spec import parse
+from lidarcodec.units import FRAME_PACKETS
+
+METADATA, CALIBRATION = "metadata.yaml", "db.xml"
+BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
+"""What a rosbag2 of ours holds."""
+IN_THE_STREAM = ("generic", "stream")
+"""Where a calibration came from that needs no file: nobody's, or in the packets themselves."""
+
+
+def run(
+    spec: str,
+    out: Path,
+    to: str | None,
+    codec: str | None,
+    pairs: list[str],
+    frames: int | None,
+    skip: int,
+    calibration: Path | None,
+    poses: Path | None,
+    clouds: bool,
+    topic: str | None,
+    frame_id: str | None,
+    force: bool,
+    allow_missed: bool = False,
+) -> None:
+    """Convert packet by packet. OUT is there whole at the end; after a signal what is done has another name.
+
+    A recording is what `encode` makes, in frames of its own framing; for all else a frame is 348 packets.
+    """
+    wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
+    check_finite(spec, frames)
+    if wanted.form == "recording":
+        encode.run(spec, out, codec, pairs, frames, skip, calibration, poses, clouds, 0, force, allow_missed)
+        return
+    check_not_input(out, spec)
+    contents = None if out.suffix else BAG_FILES
+    check_free(out, force=force, contents=contents)
+    limit = None if frames is None else frames * FRAME_PACKETS
+    with (
+        open_source(spec, calibration=calibration, poses=poses) as source,
+        stoppable(source.close if source.live else None) as stopped,
+        progress("converting", frames) as tick,
+        whole(out, force=force, contents=contents) as output,
+    ):
+        read = parse(spec).path
+        beside = _calibration_file(
+            out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
+        )
+        wanted_packets = part_of(source.packets(), 0, None if limit is None else skip * FRAME_PACKETS + limit)
+        turns = Turns(wanted_packets, stopped, tick)
+        turns.pass_over(skip)
+        packets = iter(turns)
+        first = next(packets, None)
+        if first is None and stopped():
+            raise remaining.stopped(out, None, 0)
+        if first is None:
+            raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
+        about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
+        with _opened(out, output.beside, wanted, source, about) as writer:
+            for packet in chain((first,), packets):
+                writer.write(packet)
+            said = writer.close()
+        part = turns.cut or (source.live and stopped() and limit is not None and turns.packets < limit)
+        if (
+            part and beside is None and _needs_file(wanted.form, source.sensor)
+        ):  # it lies beside OUT, and not beside this
+            beside = _calibration_of(out)
+        if beside is not None:
+            inside = beside.parent == out
+            place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
+            place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
+        if part:
+            output.only_part()
+    say_unkept(source.label, source.counts)
+    count, kept = turns.packets, output.kept or out
+    where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
+    more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
+    print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{more}{'; ' * bool(said)}{said}{where}")
+    if part:
+        raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
+
+
+def _wanted(
+    out: Path, form: Form, codec: str | None, pairs: list[str], clouds: bool, topic: str | None, frame_id: str | None
+) -> Wanted:
+    """Raises SettingsError for options that this form has no use for."""
+    if form != "recording" and (codec or pairs):
+        raise SettingsError(f"--codec and --set are for recordings: {out} holds the original packets", "codec")
+    if form not in ("recording", "rosbag") and clouds:
+        raise SettingsError(f"--with-clouds is for recordings and rosbags: a {form} file holds packets only", "clouds")
+    if form != "rosbag" and (topic or frame_id):
+        raise SettingsError(f"--topic and --frame-id are for rosbags: {out} is not a rosbag", "topic")
+    defaults = Wanted(form, clouds)
+    topic = topic or defaults.topic
+    if not topic.startswith("/") or topic.endswith("/") or not topic.replace("/", "").replace("_", "").isalnum():
+        raise SettingsError(f"--topic {topic} is not a ROS name: write /parts/of_letters_and_digits", "topic")
+    return Wanted(form, clouds, topic, frame_id or defaults.frame_id)
+
+
+def _needs_file(form: Form, sensor: SensorModel) -> bool:
+    return form != "recording" and sensor.origin not in IN_THE_STREAM
+
+
+def _calibration_file(
+    out: Path, form: Form, sensor: SensorModel, force: bool, beside_input: Path | None
+) -> Path | None:
+    """Where the calibration is kept so that it is found again with OUT; None if that is not needed, or done already.
+
+    beside_input: where that of what is read lies, if it has one; it is never replaced
+    Raises SettingsError if another one is in the way.
+    """
+    if not _needs_file(form, sensor):
+        return None
+    if not out.suffix:
+        return out / CALIBRATION
+    path = _calibration_of(out)
+    if not os.path.lexists(path):
+        check_free(path)
+        return path
+    try:
+        same = bool((read_calibration(path, "beside").calibration.table == sensor.calibration.table).all())
+    except CalibrationError:
+        same = False
+    if same:
+        return None
+    if not force:
+        raise SettingsError(f"{path} holds another calibration than {out}: use --force to replace it", "force")
+    if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
+        raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
+    return path
+
+
+def _calibration_of(out: Path) -> Path:
+    return out.with_name(f"{out.stem}_{CALIBRATION}")
+
+
+@contextmanager
+def _opened(out: Path, beside: Path, wanted: Wanted, source: PacketSource, about: dict[str, str]) -> Iterator[Output]:
+    """The output, in the file or folder `beside`."""
+    if out.suffix:
+        with beside.open("wb") as handle:
+            yield open_output(wanted, handle, source.sensor, about, source.poses)
+        return
+    name = f"{out.name}_0.mcap"
+    with (beside / name).open("wb") as handle:
+        output = open_output(wanted, handle, source.sensor, about, source.poses)
+        yield output
+    if isinstance(output, Bag):
+        (beside / METADATA).write_text(output.writer.metadata(name))

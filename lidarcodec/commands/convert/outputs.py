@@ -1,0 +1,164 @@
+"""What `convert` writes itself: captures, recordings of bare packets, and bags of ROS 2. All take packets."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final, Literal, Protocol
+
+from lidarcodec.assembly import Assembler
+from lidarcodec.commands.coded_recording import SENSOR, VEHICLE
+from lidarcodec.errors import SettingsError
+from lidarcodec.packet import Packet
+from lidarcodec.recording import RecordingWriter, RosbagWriter
+from lidarcodec.recording.rosbag import FRAME_ID, PACKETS_TOPIC
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sources.captures.pcap_writer import PcapWriter
+from lidarcodec.sources.posed import posed
+from lidarcodec.sources.poses import Poses
+from lidarcodec.units import FRAME_PACKETS
+
+log = logging.getLogger(__name__)
+
+Form = Literal["pcap", "recording", "packets", "rosbag"]
+FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be written: its form, and what only some of them have.
+
+    clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
+    """
+
+    form: Form
+    clouds: bool = False
+    topic: str = PACKETS_TOPIC
+    frame_id: str = FRAME_ID
+
+
+class Output(Protocol):
+    """Takes packets; `close` makes it whole."""
+
+    def write(self, packet: Packet) -> None:
+        """Append one packet."""
+
+    def close(self) -> str:
+        """End it, not the file; what it has to say of itself."""
+
+
+def form_of(out: Path, given: str | None) -> Form:
+    """The form that is given, else the one that the name asks for: a name without an ending is a folder, a bag.
+
+    Raises SettingsError where neither says it, or the name says another.
+    """
+    ending = out.suffix.lower()
+    by_name: dict[str, tuple[Form, ...]] = {
+        ".pcap": ("pcap",),
+        ".mcap": ("recording", "packets", "rosbag"),
+        "": ("rosbag",),
+    }
+    possible = by_name.get(ending)
+    if possible is None:
+        raise SettingsError(f"cannot write {out}: its name must end in .pcap or .mcap, or have no ending for a rosbag2")
+    if given is None:
+        return possible[0]
+    form = next((one for one in FORMS if one == given), None)
+    if form is None:
+        raise SettingsError(f"--to {given} is unknown: choose one of {', '.join(FORMS)}", "to")
+    if form not in possible:
+        raise SettingsError(
+            f"--to {given} does not fit {out}: files with this ending hold {' or '.join(possible)}", "to"
+        )
+    return form
+
+
+def open_output(
+    wanted: Wanted,
+    handle: BinaryIO,
+    sensor: SensorModel,
+    about: Mapping[str, str],
+    poses: Poses | None,
+) -> Output:
+    """The output for a binary file that was opened for it; coded recordings are made by `encode`."""
+    if wanted.form == "pcap":
+        return _Capture(handle)
+    if wanted.form == "packets":
+        return _Packets(handle, about)
+    return Bag(wanted, handle, sensor, poses)
+
+
+class _Capture:
+    def __init__(self, handle: BinaryIO) -> None:
+        self._writer = PcapWriter(handle)
+
+    def write(self, packet: Packet) -> None:
+        self._writer.write(packet)
+
+    def close(self) -> str:
+        return ""
+
+
+class _Batches:
+    """Packets in batches of a turn. put: takes a batch; the last one may be empty."""
+
+    def __init__(self, put: Callable[[list[Packet]], None]) -> None:
+        self._put = put
+        self._batch: list[Packet] = []
+
+    def add(self, packet: Packet) -> None:
+        self._batch.append(packet)
+        if len(self._batch) == FRAME_PACKETS:
+            self.flush()
+
+    def flush(self) -> None:
+        batch, self._batch = self._batch, []
+        self._put(batch)
+
+
+class _Packets:
+    """Bare packets in a recording."""
+
+    def __init__(self, handle: BinaryIO, about: Mapping[str, str]) -> None:
+        self._writer = RecordingWriter(handle, VEHICLE, SENSOR, None, about)
+        self._batches = _Batches(self._writer.write_packets)
+
+    def write(self, packet: Packet) -> None:
+        self._batches.add(packet)
+
+    def close(self) -> str:
+        self._batches.flush()
+        self._writer.close()
+        return ""
+
+
+class Bag:
+    """Scans, and points if wanted, in a bag. writer: what was written, for its description."""
+
+    def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
+        self.writer = RosbagWriter(handle, packets_topic=wanted.topic, frame_id=wanted.frame_id)
+        self._batches = _Batches(self.writer.write_scan)
+        self._assembler = Assembler(sensor) if wanted.clouds else None
+        self._poses = poses
+        self._positions = 0
+
+    def write(self, packet: Packet) -> None:
+        if packet.position:
+            self._positions += 1
+            return
+        self._batches.add(packet)
+        frame = None if self._assembler is None else self._assembler.push(packet)
+        if frame is not None:
+            self.writer.write_cloud(posed(frame, self._poses))
+
+    def close(self) -> str:
+        self._batches.flush()
+        last = None if self._assembler is None else self._assembler.flush()
+        if last is not None:
+            self.writer.write_cloud(posed(last, self._poses))
+        self.writer.close()
+        if self._positions:
+            log.warning("a rosbag cannot hold position packets: %d were left out", self._positions)
+        return ", ".join(f"{topic.count} {topic.name}" for topic in self.writer.topics)

@@ -1,0 +1,1 @@
+"""`lidarcodec evaluate`: what a stream is good for at its receiver."""

@@ -1,0 +1,118 @@
+"""`lidarcodec evaluate`: what a stream is good for at its receiver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from lidarcodec.commands.arguments import Force
+
+app = typer.Typer(help="Measure what a stream is good for.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.callback()
+def _group() -> None:
+    """Measure what a stream is good for."""
+
+
+@app.command()
+def localisation(
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SOURCE...",
+            show_default=False,
+            help="Drives. Errors are given for each drive and for all together.",
+        ),
+    ],
+    reduction: Annotated[
+        list[str] | None,
+        Option(
+            "--reduction",
+            metavar="NAME[,NAME...]",
+            help="Reducers. For comparison also harris, iss, oracle, oracle-spread, oracle-static.",
+        ),
+    ] = None,
+    codec: Annotated[
+        str | None, Option("--codec", metavar="NAME[,NAME...]", help="Default: predictive with max_error_m=0.01.")
+    ] = None,
+    pairs: Annotated[
+        list[str] | None,
+        Option(
+            "--set", metavar="KEY=A[,B,C]", help="A setting and its values. Repeatable. All combinations are measured."
+        ),
+    ] = None,
+    keep_points: Annotated[
+        str, Option("--keep-points", metavar="N[,N...]", help="Returns kept of each frame. Default: 9000.")
+    ] = "9000",
+    frame_bytes: Annotated[
+        int | None,
+        Option("--frame-bytes", min=100, metavar="N", help="Instead keep as many returns as fit into N bytes a frame."),
+    ] = None,
+    maps: Annotated[
+        list[str] | None,
+        Option(
+            "--map",
+            metavar="whole|own",
+            help="Build the map from all returns (whole) or from the returns that were sent "
+            "(own). Repeatable. Default: whole.",
+        ),
+    ] = None,
+    receivers: Annotated[
+        list[str] | None,
+        Option(
+            "--receiver",
+            metavar="decoded|voxel",
+            help="Use the decoded cloud as it is, or means of 0.5 m cells. Repeatable.",
+        ),
+    ] = None,
+    localisers: Annotated[
+        list[str] | None,
+        Option("--localiser", metavar="plane|vgicp", help="Point-to-plane ICP or VGICP. Repeatable. Default: plane."),
+    ] = None,
+    protocols: Annotated[
+        list[str] | None,
+        Option("--protocol", metavar="track|starts|near", help="Kind of test. Repeatable. Default: all."),
+    ] = None,
+    stride: Annotated[int, Option("--stride", min=1, max=100, metavar="N", help="Track every N-th scan.")] = 3,
+    reference: Annotated[
+        str,
+        Option(
+            "--reference", metavar="auto|given|refined", help="auto: exact poses if there are any, otherwise refined."
+        ),
+    ] = "auto",
+    sweep: Annotated[
+        bool, Option("--sweep", help="Error against bitrate: measure each codec over a range of its quality setting.")
+    ] = False,
+    seed: Annotated[int, Option("--seed", min=0, max=2**31, metavar="N", help="Seed of all random choices.")] = 1,
+    frames: Annotated[int | None, Option("--frames", min=2, metavar="N", help="Use N frames of each source.")] = None,
+    skip: Annotated[int, Option("--skip", min=0, metavar="N", help="Skip the first N frames.")] = 0,
+    calibration: Annotated[
+        Path | None, Option("--calibration", metavar="FILE", help="Calibration: db.xml or ROS yaml.")
+    ] = None,
+    poses: Annotated[
+        Path | None, Option("--poses", metavar="FILE", help="Poses for --reference given. Only for a single source.")
+    ] = None,
+    cache: Annotated[
+        Path | None,
+        Option("--cache", metavar="DIR", help="Keep intermediate results here. A second run is then quick."),
+    ] = None,
+    plots: Annotated[
+        Path | None, Option("--plots", metavar="DIR", help="Draw box plots and maps into DIR (extra `plot`).")
+    ] = None,
+    force: Force = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Localise in drives with reduced and coded scans alone. Print the errors, and how often the position was lost."""
+    from lidarcodec.commands.evaluate import localisation as command
+
+    command.run(
+        command.Asked(
+            sources, reduction or [], codec, pairs or [], keep_points, frame_bytes, maps or [], receivers or [],
+            localisers or [], protocols or [], stride, reference, sweep, seed,
+        ),
+        frames, skip, calibration, poses, cache, plots, as_json, force,
+    )  # fmt: skip

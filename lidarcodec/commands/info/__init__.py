@@ -1,0 +1,1 @@
+"""`lidarcodec info`: a source, a recording, one message, or this installation."""

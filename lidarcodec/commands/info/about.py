@@ -1,0 +1,123 @@
+"""What `lidarcodec info` says without a source: versions, extras, ports, clock, and the settings in effect."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import re
+import socket
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import lidarcodec
+from lidarcodec.commands.running.options import variable
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.evaluation.bench import effective
+from lidarcodec.settings import StreamSettings
+from lidarcodec.units import DATA_PORT
+
+ZENOH_PORT = 7447
+CLOCK_UNSYNCHRONISED = 5
+"""What adjtimex(2) returns when no time service holds the clock."""
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _requirements() -> dict[str, list[str]]:
+    """Names of required packages, by extra; "" for the base install."""
+    found: dict[str, list[str]] = {"": []}
+    try:
+        requires = metadata.requires("lidarcodec") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    for line in requires:
+        name = re.split(r"[^A-Za-z0-9_.-]", line, maxsplit=1)[0]
+        extra = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", line)
+        found.setdefault(extra[1] if extra else "", []).append(name)
+    return found
+
+
+def _port_state(kind: socket.SocketKind, port: int) -> str:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if kind == socket.SOCK_STREAM:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            return f"in use ({error.strerror})"
+        return "free"
+
+
+def _clock() -> str:
+    now = time.time_ns()
+    text = f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime(now // 10**9))} UTC"
+    try:
+        held = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(512)) != CLOCK_UNSYNCHRONISED
+    except (OSError, AttributeError):
+        return text
+    return f"{text}, {'synchronised' if held else 'NOT synchronised: latencies between machines will be wrong'}"
+
+
+def _receive_buffer() -> str:
+    try:
+        limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
+    except (OSError, ValueError):
+        return "unknown"
+    # An HDL-64E sends 1206 bytes every 288 us; the kernel counts 2304 bytes for each of them.
+    return f"{limit} bytes (net.core.rmem_max), about {limit / 2304 * 0.288:.0f} ms of an HDL-64E"
+
+
+def _settings() -> dict[str, str]:
+    set_, codec_ = (variable(["publish"], name) for name in ("--set", "--codec"))
+    pairs = os.environ.get(set_, "").split()
+    named = {pair.partition("=")[0] for pair in pairs}
+    codec = os.environ.get(codec_)
+    values = effective(one_setting(codec, pairs))
+    lines = {}
+    for key, value in (values | values.pop("codec_settings")).items():
+        if key in named:
+            origin = set_
+        elif key == "codec" and codec:
+            origin = codec_
+        else:
+            origin = "default" if key in StreamSettings.model_fields else f"default of {values['codec']}"
+        lines[key] = f"{value} ({origin})"
+    return lines
+
+
+def about() -> dict[str, Any]:
+    """Everything, by heading.
+
+    Raises SettingsError or UnknownNameError when the environment asks for what does not exist.
+    """
+    requirements = _requirements()
+    extras = {}
+    for extra, names in requirements.items():
+        missing = [name for name in names if _installed(name) is None]
+        if extra:
+            extras[extra] = "missing: " + ", ".join(missing) if missing else "installed"
+    return {
+        "versions": {
+            "lidarcodec": lidarcodec.__version__,
+            "Python": platform.python_version(),
+            "system": f"{platform.system()} {platform.release()} {platform.machine()}, {os.cpu_count()} cores",
+            **{name: _installed(name) or "missing" for name in requirements.get("", [])},
+        },
+        "extras": extras,
+        "ports": {
+            f"UDP {DATA_PORT} (sensor)": _port_state(socket.SOCK_DGRAM, DATA_PORT),
+            f"TCP {ZENOH_PORT} (Zenoh)": _port_state(socket.SOCK_STREAM, ZENOH_PORT),
+            "UDP receive buffer": _receive_buffer(),
+        },
+        "clock": {"system": _clock()},
+        "settings": _settings(),
+        "environment": {key: value for key, value in sorted(os.environ.items()) if key.startswith("LIDARCODEC_")},
+    }

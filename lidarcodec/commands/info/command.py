@@ -1,0 +1,66 @@
+"""`lidarcodec info`: a source, a recording, one message, or this installation."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.sources.spec import parse
+from lidarcodec.sources.table import SCHEMES, kind_of
+
+KEY_WIDTH = 24
+
+
+def run(source: str | None, message: int | None, calibration: Path | None, as_json: bool) -> None:
+    """Find out what is asked about, and print it."""
+    if source is None:
+        if message is not None:
+            raise SettingsError("--message N needs a recording: lidarcodec info FILE.mcap --message N", "message")
+        from lidarcodec.commands.info.about import about
+
+        found = about()
+    else:
+        found = _of_source(source, message, calibration)
+    print(json.dumps(found, indent=2) if as_json else "\n".join(_lines(found)))
+
+
+def _of_source(source: str, message: int | None, calibration: Path | None) -> dict[str, Any]:
+    spec = parse(source, SCHEMES)
+    recording = kind_of(spec) == "recording"
+    if message is not None and not recording:
+        raise SettingsError(f"{source} is not a recording: it has no messages", "message")
+    if message is not None and spec.options:
+        raise SettingsError(f"--message counts all messages of {spec.path}: leave out the part after the ?", "message")
+    if recording and not spec.options:
+        from lidarcodec.commands.info.recording import explain_message, inspect_recording
+
+        return inspect_recording(spec.path) if message is None else explain_message(spec.path, message)
+    # Of a recording `?read=` and `?topic=` name packets, as for every command that takes a source.
+    from lidarcodec.commands.info.source import inspect_source
+
+    return inspect_source(source, calibration)
+
+
+def _lines(values: dict[str, Any], indent: str = "") -> list[str]:
+    """Key and value a line; values that are mappings or tables come indented below their key."""
+    lines = []
+    for key, value in values.items():
+        name = f"{indent}{key}"
+        if isinstance(value, dict) and value.keys() == {"origin", "hash"}:
+            lines.append(f"{name:<{KEY_WIDTH}} {value['origin']} {value['hash']}")
+        elif isinstance(value, dict) and value:
+            lines += [name, *_lines(value, indent + "  ")]
+        elif isinstance(value, list) and value:
+            lines += [name, *(f"{indent}  {row}" for row in _table(value))]
+        elif value not in (None, {}, []):
+            lines.append(f"{name:<{KEY_WIDTH}} {value}")
+    return lines
+
+
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    names = list(rows[0])
+    cells = [names, *([str(row[name]) for name in names] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]

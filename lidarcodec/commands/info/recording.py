@@ -1,0 +1,108 @@
+"""What `lidarcodec info FILE.mcap` says: what the recording holds, and any one of its messages byte by byte."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from lidarcodec.commands.info.explain import codec_name, explain, section_name, time_text
+from lidarcodec.entropy import decode_positions
+from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.message import Section, SectionType
+from lidarcodec.recording import RecordingReader
+from lidarcodec.units import MAX_PACKETS
+from lidarcodec.wire import unpack
+
+SHOWN_MESSAGES = 20
+
+
+def inspect_recording(path: Path) -> dict[str, Any]:
+    """Metadata, totals, and a line for each of the first messages.
+
+    Raises SourceError if this is no recording.
+    """
+    rows: list[dict[str, Any]] = []
+    sections: Counter[str] = Counter()
+    codecs: Counter[str] = Counter()
+    messages = keys = frames = damaged = size = coded_positions = 0
+    stamps: list[int] = []
+    with open_regular(path) as handle:
+        reader = RecordingReader(handle)
+        metadata = dict(reader.metadata)
+        for stamp_ns, data in reader.messages():
+            messages, size = messages + 1, size + len(data)
+            stamps = [stamps[0] if stamps else stamp_ns, stamp_ns]
+            try:
+                message = unpack(data)
+            except DecodeError as error:
+                damaged += 1
+                row: dict[str, Any] = {"n": messages - 1, "damaged": str(error)}
+            else:
+                sizes: Counter[str] = Counter()
+                for section in message.sections:
+                    sizes[section_name(section.type)] += len(section.data)
+                    coded_positions += _positions_in(section)
+                sections += sizes
+                codecs[codec_name(message.codec)] += 1
+                keys, frames = keys + message.key, frames + message.frame_count
+                row = {
+                    "n": messages - 1,
+                    "frame": message.frame_index,
+                    "kind": "key" if message.key else "inter",
+                    "codec": codec_name(message.codec),
+                    "columns": message.width,
+                    "packets": message.packets,
+                    "bytes": len(data),
+                    "sections": " ".join(f"{name}={bytes_}" for name, bytes_ in sizes.items()),
+                }
+            if len(rows) < SHOWN_MESSAGES:
+                rows.append(row)
+        counts = dict(reader.counts)
+        recorded = Counter("position packets" if packet.position else "packets" for packet in reader.packets())
+    found = {
+        "recording": str(path),
+        "metadata": metadata,
+        "messages": messages,
+        "key messages": keys,
+        "frames": frames,
+        "damaged messages": damaged,
+        "raw packets": recorded["packets"],
+        **({"position packets": positions} if (positions := recorded["position packets"] + coded_positions) else {}),
+        "begins": time_text(stamps[0]) if stamps else None,
+        "duration_s": round((stamps[1] - stamps[0]) * 1e-9, 3) if stamps else None,
+        "codecs": dict(codecs),
+        "bytes of messages": size,
+        "bytes by section": dict(sections),
+        "noticed": counts,
+        f"messages 0 to {len(rows) - 1}": [row for row in rows if "damaged" not in row],
+        "damaged": [row for row in rows if "damaged" in row],
+    }
+    return found
+
+
+def _positions_in(section: Section) -> int:
+    """How many position packets a section holds."""
+    try:
+        return len(decode_positions(section.data, MAX_PACKETS)) if section.type == SectionType.POSITION else 0
+    except DecodeError:
+        return 0
+
+
+def explain_message(path: Path, number: int) -> dict[str, Any]:
+    """Every byte of message `number`, from 0.
+
+    Raises SettingsError if the recording has fewer, DecodeError if it is damaged beyond its header.
+    """
+    with open_regular(path) as handle:
+        data = next(islice((data for _, data in RecordingReader(handle).messages()), number, None), None)
+    if data is None:
+        raise SettingsError(
+            f"{path} has no message {number}: `lidarcodec info {path}` shows how many it has", "message"
+        )
+    rows = [
+        {"offset": part.offset, "bytes": part.size, "what": part.name, "value": part.value} for part in explain(data)
+    ]
+    return {"message": number, "bytes": len(data), "from the first byte": rows}

@@ -1,0 +1,160 @@
+"""What `lidarcodec info SOURCE` says: sensor, calibration, packets, frames, layouts, status, return mode."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcodec.assembly import Assembler
+from lidarcodec.commands.info.explain import time_text
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.sources import is_endless
+from lidarcodec.errors import SourceError
+from lidarcodec.frame import Frame
+from lidarcodec.sensors import StatusReader
+from lidarcodec.side import Role
+from lidarcodec.sources import open_source
+from lidarcodec.sources.spec import parse
+from lidarcodec.units import FRAME_PACKETS
+
+LOOK_PACKETS = 10 * FRAME_PACKETS
+"""How much is read of a source that has no end."""
+QUIET_S = 10.0
+"""How long a live source may send nothing, unless its option `idle` says otherwise: to look is no reason to wait on."""
+ROLE_LETTERS = {
+    Role.IRREGULAR: "?",
+    Role.UPPER_OPENS: "U",
+    Role.UPPER_JOINS: "u",
+    Role.LOWER_OPENS: "L",
+    Role.LOWER_JOINS: "l",
+    Role.UPPER_SECOND: "2",
+    Role.LOWER_SECOND: "3",
+}
+"""A layout as twelve letters: capitals open a column, small letters join it, 2 and 3 are second returns."""
+
+
+class _Totals:
+    """Adds up what frames hold."""
+
+    def __init__(self) -> None:
+        self.frames = self.columns = self.cells = self.points = 0
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self.layouts: Counter[str] = Counter()
+        self.longest_gap_ns = 0
+
+    def add(self, frame: Frame, fired_cells: int) -> None:
+        side = frame.side
+        self.frames += 1
+        self.columns += frame.width
+        self.points += frame.points
+        self.cells += fired_cells
+        if side is None:
+            return
+        stamps = side.packet_ns + frame.stamp_ns
+        before = self.last_ns if self.first_ns is not None else int(stamps[0])
+        self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(stamps, prepend=before).max()))
+        self.first_ns = int(stamps[0]) if self.first_ns is None else self.first_ns
+        self.last_ns = int(stamps[-1])
+        for layout, count in enumerate(np.bincount(side.layout, minlength=len(side.layouts))):
+            name = "".join(ROLE_LETTERS[Role(role)] for role in side.layouts[layout])
+            self.layouts[name] += int(count)
+
+
+def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
+    """What a source holds; all of it is read, or ten frames of one that has no end.
+
+    Raises SourceError, also if nothing comes from a live one, PacketError or CalibrationError.
+    """
+    limit = LOOK_PACKETS if is_endless(spec) else None
+    quiet_s = parse(spec).number("idle", 0.0, 1e9) or QUIET_S
+    totals, status = _Totals(), StatusReader()
+    packets = positions = 0
+    with open_source(_limited(spec), calibration=calibration) as source, progress("reading packets", limit) as tick:
+        sensor = source.sensor
+        assembler = Assembler(sensor)
+        for packet in source.packets():
+            frame = assembler.push(packet)
+            if packet.position:
+                positions += 1
+                continue
+            packets += 1
+            status.push(packet.payload)
+            if frame is not None:
+                totals.add(frame, int(np.count_nonzero(frame.fired)) * 32)
+            tick()
+            if packets == limit:
+                break
+        last = assembler.flush()
+        if last is not None:
+            totals.add(last, int(np.count_nonzero(last.fired)) * 32)
+        noticed = source.counts + assembler.counts
+        if source.live and not packets + positions:
+            besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))
+            raise SourceError(
+                f"{source.label}: nothing came within {quiet_s:g} s{besides}. Check that the sensor is on and "
+                "sends to this address. ?idle=60 waits for 60 s"
+            )
+        label, fidelity = source.label, getattr(source, "fidelity", None)
+    del noticed["packets"], noticed["frames"], noticed["position packets"]
+    duration_s = (totals.last_ns - (totals.first_ns or 0)) * 1e-9
+    found: dict[str, Any] = {
+        "source": spec + (f" (the first {packets} packets: it has no end)" if limit else ""),
+        "what": label,
+        "sensor": sensor.name,
+        "calibration": {"origin": sensor.origin, "hash": sensor.hash},
+        "packets": packets,
+        **({"position packets": positions} if positions else {}),
+        "frames": round(packets / FRAME_PACKETS, 3),
+        "begins": time_text(totals.first_ns) if totals.first_ns is not None else "never",
+        "duration_s": round(duration_s, 3),
+        "packets_per_s": round((packets - 1) / duration_s, 1) if duration_s > 0 else None,
+        "longest_gap_ms": round(totals.longest_gap_ns * 1e-6, 3),
+        "columns": totals.columns,
+        "points": totals.points,
+        "returns_percent": round(100 * totals.points / totals.cells, 2) if totals.cells else None,
+        "layouts": dict(totals.layouts.most_common()),
+        "return_mode": _return_mode(status, totals.layouts),
+        "status": _status(status),
+        "noticed": dict(noticed),
+    }
+    if fidelity is not None:
+        found["fidelity"] = [one.rounded() for one in fidelity]
+    return found
+
+
+def _limited(spec: str) -> str:
+    """The same source with a limit of silence, if it is a live one without."""
+    parsed = parse(spec)
+    if parsed.scheme != "udp" or "idle" in parsed.options:
+        return spec
+    return f"{spec}{'&' if '?' in spec else '?'}idle={QUIET_S:g}"
+
+
+def _return_mode(status: StatusReader, layouts: Counter[str]) -> str:
+    if any("2" in layout or "3" in layout for layout in layouts):
+        return "dual (second returns in the packets)"
+    if status.unit is not None:
+        modes = ("strongest", "last", "dual")
+        return modes[status.unit.return_mode] if status.unit.return_mode < len(modes) else "unknown"
+    return "single (no second returns in the packets)"
+
+
+def _status(status: StatusReader) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    if "V" in status.values:
+        found["firmware"] = f"{status.values['V']:#04x}"
+    if "T" in status.values:
+        found["temperature_c"] = status.values["T"]
+    if status.clock is not None:
+        clock = status.clock
+        date, hour = (clock.year, clock.month, clock.day), (clock.hour, clock.minute, clock.second)
+        found["clock"] = "{:04d}-{:02d}-{:02d} {:02d}:{:02d}:{:02d}".format(*date, *hour)
+    if status.sensor is not None:
+        found["calibration in the stream"] = status.sensor.hash
+    if status.unit is not None:
+        found.update(rpm=status.unit.rpm, hours=status.unit.hours, power_level=status.unit.power_level)
+    return found

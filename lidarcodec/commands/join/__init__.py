@@ -1,0 +1,1 @@
+"""`lidarcodec join`: captures or recordings."""

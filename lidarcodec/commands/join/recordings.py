@@ -1,0 +1,194 @@
+"""Recordings joined: messages byte for byte, in order; only parts that belong together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from lidarcodec import wire
+from lidarcodec.assembly import packets_of
+from lidarcodec.commands.progress import progress
+from lidarcodec.commands.running.stopping import StoppedError, Watched, stoppable
+from lidarcodec.errors import DecodeError, SettingsError, SourceError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.files.whole import whole
+from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.recording import RecordingReader, RecordingWriter
+from lidarcodec.recording.decoding_work import decoded
+from lidarcodec.recording.records import Channel, Stored
+from lidarcodec.settings import StreamSettings
+from lidarcodec.wire.header import Header
+
+SAME: Final = ("vehicle", "sensor")
+"""What parts have in common always; see also `MADE_OF`."""
+MADE_OF: Final = ("source", "calibration", "settings")
+"""What parts have in common that were made of a source; settings of a live stream change while it runs."""
+
+
+@dataclass
+class Part:
+    """A recording to be joined, and what its first and last messages say; None where it holds packets."""
+
+    path: Path
+    reader: RecordingReader
+    first: Header | None = None
+    last: Header | None = None
+    first_ns: int = 0
+    last_ns: int = 0
+    gap: int = 0
+    """The most frames that are missing between two of its messages: a live stream leaves some out."""
+    damaged: str = ""
+    """What is lost of it, if anything is."""
+
+    @property
+    def counted(self) -> bool:
+        """Whether the indices of its frames say where in the source they are."""
+        return self.first is not None and "source" in self.reader.metadata and self._framing.startswith("packets")
+
+    @property
+    def _framing(self) -> str:
+        try:
+            return StreamSettings.model_validate_json(self.reader.metadata.get("settings", "")).framing
+        except ValueError:
+            return ""
+
+
+def run(paths: Sequence[Path], out: Path, allow_gap: bool, force: bool) -> None:
+    """Check the parts, then copy them."""
+    with ExitStack() as files, stoppable() as stopped:
+        parts = [_part(path, files.enter_context(open_regular(path))) for path in paths]
+        for part in parts if not allow_gap else ():
+            if part.damaged:
+                raise SourceError(f"{part.path} {part.damaged}: use --allow-gap to join the rest")
+        for before, after in pairwise(parts):
+            _check_kin(parts[0], after)
+            _check_order(before, after, allow_gap)
+        first = parts[0].reader.metadata
+        clouds = any("/points" in channel.topic for part in parts for channel in part.reader.channels.values())
+        count = 0
+        with whole(out, force=force) as output, progress("joining") as tick, output.beside.open("wb") as handle:
+            about = {name: text for name, text in first.items() if name != "joined"} | {"joined": str(len(parts))}
+            writer = RecordingWriter(handle, first["vehicle"], first["sensor"], None, about, clouds=clouds)
+            watched = Watched(_everything(parts), stopped)
+            for part, channel, stored in watched:
+                writer.copy(channel, part.reader.schemas.get(channel.schema, ""), stored)
+                count += 1
+                tick()
+            if watched.cut:
+                raise StoppedError(f"stopped: {out} was not written, and the parts were not changed")
+            writer.close()
+    print(f"{output.kept}: {count} messages of {len(parts)} parts")
+
+
+def _everything(parts: Sequence[Part]) -> Iterator[tuple[Part, Channel, Stored]]:
+    for part in parts:
+        for channel, stored in part.reader.everything():
+            yield part, channel, stored
+
+
+def _part(path: Path, handle: BinaryIO) -> Part:
+    """Raises SourceError if it is no recording of ours, or an empty one."""
+    reader = RecordingReader(handle)
+    if "vehicle" not in reader.metadata or "sensor" not in reader.metadata:
+        raise SourceError(f"{path} is not a recording of lidarcodec: convert it first with `lidarcodec convert`")
+    found = Part(path, reader)
+    quiet = RecordingReader(handle, warn=False)
+    for _, data in quiet.messages():
+        header = _header(path, data)
+        if found.last is not None and found.last.stream_id == header.stream_id:
+            found.gap = max(found.gap, header.frame_index - _behind(found.last))
+        found.first = found.first or header
+        found.last = header
+    if quiet.counts["damaged"]:
+        found.damaged = f"is damaged, and {quiet.counts['damaged']} of its chunks are lost"
+    elif quiet.counts["cut"]:
+        found.damaged = "was cut, and what followed is lost"
+    if found.first is not None and found.last is not None:
+        found.first_ns, found.last_ns = found.first.stamp_ns, found.last.stamp_ns
+        if not found.first.key:
+            raise SourceError(f"{path} cannot be joined: its first message needs an earlier one")
+        if not found.counted:
+            found.last_ns = _last_packet_ns(quiet, found.last_ns)
+        return found
+    packets = quiet.packets()
+    begin = next(packets, None)
+    if begin is None:
+        raise SourceError(f"{path} holds no message: leave it out")
+    found.first_ns = found.last_ns = begin.stamp_ns
+    for packet in packets:
+        found.last_ns = max(found.last_ns, packet.stamp_ns)
+    return found
+
+
+def _header(path: Path, data: bytes) -> Header:
+    try:
+        return wire.peek(data)
+    except DecodeError as error:
+        raise SourceError(f"{path} holds a message that cannot be read: {error}") from None
+
+
+def _last_packet_ns(reader: RecordingReader, last_ns: int) -> int:
+    """Time of the last packet of the last frame, as far as it can be decoded."""
+    failed: list[DecodeError] = []
+    for _, frames in decoded(reader, reader.messages(last_ns), StreamDecoder().decode, failed.append):
+        for frame in frames:
+            if frame.side is not None:
+                last_ns = max(last_ns, packets_of(frame)[-1].stamp_ns)
+    return last_ns
+
+
+def _check_kin(first: Part, other: Part) -> None:
+    """Raises SettingsError if the parts are not of the same drive."""
+    ours, theirs = first.reader.metadata, other.reader.metadata
+    names = [*SAME, *(MADE_OF if "source" in ours or "source" in theirs else ())]
+    for name in names:
+        if _plain(name, ours.get(name)) != _plain(name, theirs.get(name)):
+            raise SettingsError(
+                f"{first.path} and {other.path} differ in {name} ({ours.get(name)} and {theirs.get(name)}): only "
+"parts of the same drive can be joined", name
+            )  # fmt: skip
+    if (first.first is None) != (other.first is None):
+        raise SettingsError(f"{first.path} and {other.path} cannot be joined: one holds messages, the other packets")
+
+
+def _plain(name: str, text: str | None) -> str | None:
+    if name == "source" and text is not None and not text.startswith("sim:") and "://" not in text:
+        return os.path.normpath(text)
+    return text
+
+
+def _behind(message: Header) -> int:
+    """The index of the frame behind those of a message."""
+    return message.frame_index + message.frame_count
+
+
+def _are_counted(before: Part, after: Part) -> bool:
+    """Whether both were made of a source, of which no frame is left out."""
+    return before.counted and after.counted
+
+
+def _check_order(before: Part, after: Part, allow_gap: bool) -> None:
+    """Raises SettingsError if the second part does not come behind the first, or frames are missing between them."""
+    last, first = before.last, after.first
+    if last is not None and first is not None and (_are_counted(before, after) or first.stream_id == last.stream_id):
+        next_index = _behind(last)
+        if first.frame_index < next_index:
+            raise SettingsError(
+                f"{after.path} begins with frame {first.frame_index}, but {before.path} ends with frame "
+                f"{next_index - 1}: give the parts in order, and without overlap"
+            )
+        usual = 0 if _are_counted(before, after) else max(before.gap, after.gap)
+        if first.frame_index - next_index > usual and not allow_gap:
+            raise SettingsError(
+                f"frames {next_index} to {first.frame_index - 1} are missing between {before.path} and "
+f"{after.path}: add the missing part, or use --allow-gap", "allow_gap"
+            )  # fmt: skip
+    elif after.first_ns < before.last_ns:
+        raise SettingsError(
+            f"{after.path} begins before {before.path} ends: give the parts in order, and without overlap"
+        )

@@ -1,0 +1,1 @@
+"""`lidarcodec publish`: a source, or several sensors by a file."""

@@ -1,0 +1,136 @@
+"""`lidarcodec publish`: a source, live, to all that subscribe."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, cast
+
+from lidarcodec.apps.health import SensorState, told_in
+from lidarcodec.apps.publisher.publisher import Publisher, Rate
+from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.settings import one_setting
+from lidarcodec.commands.unkept import check_recorded, say_unkept
+from lidarcodec.errors import SettingsError
+from lidarcodec.network.shelf import look_in
+from lidarcodec.ratecontrol.presets import preset
+from lidarcodec.sources import open_source
+from lidarcodec.transport import Endpoints, party_of
+
+OWN_POSES = Path("source")
+MIN_FILE_BYTES, MAX_FILE_BYTES = 2**20, 256 * 2**20
+
+
+def rate_of(text: str | None) -> Rate | None:
+    """Frames a second, or `max`.
+
+    Raises SettingsError if it is neither.
+    """
+    if text is None or text == "max":
+        return cast(Rate | None, text)
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.01 <= rate <= 1000.0:
+        raise SettingsError(f"--rate {text}: write frames a second, from 0.01 to 1000, or max", "rate")
+    return rate
+
+
+def record_limits(gigabytes: float) -> dict[str, int]:
+    """Sizes of the recorder for a folder of so many GB: files of 256 MiB, smaller ones in a small folder."""
+    total = int(gigabytes * 1e9)
+    return {"max_total_bytes": total, "max_file_bytes": max(min(MAX_FILE_BYTES, total // 4), MIN_FILE_BYTES)}
+
+
+def vehicle_of(given: str | None, endpoints: Endpoints) -> str:
+    """The vehicle that publishes: the one given, else the name in the Zenoh configuration, else `vehicle`.
+
+    Raises SettingsError when those two are not the same: nobody would get what it sends, and nothing would say why.
+    """
+    party = party_of(endpoints)
+    if party is None:
+        return given or "vehicle"
+    if party.role != "vehicle" or given not in (None, party.name):
+        as_whom = "publish" if given is None else f"publish as {given}"
+        raise SettingsError(
+            f"{endpoints.config} belongs to {party.role} {party.name}, which may not {as_whom}", "vehicle"
+        )
+    return party.name
+
+
+def check_alone(given: dict[str, object]) -> None:
+    """Raise SettingsError if something was given that stands in the file of --config."""
+    for name, value in given.items():
+        if value:
+            raise SettingsError(f"{name} cannot be combined with --config: write it into that file", "config")
+
+
+def run(
+    spec: str,
+    vehicle: str | None,
+    sensor: str,
+    codec: str | None,
+    pairs: list[str],
+    rate: str | None,
+    given: Given,
+    record: Path | None,
+    record_as: str,
+    record_gb: float,
+    calibration: Path | None,
+    poses: Path | None,
+    health_file: Path | None,
+    original: bool,
+    weights_dir: Path | None,
+    link: str | None = None,
+) -> None:
+    """Publish until the source ends or a signal comes."""
+    if record_as not in ("packets", "lossless"):
+        raise SettingsError(f"--record-as must be packets or lossless, not '{record_as}'", "record_as")
+    if weights_dir is not None:
+        look_in(weights_dir)
+    settings = one_setting(codec, pairs, link)
+    if link is not None:
+        print(f"--link {link} sets {preset(link).text}", file=sys.stderr)
+    endpoints, frames_a_second = endpoints_of(given), rate_of(rate)
+    own_poses = poses == OWN_POSES
+    with open_source(spec, calibration=calibration, poses=None if own_poses else poses) as source:
+        if own_poses and source.poses is None:
+            raise SettingsError(f"{spec} has no poses of its own: give a file with --poses FILE", "poses")
+        publisher = Publisher(
+            source,
+            settings,
+            vehicle=vehicle_of(vehicle, endpoints),
+            sensor=sensor,
+            rate=frames_a_second,
+            endpoints=endpoints,
+            record=record,
+            record_as=cast(RecordAs, record_as),
+            record_limits=record_limits(record_gb),
+            poses=source.poses if poses else None,
+            original=original,
+        )
+        health = told_in(health_file, lambda: [SensorState.of(publisher.status())])
+        with stoppable(publisher.interrupt), health:
+            publisher.run()
+    say_unkept(spec, Counter(publisher.status()["source"]))
+    print(summary_line(publisher.status()), file=sys.stdout)
+    check_recorded(recordings_of([publisher.status()]))
+
+
+def recordings_of(statuses: list[dict[str, Any]]) -> dict[str, dict[str, Any] | None]:
+    """States of recordings by stream."""
+    return {f"{status['vehicle']}/{status['sensor']}": status["recording"] for status in statuses}
+
+
+def summary_line(status: dict[str, Any]) -> str:
+    """What was sent, in one line."""
+    return (
+        f"{status['vehicle']}/{status['sensor']}: {status['frames']} frames in {status['bytes']:,} bytes sent, "
+        f"{status['replaced']} replaced, {status['no_receiver']} without a receiver"
+        + f", {status['left_out']} left out to keep the target"
+        * bool(status["left_out"])
+    )

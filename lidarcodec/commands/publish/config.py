@@ -1,0 +1,209 @@
+"""`lidarcodec publish --config FILE`: several sensors of one vehicle, as a YAML file says.
+
+>>> text = "vehicle: car-7\\nsensors:\\n  - {name: roof, source: 'udp://:2368', settings: {max_error_m: -1}}"
+>>> parse(text, "fleet.yaml")
+Traceback (most recent call last):
+lidarcodec.errors.SettingsError: fleet.yaml: sensors.0.settings: max_error_m: Input should be greater than or equal to 0
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from lidarcodec.apps.health import told_in
+from lidarcodec.apps.publisher.publisher import Rate
+from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.apps.vehicle import SensorPlan, Vehicle
+from lidarcodec.budgets import FileTooLargeError, read_file
+from lidarcodec.codecs import table
+from lidarcodec.commands.endpoints import Given, endpoints_of
+from lidarcodec.commands.publish.command import record_limits, recordings_of, summary_line, vehicle_of
+from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.settings import settings_of
+from lidarcodec.commands.unkept import check_recorded
+from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
+from lidarcodec.network.shelf import look_in
+from lidarcodec.sensors import read_calibration
+from lidarcodec.settings import MAX_NAME, NAME_PATTERN, StreamSettings
+from lidarcodec.sources import open_source
+from lidarcodec.sources.poses import read_poses
+from lidarcodec.sources.spec import parse as parse_source
+from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
+
+Name = Annotated[str, Field(pattern=f"^{NAME_PATTERN.pattern}$", max_length=MAX_NAME)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class RecordConfig(_Strict):
+    """What is kept on the vehicle, whatever is sent."""
+
+    folder: Path
+    form: RecordAs = Field(default="packets", alias="as")
+    gb: float = Field(default=8.0, gt=0.0, le=1e6)
+
+
+class SensorConfig(_Strict):
+    """One sensor. settings: fields of the stream's settings, else of the codec's own, as with `--set`
+
+    link: as with `--link`
+    """
+
+    name: Name
+    source: str
+    calibration: Path | None = None
+    poses: Path | None = None
+    link: str | None = None
+    codec: str | None = None
+    settings: dict[str, Any] = {}
+    rate: float | Literal["max"] | None = None
+    record: RecordConfig | None = None
+    original: bool = False
+
+    @field_validator("rate")
+    @classmethod
+    def _rate(cls, value: float | str | None) -> float | str | None:
+        if isinstance(value, float) and not 0.01 <= value <= 1000.0:
+            raise ValueError("write frames a second, from 0.01 to 1000, or max")
+        return value
+
+    @model_validator(mode="after")
+    def _settings_fit(self) -> SensorConfig:
+        try:
+            self.stream_settings()
+        except LidarCodecError as error:
+            raise ValueError(f"settings: {error}") from None
+        return self
+
+    def stream_settings(self) -> StreamSettings:
+        """The settings, checked against the codec. Raises SettingsError or UnknownNameError."""
+        return settings_of(self.codec, self.settings, self.link)
+
+    def check_files(self, place: str) -> None:
+        """Try what can be tried before the sensor is there. place: of this sensor in the file
+
+        Raises SettingsError naming the field.
+        """
+        try:
+            field = "settings"
+            table.check_files(self.stream_settings())
+            field = "source"
+            parse_source(self.source)
+            if self.calibration is not None:
+                field = "calibration"
+                read_calibration(self.calibration)
+            if self.poses is not None:
+                field = "poses"
+                read_poses(self.poses)
+        except (LidarCodecError, OSError) as error:
+            raise SettingsError(f"{place}.{field}: {error}", field) from None
+
+    def plan(self) -> SensorPlan:
+        """What a Vehicle does with it."""
+        rate: Rate | None = self.rate
+        keep = self.record
+        return SensorPlan(
+            self.name,
+            partial(open_source, self.source, calibration=self.calibration, poses=self.poses),
+            self.stream_settings(),
+            live=parse_source(self.source).scheme == "udp",
+            rate=rate,
+            with_poses=self.poses is not None,
+            record=None if keep is None else keep.folder,
+            record_as="packets" if keep is None else keep.form,
+            record_limits={} if keep is None else record_limits(keep.gb),
+            original=self.original,
+        )
+
+
+class VehicleConfig(_Strict):
+    """A vehicle: its network, and its sensors."""
+
+    vehicle: Name | None = None
+    connect: list[str] = []
+    listen: list[str] = []
+    zenoh_config: Path | None = None
+    weights_dir: Path | None = None
+    sensors: list[SensorConfig] = Field(min_length=1, max_length=64)
+
+    @model_validator(mode="after")
+    def _apart(self) -> VehicleConfig:
+        folders = [sensor.record.folder for sensor in self.sensors if sensor.record]
+        for what, found in (("name", [sensor.name for sensor in self.sensors]), ("record folder", folders)):
+            twice = next((one for number, one in enumerate(found) if one in found[:number]), None)
+            if twice is not None:
+                raise ValueError(f"two sensors have the {what} '{twice}'")
+        return self
+
+
+def parse(text: str, where: str, weights_dir: Path | None = None) -> VehicleConfig:
+    """The configuration in a text. From then on weights are looked for in its `weights_dir`, or in the one given.
+
+    Raises SettingsError naming the field.
+    """
+    try:
+        values = read_yaml(text)
+    except YamlRefusedError as error:
+        raise SettingsError(f"{where}: {error}", "config") from None
+    if not isinstance(values, dict):
+        raise SettingsError(f"{where} holds no fields: start with `vehicle: NAME` and `sensors:`", "config")
+    folder = weights_dir or values.get("weights_dir")
+    try:
+        if isinstance(folder, str | Path):
+            look_in(Path(folder))  # before settings of sensors are checked, which may name what lies there
+        return VehicleConfig.model_validate(values)
+    except SettingsError as error:
+        raise SettingsError(str(error) if weights_dir else f"{where}: {error}", "weights_dir") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        reason = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            reason = "this field does not exist"
+        joint = "." if reason.startswith("settings: ") else ": "
+        raise SettingsError(f"{where}: {place}{joint}{reason}" if place else f"{where}: {reason}", place) from None
+
+
+def read(path: Path, weights_dir: Path | None = None) -> VehicleConfig:
+    """The configuration in a file; weights_dir: as in `parse`.
+
+    Raises SettingsError when it is missing, too long, or wrong.
+    """
+    try:
+        text = read_file(path, "config").decode()
+    except OSError as error:
+        raise SettingsError(f"{path}: {error.strerror}", "config") from None
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path} is not text in UTF-8", "config") from None
+    except FileTooLargeError as error:
+        raise SettingsError(f"{path}: {error}", "config") from None
+    return parse(text, str(path), weights_dir)
+
+
+def run(path: Path, vehicle: str | None, given: Given, health_file: Path | None, weights_dir: Path | None) -> None:
+    """Publish until every source has ended or a signal comes. What stands on the command line wins."""
+    config = read(path, weights_dir)
+    for number, sensor in enumerate(config.sensors):
+        sensor.check_files(f"{path}: sensors.{number}")
+    connect, listen, zenoh_config = given
+    if not (connect or listen or zenoh_config):
+        connect, listen, zenoh_config = config.connect, config.listen, config.zenoh_config
+    endpoints = endpoints_of((connect, listen, zenoh_config))
+    name = vehicle_of(vehicle or config.vehicle, endpoints)
+    running = Vehicle(name, [sensor.plan() for sensor in config.sensors], endpoints)
+    with running, stoppable(running.interrupt) as stopped, told_in(health_file, running.states):
+        running.wait()
+        failures = {} if stopped() else running.failures()
+    for status in running.statuses():
+        print(summary_line(status), file=sys.stdout)
+    if failures:
+        told = "; ".join(f"{name}/{sensor}: {error}" for sensor, error in failures.items())
+        raise SourceError(f"not everything was published: {told}")
+    check_recorded(recordings_of(running.statuses()))

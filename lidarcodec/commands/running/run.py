@@ -1,0 +1,167 @@
+"""How a command is run and ended: exit codes, errors in one line, standard streams, the end of the process."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import logging
+import os
+import signal
+import sys
+import traceback
+from typing import NoReturn
+
+import typer
+
+from lidarcodec.commands.running.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.running.options import command_line
+from lidarcodec.commands.running.remaining import remember
+from lidarcodec.commands.running.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
+from lidarcodec.commands.running.zenoh_log import zenoh_log
+from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.files.whole import drop_all
+
+_BY_TYPER = 130
+"""What typer makes of a KeyboardInterrupt."""
+_GO_ON = ("annotate", "train")
+"""Commands that keep their work as they go."""
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+        text = f"{error.strerror}: make room or write elsewhere"
+    elif isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}"
+    return text
+
+
+def _complain(error: BaseException) -> int:
+    """Say in one line what is wrong; the exit code for it."""
+    if isinstance(error, typer.TyperException):
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "lidarcodec"
+        text = " ".join(error.format_message().split()).rstrip(".")
+        sys.stderr.write(f"{path}: {text} (see: {path} --help)\n")
+        return WRONG_USAGE
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "start new thread" in str(error)):
+        sys.stderr.write("lidarcodec: not enough memory: close other programs, or process smaller parts\n")
+        return FAILED
+    known = isinstance(error, LidarCodecError | OSError)
+    text = (
+        _one_line(error)
+        if known
+        else f"unexpected {type(error).__name__}: {_one_line(error)}; for details, add --debug"
+    )
+    sys.stderr.write(f"lidarcodec: {text}\n")
+    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
+
+
+def _flush() -> None:
+    """Write out what was printed; a stream is None where the caller closed it (`>&-`)."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+
+
+def _unprinted() -> str | None:
+    """Write out what was printed; why that cannot be done, None if it was. Raises BrokenPipeError."""
+    try:
+        _flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        with contextlib.suppress(OSError):  # else the interpreter tries again at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return error.strerror or str(error)
+    return None
+
+
+def run(app: typer.Typer, arguments: list[str]) -> int:
+    """Run one command; its exit code."""
+    debug = "--debug" in arguments or os.environ.get("LIDARCODEC_DEBUG", "0") not in ("", "0")
+    given = [word for word in arguments if word != "--debug"]
+    logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
+    Interrupter().install(hangup=not is_live(given))
+    remember(given)
+    if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
+        # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
+        # Nor must names that the encoding of standard output does not have.
+        sys.stdout.reconfigure(write_through=False)
+        if sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="backslashreplace")
+    code = None
+    try:
+        code = command_line(app, given)(given, prog_name="lidarcodec", standalone_mode=False)
+        unprinted = _unprinted()
+    except KeyboardInterrupt:
+        return _stopped(given)
+    except StoppedError as stopped:
+        return _stopped(given, str(stopped))
+    except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
+        # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return int(code or DONE) if signal_that_came() is None else _stopped(given)
+    except Exception as error:
+        if not debug:
+            return _complain(error)
+        traceback.print_exception(error)
+        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
+    finally:
+        drop_all()
+    if code == _BY_TYPER:
+        return _stopped(given)
+    if unprinted is not None:
+        # As cp, mv and tee have it: a script that keeps what is printed must know that it is lost.
+        lost = "the printed output is lost, but all output files are complete"
+        sys.stderr.write(f"lidarcodec: cannot write to standard output: {unprinted}: {lost}\n")
+    return int(code or (DONE if unprinted is None else FAILED))
+
+
+def _stopped(words: list[str], said: str = "") -> int:
+    """Say that a signal ended the command; the exit code for it."""
+    ignore_signals()
+    drop_all()
+    if is_live(words):
+        return DONE
+    if not said:
+        goes_on = any(word in _GO_ON for word in words[:1])
+        said = "stopped: run the same command again to continue" if goes_on else "stopped before it was finished"
+    sys.stderr.write(f"lidarcodec: {said}\n")
+    return INTERRUPTED + (signal_that_came() or signal.SIGINT)
+
+
+def keep_standard_output() -> None:
+    """Keep standard output for what we print: the network library writes its log there, past Python."""
+    _flush()
+    ours = os.dup(1)
+    zenoh_log.begin()
+    sys.stdout = os.fdopen(ours, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+    sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())
+
+
+def _open_standard_streams() -> None:
+    """Give what was closed before the start (`>&-`) a place to go; else the first socket would be standard output."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w", closefd=False)
+
+
+def main(app: typer.Typer) -> NoReturn:
+    """The process: run the command of the command line and end."""
+    _open_standard_streams()
+    code = run(app, sys.argv[1:])
+    ignore_signals()
+    with contextlib.suppress(OSError):
+        _flush()
+    if "zenoh" in sys.modules:
+        # Its threads outlive a closed session by a moment. One that asks for the interpreter while that ends aborts the
+        # whole process ("FATAL: exception not rethrown"), so it does not end: everything of ours is closed by now.
+        zenoh_log.end()
+        os._exit(code)
+    sys.exit(code)

@@ -1,0 +1,1 @@
+"""`lidarcodec train`: one file for each kind of network."""

@@ -1,0 +1,16 @@
+"""`lidarcodec train`: train networks on one's own drives (extra `learned`)."""
+
+from __future__ import annotations
+
+import typer
+
+from lidarcodec.commands.train import poconet, riddle
+
+app = typer.Typer(
+    help="Train networks on your own drives (extra `learned`).", no_args_is_help=True, rich_markup_mode=None
+)
+
+
+app.command()(riddle.riddle)
+app.command()(poconet.poconet)
+app.command()(poconet.scores)

@@ -1,0 +1,1 @@
+"""Files: inputs are regular files, outputs are there whole or not at all, renames take nobody's place."""

@@ -1,0 +1,1 @@
+"""How a sensor moved, and what is expected of a frame by what was seen before."""

@@ -1,0 +1,132 @@
+"""Where codec `riddle` finds its weights: those of the package, by name, those of a file, and those of a stream.
+
+A message says by name, the hash of their file, with which weights it is coded. Those of the package are on every
+machine, and files that were once shipped stay in it; others travel with the key messages.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from lidarcodec import entropy
+from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnknownNameError
+from lidarcodec.network.networks import Net, Weights
+from lidarcodec.network.update import applied, is_update, names_of
+from lidarcodec.network.weight_file import read_weights, unpack_weights
+
+DEFAULT: Final = "riddle-sim"
+"""Stem of the file that is used unless settings name another."""
+EFFORTS: Final = (1, 2, 3, 4)
+"""Without a network, with the small ones, with the large ones, with the largest."""
+_FOLDER: Final = Path(__file__).parent / "weights"
+_FROM_STREAM: Final = 4
+SUFFIX: Final = ".lcrw"
+FOLDER_VARIABLE: Final = "LIDARCODEC_WEIGHTS_DIR"
+"""Names the folder of own weights, for this process and for those that it starts to code in."""
+
+
+@cache
+def shipped() -> dict[str, Weights]:
+    """The weights of the package, by name."""
+    return {weights.name: weights for weights in map(read_weights, sorted(_FOLDER.glob("*.lcrw")))}
+
+
+@cache
+def _default() -> Weights:
+    return read_weights(_FOLDER / f"{DEFAULT}.lcrw")
+
+
+def look_in(folder: Path) -> None:
+    """Look for weights by name in a folder, too, here and in processes that are started from now on.
+
+    Raises SettingsError when it is not there.
+    """
+    if not folder.is_dir():
+        raise SettingsError(f"weights_dir: there is no folder {folder}", "weights_dir")
+    os.environ[FOLDER_VARIABLE] = str(folder.resolve())
+
+
+def weights_of(given: str) -> Weights:
+    """Those of a name or of a file, read anew each time; by default the package's own.
+
+    given: a name is looked for in the package, then in the folder of `look_in`. What has a slash,
+           or the ending of weight files, is a path: only this machine's command line and files may say one
+    Raises UnknownNameError for a name that is nowhere, else as `read_weights`.
+    """
+    if not given:
+        return _default()
+    if "/" in given or given.endswith(SUFFIX):
+        return read_weights(Path(given))
+    folders = [_FOLDER, *([Path(folder)] if (folder := os.environ.get(FOLDER_VARIABLE)) else [])]
+    found = next((path for each in folders if (path := each / (given + SUFFIX)).is_file()), None)
+    if found is None:
+        known = sorted({path.stem for each in folders for path in each.glob(f"*{SUFFIX}")})
+        raise UnknownNameError("weights", given, known)
+    return read_weights(found)
+
+
+def networks_of(weights: Weights, effort: int) -> list[Net]:
+    """Those of an effort that has some: alone, expecting. Raises UnknownNameError if a kind is missing."""
+    return [weights.net(expects=expects, size=effort - EFFORTS[1]) for expects in (False, True)]
+
+
+def native_nets(networks: list[Net]) -> entropy.NativeNets:
+    """Networks as the coder of ranges takes them."""
+    nets = entropy.NativeNets()
+    for net in networks:
+        nets.add([layer.given for layer in net.layers])
+    return nets
+
+
+class Shelf:
+    """Weights that a decoder knows: those of the package, and the last few that its stream has brought."""
+
+    def __init__(self) -> None:
+        self._brought: OrderedDict[str, Weights] = OrderedDict()
+
+    def take_all(self, brought: Sequence[bytes], frame: int) -> None:
+        """Takes the WEIGHTS sections of a frame's message, one file and one update at most: each takes time to read.
+
+        Raises SectionError for more, else as `take`.
+        """
+        updates = sum(map(is_update, brought))
+        if max(updates, len(brought) - updates) > 1:
+            raise SectionError(f"a message with {len(brought)} sections of weights: one file and one update may be")
+        for data in brought:
+            self.take(data, frame)
+
+    def take(self, data: bytes, frame: int) -> Weights:
+        """Takes a WEIGHTS section of a frame's message: a file, or an update of weights that are here; what it gives.
+
+        Raises MissingReferenceError, or as `unpack_weights` and `applied` do.
+        """
+        if not is_update(data):
+            found = unpack_weights(data)
+        else:
+            known = self._brought.get(names_of(data)[1])
+            found = known or applied(data, lambda name: self.find(name, frame))
+        self.put(found)
+        return found
+
+    def put(self, weights: Weights) -> None:
+        """Takes weights out of a stream; those that were not used for longest give way."""
+        self._brought[weights.name] = weights
+        self._brought.move_to_end(weights.name)
+        while len(self._brought) > _FROM_STREAM:
+            self._brought.popitem(last=False)
+
+    def find(self, name: str, frame: int) -> Weights:
+        """The weights of a name, for a frame. Raises MissingReferenceError."""
+        found = self._brought.get(name) or shipped().get(name)
+        if name in self._brought:
+            self._brought.move_to_end(name)
+        if found is None:
+            raise MissingReferenceError(
+                f"weights {name} have not arrived yet: they come with a key frame, so ask for one", frame
+            )
+        return found

@@ -1,0 +1,119 @@
+"""Ranges to samples of 8, 10 or 12 bits and back, by tables that are the same on every machine.
+
+`linear` gives every metre the same precision, up to the farthest return of the image. `sqrt` and `log` (of 1 + range /
+10 m) give what is near more of it. All three fill the sample range. `paper` is |log2(d + 1) - 5| of d centimetres, as
+Tu 2016 prints it, with 4 bits before the point: it folds below 31 cm, where decoded ranges are those beyond, and leaves
+half of the samples unused. For the least mean squared error `linear` is best: bits a point of `jpeg` on every 12th
+frame of the KITTI training drives (sfnd, 0013) at an RMSE of
+
+| mapping | 20 cm | 5 cm | 2.8 cm |
+|---|---|---|---|
+| linear | 0.95, 1.80 | 2.23, 3.37 | 3.00, 4.21 |
+| linear up to 131 m, not to the farthest return | 0.95, 1.80 | 2.25, 3.38 | 3.08, 4.30 |
+| power 0.9 | 0.95, 1.80 | 2.23, 3.36 | 3.00, 4.21 |
+| power 0.6 | 1.01, 1.86 | 2.35, 3.47 | 3.13, 4.32 |
+| log of 1 + range / 200 m | 0.95, 1.79 | 2.23, 3.36 | 3.00, 4.20 |
+| log of 1 + range / 10 m | 1.10, 1.99 | 2.48, 3.65 | 3.26, 4.53 |
+
+>>> mapping = mapping_of("linear", 12, 40950)
+>>> mapping.sample[[0, 15, 40950]].tolist(), mapping.value[[0, 1, 4095]].tolist()
+([0.0, 1.5, 4095.0], [0, 10, 40950])
+"""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal, localcontext
+from functools import lru_cache
+from typing import Final, Literal, NamedTuple, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.errors import SectionError
+from lidarcodec.ranges.image.canvas import MAX_VALUE
+
+MappingName = Literal["linear", "sqrt", "log", "paper"]
+NAMES: Final[tuple[MappingName, ...]] = get_args(MappingName)
+"""In the order of their numbers in messages."""
+LOG_KNEE: Final = 5000
+"""10 m: beyond it `log` gives equal ratios equal precision, nearer it tends to `linear`."""
+
+
+class Mapping(NamedTuple):
+    """Both ways of a mapping.
+
+    sample: (top + 1,) float32, sample of each canvas value, not yet rounded
+    value:  (2^bits,) int32, canvas value of each sample, 0..top
+    """
+
+    sample: npt.NDArray[np.float32]
+    value: npt.NDArray[np.int32]
+
+
+def check_top(top: int) -> int:
+    """The largest value that samples can express, if there can be such a value.
+
+    Raises SectionError.
+    """
+    if not 1 <= top <= MAX_VALUE:
+        raise SectionError(f"samples for ranges up to {top}: 1 to {MAX_VALUE} are possible")
+    return top
+
+
+def _log_values(top: int, peak: int) -> list[Decimal]:
+    with localcontext(Context(prec=30)):
+        ratio = (1 + Decimal(top) / LOG_KNEE) ** (Decimal(1) / peak)
+        values, power = [], Decimal(1)
+        for _ in range(peak + 1):
+            values.append(LOG_KNEE * (power - 1))
+            power *= ratio
+    return values
+
+
+_STEPS_PER_CM: Final = 5
+_FOLD: Final = 5
+"""Where |log2(d + 1) - 5| is 0, as a power of two of d + 1."""
+
+
+def _paper(bits: int, top: int) -> Mapping:
+    """As printed: 2^(bits - 4) samples to an octave."""
+    octave = 1 << (bits - 4)
+    with localcontext(Context(prec=30)):
+        root = Decimal(2) ** (Decimal(1) / octave)
+        ahead = [Decimal(2) ** _FOLD]
+        for _ in range((1 << bits) - 1):
+            ahead.append(ahead[-1] * root)
+        centimetres = [float(power - 1) for power in ahead]
+        value = [min(int((power - 1) * _STEPS_PER_CM + Decimal("0.5")), top) for power in ahead]
+        folded = [float(octave * (_FOLD - (1 + Decimal(d) / _STEPS_PER_CM).ln() / Decimal(2).ln()))
+                  for d in range(min(top + 1, (2**_FOLD - 1) * _STEPS_PER_CM))]  # fmt: skip
+    values = np.arange(top + 1, dtype=np.float64) / _STEPS_PER_CM
+    sample = np.interp(values, np.array(centimetres), np.arange(len(centimetres), dtype=np.float64))
+    sample[: len(folded)] = np.abs(np.array(folded))
+    return Mapping(sample.astype(np.float32), np.array(value, np.int32))
+
+
+@lru_cache(maxsize=8)
+def mapping_of(name: MappingName, bits: int, top: int) -> Mapping:
+    """Tables of a mapping onto samples of 8, 10 or 12 bits; top: the largest canvas value, 1..66535."""
+    peak = (1 << bits) - 1
+    levels = np.arange(peak + 1, dtype=np.int64)
+    values = np.arange(top + 1, dtype=np.float64)
+    if name == "linear":
+        return Mapping(
+            (values * (peak / top)).astype(np.float32), ((2 * levels * top + peak) // (2 * peak)).astype("i4")
+        )
+    if name == "sqrt":
+        square = (2 * levels**2 * top + peak**2) // (2 * peak**2)
+        return Mapping((np.sqrt(values / top) * peak).astype(np.float32), square.astype(np.int32))
+    if name == "paper":
+        return _paper(bits, top)
+    exact = _log_values(top, peak)
+    rounded = np.array([int(value + Decimal("0.5")) for value in exact], np.int32)
+    sample = np.interp(values, np.array([float(value) for value in exact]), levels)
+    return Mapping(sample.astype(np.float32), np.minimum(rounded, top).astype(np.int32))
+
+
+def top_of(name: MappingName, farthest: int) -> int:
+    """The `top` for an image whose largest canvas value is `farthest`: itself, but `log` has one table for all."""
+    return MAX_VALUE if name == "log" else max(farthest, 1)

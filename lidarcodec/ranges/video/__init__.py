@@ -1,0 +1,1 @@
+"""Ranges as video: the canvas of a turn, and streams of H.264."""

@@ -1,0 +1,1 @@
+"""Captures: pcap and pcapng, and datagrams out of their frames."""

@@ -1,0 +1,207 @@
+"""CaptureSource: one sensor's packets out of a pcap or pcapng file, compressed or not, cut or whole."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Generator, Iterator
+from ipaddress import ip_address
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from lidarcodec.errors import PacketError, SourceError
+from lidarcodec.files.regular import check_regular
+from lidarcodec.packet import UNKEPT_POSITIONS, Packet
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.captures.datagrams import Datagram, DatagramReader
+from lidarcodec.sources.captures.pcap import MAGICS, Ending, Record, read_pcap
+from lidarcodec.sources.captures.pcapng import MAGIC as PCAPNG_MAGIC
+from lidarcodec.sources.captures.pcapng import read_pcapng
+from lidarcodec.sources.decompress import ByteStream
+from lidarcodec.sources.spec import Spec, address_of
+from lidarcodec.sources.table_search import SEARCHED_PACKETS, carries_table
+from lidarcodec.sources.unkept import OTHER_POSITIONS
+from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES, POSITION_PORT
+
+logger = logging.getLogger(__name__)
+
+FIRST_PACKETS: Final = 1024
+"""Packets by which the streams of a file are told apart: 0.3 s of an HDL-64E."""
+
+NAMED_STREAMS: Final = 16
+POSITIONS: Final = "position packets"
+
+Stream = tuple[bytes, int]
+"""Sender's address and destination port."""
+
+
+def stamped_datagrams(path: Path, counts: Counter[str], ending: Ending) -> Generator[tuple[int, Datagram]]:
+    """Host time in ns and datagram of every frame that is, or completes, a UDP datagram.
+
+    Raises SourceError if the file cannot be read or is no capture.
+    """
+    stream = ByteStream(path)
+    try:
+        reader = DatagramReader(counts)
+        read = reader.read
+        for stamp_ns, linktype, data in _records(path, stream, counts, ending):
+            datagram = read(linktype, data)
+            if datagram is not None:
+                yield stamp_ns, datagram
+        reader.finish()
+    finally:
+        stream.close()
+        if stream.problem:
+            ending.replace("truncated" if "cut" in stream.problem else "damaged", stream.problem)
+
+
+def _records(path: Path, stream: ByteStream, counts: Counter[str], ending: Ending) -> Iterator[Record]:
+    head = stream.read(4)
+    if head[:4] in MAGICS:
+        return read_pcap(stream, head, ending)
+    if head[:4] == PCAPNG_MAGIC:
+        return read_pcapng(stream, head, ending, counts)
+    what = f"it begins with {head[:4].hex(' ')}" if head else stream.problem or "it is empty"
+    raise SourceError(f"{path} is not a pcap or pcapng file: {what}")
+
+
+class CaptureSource(PacketSource):
+    """Packets of one sensor in a capture file: its data packets, and position packets of the same sender.
+
+    Counts: `truncated`, `damaged` (1 if the file ended before its time), `position packets` (which are given), and what
+    is not: `position packets not kept` (another sender's), `position packets to another port`, `wrong length`, `other
+    stream`, `other datagrams`, `other traffic`, ...
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        calibration: Path | None = None,
+        port: int | None = None,
+        src: str | None = None,
+        position: int | None = None,
+    ) -> None:
+        """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
+
+        port, src: destination port and sender's address of the stream to take; else the most frequent one is taken.
+        position: destination port of its position packets, 8308 by default; 0: leave them out.
+        Raises SourceError if the file cannot be read or has no such stream, PacketError for another sensor,
+        CalibrationError.
+        """
+        from lidarcodec.sensors import find_calibration
+
+        self.path = path
+        address = None if src is None else address_of(src).packed
+        self.stream, payloads, self.start_ns = _choose(path, port, address, search=calibration is None)
+        super().__init__(find_calibration(path, calibration, payloads))
+        self.label = f"capture {path.name}, {_name(self.stream)}"
+        self._warned = False
+        self._position_port = POSITION_PORT if position is None else position
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> CaptureSource:
+        """The source that a path with options `?port=`, `?src=` and `?position=` names."""
+        spec.only("port", "src", "position")
+        port, src = spec.whole("port", 1, 65535), spec.options.get("src")
+        return cls(spec.path, calibration, port, src, spec.position_port())
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
+        ending = Ending()
+        counts, chosen = self.counts, self.stream
+        for stamp_ns, (source, _, port, payload) in stamped_datagrams(self.path, counts, ending):
+            if self.closed:
+                return
+            if (source, port) == chosen and len(payload) == PACKET_BYTES:
+                yield Packet(payload, stamp_ns)
+                continue
+            cause = self._other((source, port), len(payload))
+            counts[cause] += 1
+            if cause == POSITIONS:
+                yield Packet(payload, stamp_ns, position=True)
+        if ending.cause:
+            counts[ending.cause] = 1
+            if not self._warned:
+                self._warned = True
+                logger.warning(
+                    "%s is %s: %s; only the packets before that were read", self.path, ending.cause, ending.text
+                )
+
+    def _other(self, stream: Stream, size: int) -> str:
+        """What to count a datagram as that is no data packet of the chosen stream: POSITIONS if it is kept."""
+        if stream == (self.stream[0], self._position_port):
+            return POSITIONS if size <= MAX_POSITION_BYTES else "wrong length"
+        if size == PACKET_BYTES:
+            return "other stream"
+        if stream == self.stream:
+            return "wrong length"
+        if size != POSITION_BYTES:
+            return "other datagrams"
+        return OTHER_POSITIONS if stream[0] == self.stream[0] else UNKEPT_POSITIONS
+
+
+def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:
+    """The stream to take, its first payloads (enough to `search` for a calibration), and the host time of the first."""
+    try:
+        check_regular(path)
+    except OSError as error:
+        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+    ending, lengths, count = Ending(), Counter[int](), 0
+    streams: dict[Stream, list[bytes]] = {}
+    others: dict[Stream, None] = {}
+    stamps: dict[Stream, int] = {}
+    datagrams = stamped_datagrams(path, Counter(), ending)
+    for stamp_ns, (sender, _, target, payload) in datagrams:
+        lengths[len(payload)] += 1
+        if len(payload) != PACKET_BYTES:
+            continue
+        if port not in (None, target) or source not in (None, sender):
+            if len(others) < NAMED_STREAMS:
+                others[sender, target] = None
+            continue
+        streams.setdefault((sender, target), []).append(payload)
+        stamps.setdefault((sender, target), stamp_ns)
+        count += 1
+        if count == FIRST_PACKETS:
+            break
+    if not streams and others:
+        raise SourceError(f"{path} has no such stream; its streams are: {', '.join(map(_name, others))}")
+    if not streams:
+        raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
+    chosen = _supported(sorted(streams, key=lambda stream: -len(streams[stream])), streams)
+    payloads = streams[chosen]
+    if search and carries_table(payloads):
+        more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
+        payloads.extend(islice(more, SEARCHED_PACKETS - len(payloads)))
+    datagrams.close()
+    return chosen, payloads, stamps[chosen]
+
+
+def _supported(wanted: list[Stream], streams: dict[Stream, list[bytes]]) -> Stream:
+    """The first of these streams that is a supported sensor's.
+
+    Raises PacketError naming the sensor of the very first, if none is.
+    """
+    from lidarcodec.sensors import identify_stream
+
+    refusals: list[PacketError] = []
+    for stream in wanted:
+        try:
+            identify_stream(streams[stream])
+        except PacketError as error:
+            refusals.append(error)
+        else:
+            return stream
+    raise refusals[0]
+
+
+def _name(stream: Stream) -> str:
+    return f"{ip_address(stream[0])} to port {stream[1]}"
+
+
+def _seen(lengths: Counter[int]) -> str:
+    if not lengths:
+        return ": no UDP datagrams at all"
+    sizes = ", ".join(f"{count} of {size} bytes" for size, count in lengths.most_common(3))
+    return f" of {PACKET_BYTES} bytes; its UDP datagrams are: {sizes}"

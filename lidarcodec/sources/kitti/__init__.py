@@ -1,0 +1,1 @@
+"""KITTI folders as the packets of their sensor."""

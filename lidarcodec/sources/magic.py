@@ -1,0 +1,8 @@
+"""What files begin with, by which they are told apart."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MCAP_MAGIC: Final = b"\x89MCAP"
+SQLITE_MAGIC: Final = b"SQLite format 3\0"

@@ -1,0 +1,1 @@
+"""Rosbags of ROS 2, in MCAP or SQLite."""

@@ -1,0 +1,206 @@
+"""RosbagSource: the packets of a rosbag2: its `velodyne_msgs/VelodyneScan`, out of MCAP or SQLite files.
+
+Read without ROS: a bag is a folder with a metadata.yaml and one file or several, or one such file alone.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import zstandard
+
+from lidarcodec.budgets import EXPANDED_BASE, EXPANDED_TIMES, Allowance, FileTooLargeError, read_file
+from lidarcodec.errors import DecodeError, SectionError, SourceError
+from lidarcodec.files.regular import open_regular
+from lidarcodec.interop import ros
+from lidarcodec.interop.velodyne_scan import packets_of_scan
+from lidarcodec.packet import Packet
+from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
+from lidarcodec.recording.records import MAX_RECORD
+from lidarcodec.recording.rosbag import ENCODING, PROFILE
+from lidarcodec.sensors import find_calibration, identify_stream
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.decompress import WINDOW_LIMIT
+from lidarcodec.sources.rosbag import sqlite
+from lidarcodec.sources.spec import Spec
+from lidarcodec.sources.table_search import SEARCHED_PACKETS
+from lidarcodec.untrusted.yaml import YamlRefusedError, read_yaml
+
+log = logging.getLogger(__name__)
+
+METADATA: Final = "metadata.yaml"
+POINTS: Final = (ros.POINT_CLOUD2.name, "sensor_msgs/msg/PointCloud")
+_MAX_FILES: Final = 4096
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+
+
+class RosbagSource(PacketSource):
+    """Packets of one topic of a bag.
+
+    Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan)
+    """
+
+    def __init__(self, path: Path, calibration: Path | None = None, topic: str | None = None) -> None:
+        """Reads the beginning.
+
+        topic: of the VelodyneScan, where there are several
+        Raises SourceError if this is no bag or has no such topic, PacketError for packets of another sensor,
+        CalibrationError.
+        """
+        self.path = path
+        self.files = _files_of(path)
+        self.topic = _topic_of(path, self.files, topic)
+        first = list(islice(self._read(Counter(), warn=False), SEARCHED_PACKETS))
+        if not first:
+            raise SourceError(f"{path} has no readable packet on topic {self.topic}")
+        payloads = [packet.payload for packet in first]
+        identify_stream(payloads)
+        super().__init__(find_calibration(path, calibration, payloads))
+        self.start_ns = first[0].stamp_ns
+        self.label = f"rosbag {path.name}, {self.topic}"
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> RosbagSource:
+        """The source that a path with an option `?topic=` names."""
+        spec.only("topic")
+        return cls(spec.path, calibration, spec.options.get("topic"))
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets in the order of the files, from the first at each call."""
+        for packet in self._read(self.counts, warn=True):
+            if self.closed:
+                return
+            yield packet
+
+    def _read(self, counts: Counter[str], warn: bool) -> Iterator[Packet]:
+        expands, seen, number = Allowance(EXPANDED_BASE, EXPANDED_TIMES), 0, 0
+        for file in self.files:
+            for data in _messages(file, self.topic, counts, warn):
+                seen, number = seen + len(data), number + 1
+                try:
+                    packets = packets_of_scan(_plain(data, expands, seen))
+                except DecodeError:
+                    counts["bad scans"] += 1
+                    continue
+                yield from packets
+        told = _told(self.path, self.topic)
+        if number < told:
+            counts["damaged"] += 1
+            if warn:
+                text = "%s: %s tells of %d messages of %s, and %d were found"
+                log.warning(text, self.path, METADATA, told, self.topic, number)
+
+
+def is_rosbag(path: Path) -> bool:
+    """Whether an MCAP file is a bag of ROS 2, and no recording of ours.
+
+    Raises OSError, SourceError.
+    """
+    with open_regular(path) as stream:
+        reader = RecordingReader(stream, warn=False)
+        found = {channel.encoding for channel in reader.channels.values()}
+        return reader.profile == PROFILE or (ENCODING in found and not found & {MESSAGE_ENCODING, PACKET_ENCODING})
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Files of a bag, in the order of its metadata."""
+    if not path.is_dir():
+        return [path]
+    about = _information(path / METADATA)
+    names = about.get("relative_file_paths")
+    if not isinstance(names, list) or not 0 < len(names) <= _MAX_FILES or not all(isinstance(n, str) for n in names):
+        raise SourceError(f"{path / METADATA} does not name any file")
+    if about.get("compression_mode") == "file":
+        raise SourceError(f"the files of {path} are compressed: decompress them first (zstd -d)")
+    files = [path / Path(name).name for name in names]  # some versions write the folder before the name
+    for file in files:
+        if not file.is_file():
+            raise SourceError(f"{path} lacks {file.name}, which {METADATA} names")
+    return files
+
+
+def _information(path: Path) -> dict[str, Any]:
+    try:
+        found = read_yaml(read_file(path, "bag"))
+    except OSError as error:
+        raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
+    except (FileTooLargeError, YamlRefusedError) as error:
+        raise SourceError(f"{path} does not describe a rosbag: {error}") from None
+    about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
+    if not isinstance(about, dict):
+        raise SourceError(f"{path} does not describe a rosbag")
+    return about
+
+
+def _told(path: Path, topic: str) -> int:
+    """How many messages of a topic a bag says that it has; 0 where it says nothing."""
+    told = _information(path / METADATA).get("topics_with_message_count") if path.is_dir() else None
+    for one in told if isinstance(told, list) else ():
+        about = one.get("topic_metadata") if isinstance(one, dict) else None
+        if isinstance(about, dict) and about.get("name") == topic and isinstance(one.get("message_count"), int):
+            return int(one["message_count"])
+    return 0
+
+
+def _topics(file: Path) -> dict[str, str]:
+    if sqlite.is_database(file):
+        return sqlite.topics(file)
+    with open_regular(file) as stream:
+        return RecordingReader(stream, warn=False).topics()
+
+
+def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
+    """The topic to read: the one that is wanted, else the only one with scans."""
+    topics: dict[str, str] = {}
+    try:
+        for file in files:
+            topics |= _topics(file)
+    except OSError as error:
+        raise SourceError(f"cannot read {path}: {error.strerror or error}") from None
+    # ROS 1 called it velodyne_msgs/VelodyneScan, and some bags that were converted still do.
+    names = (ros.VELODYNE_SCAN.name, ros.VELODYNE_SCAN.name.replace("/msg/", "/"))
+    scans = sorted(name for name, kind in topics.items() if kind in names)
+    if wanted is not None and wanted not in scans:
+        raise SourceError(f"{path} has no {names[0]} on topic {wanted}; it has these: {', '.join(scans) or 'none'}")
+    if len(scans) > 1 and wanted is None:
+        raise SourceError(f"{path} has packets on several topics: choose one with ?topic=NAME, of {', '.join(scans)}")
+    if not scans:
+        points = [name for name, kind in topics.items() if kind in POINTS]
+        why = f"; points on {', '.join(sorted(points)[:3])} cannot be turned back into packets" if points else ""
+        raise SourceError(f"{path} has no {names[0]} among its {len(topics)} topics{why}")
+    return wanted or scans[0]
+
+
+def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Iterator[bytes]:
+    if sqlite.is_database(file):
+        yield from sqlite.messages(file, topic, counts, warn)
+        return
+    with open_regular(file) as stream:
+        reader = RecordingReader(stream, warn)
+        for _, data in reader.others(ENCODING, topic):
+            yield data
+        if reader.counts["cut"]:
+            counts["truncated"] = 1
+        if reader.counts["damaged"]:
+            counts["damaged"] += reader.counts["damaged"]
+
+
+def _plain(data: bytes, expands: Allowance, seen: int) -> bytes:
+    """A message that the bag compressed by itself, as it was. expands, seen: what those before became, and had."""
+    if data[:4] != _ZSTD:
+        return data
+    if not expands.spend(0, seen):
+        raise SectionError(f"compressed messages that become more than {EXPANDED_TIMES} times as long")
+    try:
+        if zstandard.frame_content_size(data) > MAX_RECORD:  # which would be taken, whatever the limit below says
+            raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
+        plain = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT).decompress(data, max_output_size=MAX_RECORD)
+    except zstandard.ZstdError as error:
+        raise SectionError(f"a compressed message cannot be read: {error}") from None
+    expands.spend(len(plain), seen)
+    return plain

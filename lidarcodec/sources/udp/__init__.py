@@ -1,0 +1,1 @@
+"""Live sensors: sockets, and who sends to them."""

@@ -1,0 +1,181 @@
+"""PositionListener: the position packets of a live sensor, put among its data packets by the kernel's times of arrival.
+
+A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: the call that takes data
+packets takes what has come here, too. Once somebody else sends to this port, the kernel drops what others send before
+it is queued, so that a flood takes neither the sensor's room nor the interpreter's time.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import struct
+from collections import Counter, deque
+from ipaddress import ip_address
+from typing import Final
+
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import Packet
+from lidarcodec.sources.udp.socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, dropped, open_socket, take_only_from
+from lidarcodec.units import DATA_PORT, MAX_POSITION_BYTES, MAX_POSITIONS, POSITION_PORT
+
+logger = logging.getLogger(__name__)
+
+_STAMP: Final = struct.Struct("@qq")
+_DROPS: Final = struct.Struct("@I")
+_CONTROL_BYTES: Final = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
+
+STEPPED_BACK_NS: Final = 10_000_000_000
+"""A packet that waits and is so far ahead of the data came before the clock was set back. Data itself is at most 5 s
+late (the queue of the live source)."""
+
+
+class PositionListener:
+    """Receives on one port of this machine.
+
+    counts: `position packets`, and what was lost: `kernel drops`, `wrong length`, `strangers`
+    stranger: address of the first of those, as text
+    """
+
+    def __init__(self, host: str, port: int, *, interface: str | None = None, share: bool = False) -> None:
+        """Raises SourceError if the address cannot be listened on."""
+        self._socket = open_socket(host, port, interface=interface, share=share, least_bytes=0)
+        self._waiting: deque[tuple[Packet, bytes]] = deque()
+        self._dropped = 0
+        self._tells_drops = dropped(self._socket) is not None
+        self._filters = self._tells_drops
+        self._only: bytes | None = None
+        self.counts: Counter[str] = Counter()
+        self.stranger = ""
+
+    def among(self, data: list[Packet], sender: bytes | None, *, anybody: bool = False) -> list[Packet]:
+        """These data packets, the last that came, with the position packets that came before and between them.
+
+        sender: address of the sensor; None while it is not known, and everything waits. anybody: take those of all
+        What comes behind the last data packet waits for the next call: if that has no data, nothing comes before it.
+        """
+        before = len(self._waiting)
+        self._drain(None if anybody else sender)
+        if sender is None and not anybody:
+            return data
+        merged: list[Packet] = []
+        for packet in data:
+            while self._waiting and self._is_due(self._waiting[0][0].stamp_ns, packet.stamp_ns):
+                self._take(merged, sender, anybody=anybody)
+            merged.append(packet)
+        if not data:
+            for _ in range(before):
+                self._take(merged, sender, anybody=anybody)
+        return merged
+
+    @staticmethod
+    def _is_due(stamp_ns: int, data_ns: int) -> bool:
+        """Whether a waiting packet goes before a data packet: it came before it, or by a clock that was set back."""
+        return stamp_ns <= data_ns or stamp_ns - data_ns > STEPPED_BACK_NS
+
+    def close(self) -> None:
+        """Close the socket; harmless when called twice."""
+        self._socket.close()
+
+    def _take(self, merged: list[Packet], sender: bytes | None, *, anybody: bool) -> None:
+        packet, own = self._waiting.popleft()
+        if anybody or own == sender:
+            merged.append(packet)
+            self.counts["position packets"] += 1
+        else:
+            self._refuse(own)
+
+    def _refuse(self, own: bytes) -> None:
+        self.counts["strangers"] += 1
+        self.stranger = self.stranger or str(ip_address(own))
+
+    def _let_in(self, sender: bytes | None) -> None:
+        """Have the kernel drop what strangers send, once there are any. sender: the sensor; None: let all in."""
+        wanted = sender if self.counts["strangers"] else None
+        if wanted == self._only or not self._filters:
+            return
+        try:
+            take_only_from(self._socket, wanted)
+        except OSError as error:  # closed meanwhile, or a kernel without filters: they are refused one by one
+            logger.debug("the port of position packets has no filter: %s", error)
+            self._filters = False
+        else:
+            self._only = wanted
+
+    def _count_drops(self) -> None:
+        """What the kernel dropped: of strangers, while it lets only the sensor in and has room for what that sends."""
+        found = dropped(self._socket) if self._tells_drops else None
+        if found is None:
+            return
+        total, filling = found
+        if total != self._dropped:
+            cause = "strangers" if self._only is not None and not filling else "kernel drops"
+            self.counts[cause] += (total - self._dropped) & 0xFFFFFFFF
+            self._dropped = total
+
+    def _drain(self, sender: bytes | None) -> None:
+        """Take what the kernel holds, up to a limit; the rest stays there. sender: the only one to take from."""
+        self._count_drops()
+        self._let_in(sender)
+        self._read(sender)
+        self._let_in(sender)
+
+    def _read(self, sender: bytes | None) -> None:
+        for _ in range(MAX_POSITIONS - len(self._waiting)):
+            try:
+                payload, control, flags, address = self._socket.recvmsg(MAX_POSITION_BYTES, _CONTROL_BYTES)
+            except OSError:  # nothing there, or closed meanwhile
+                return
+            stamp_ns = self._told(control)
+            if flags & socket.MSG_TRUNC:
+                self.counts["wrong length"] += 1
+                continue
+            own = _address(address[0])
+            if sender is not None and own != sender:
+                self._refuse(own)
+                continue
+            self._waiting.append((Packet(payload, stamp_ns, position=True), own))
+
+    def _told(self, control: list[tuple[int, int, bytes]]) -> int:
+        """The kernel's time of arrival in ns; counts what it says that it dropped."""
+        stamp_ns = 0
+        for level, kind, value in control:
+            if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) >= _STAMP.size:
+                seconds, ns = _STAMP.unpack_from(value)
+                stamp_ns = seconds * 1_000_000_000 + ns
+            elif self._tells_drops:
+                continue
+            elif level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL and len(value) >= _DROPS.size:
+                (total,) = _DROPS.unpack_from(value)
+                self.counts["kernel drops"] += (total - self._dropped) & 0xFFFFFFFF
+                self._dropped = total
+        return stamp_ns
+
+
+def listener_beside(
+    host: str, data_port: int, port: int | None, *, interface: str | None, share: bool
+) -> PositionListener | None:
+    """What listens for position packets beside a port of data packets, if anything does.
+
+    port: of position packets, 0 for none; None: 8308 beside port 2368, with a warning if that cannot be had, else none
+    Raises SourceError if a port that was named cannot be listened on.
+    """
+    if port is None and data_port != DATA_PORT:
+        return None
+    try:
+        wanted = POSITION_PORT if port is None else port
+        return PositionListener(host, wanted, interface=interface, share=share) if wanted else None
+    except SourceError as error:
+        if port is not None:
+            raise
+        logger.warning(
+            "position packets of the sensor cannot be received: %s; to go without them, add ?position=off", error
+        )
+        return None
+
+
+def _address(text: str) -> bytes:
+    """4 or 16 bytes; 4 of an IPv4 address in IPv6's clothes, as the receiver of data packets has it."""
+    address = ip_address(text.partition("%")[0])
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).packed

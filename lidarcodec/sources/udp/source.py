@@ -1,0 +1,253 @@
+"""UdpSource: the packets of a sensor that sends to this machine, live.
+
+A native thread drains the socket into a bounded queue, without the interpreter: a busy program loses nothing for
+seconds. What is lost all the same is counted: by the kernel (`kernel drops`), or where the queue was full (`queue
+drops`, oldest first).
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from lidarcodec import _native
+from lidarcodec.errors import SourceError
+from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
+from lidarcodec.sensors import find_calibration, identify
+from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.spec import Spec, address_of
+from lidarcodec.sources.table_search import TableSearch
+from lidarcodec.sources.udp.positions import listener_beside
+from lidarcodec.sources.udp.senders import Senders
+from lidarcodec.sources.udp.socket import open_socket
+from lidarcodec.sources.unit_calibration import warn_if_generic
+from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
+
+logger = logging.getLogger(__name__)
+
+QUEUE_PACKETS: Final = 16_384
+"""4.7 s of an HDL-64 in single return, 20 MB."""
+BATCH_PACKETS: Final = 1024
+TAKE_S: Final = 0.2
+"""Longest wait in native code, so that an interrupt of the main thread is seen."""
+REFUSED_PACKETS: Final = 64
+"""So many packets of another sensor, and none of an HDL-64E, end the source."""
+SAY_S: Final = 5.0
+"""After so long without a first packet a warning says that it is waited for."""
+WAIT_S: Final = 2.0
+"""A little more than the 1.2 s (4160 packets) in which the table comes round."""
+
+
+class UdpSource(PacketSource):
+    """Packets of one sensor at an address of this machine: the sender whose packets hang together as a sensor's do.
+
+    A sender is an address and a port. It is chosen by what it sent within 0.2 s, and another takes its place when it
+    falls silent or when its packets do not hang together and those of the other do; a FirstPacket comes first then.
+    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length`,
+    `position packets` (which are given), `position packets not kept` (that came to the port of data), `other sensor`.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int = DATA_PORT,
+        calibration: Path | None = None,
+        *,
+        src: str | None = None,
+        any_sender: bool = False,
+        idle_s: float | None = None,
+        wait_s: float = WAIT_S,
+        interface: str | None = None,
+        share: bool = False,
+        position: int | None = None,
+    ) -> None:
+        """Listens at once.
+
+        src:        take packets of this sender only;  any_sender: take those of all
+        idle_s:     `packets` ends when none came for so long
+        wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
+                    one that comes later replaces `sensor` while packets are read
+        position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
+        Raises SourceError if the address cannot be listened on, PacketError if another sensor sends there,
+        CalibrationError.
+        """
+        super().__init__(find_calibration(None, calibration, ()), live=True)
+        wanted = None if src is None else address_of(src)
+        sock = open_socket(host, port, interface=interface, share=share)
+        with sock:
+            self.address: tuple[str, int] = sock.getsockname()[:2]
+            pinned = b"" if wanted is None else wanted.packed
+            self._positions = listener_beside(host, self.address[1], position, interface=interface, share=share)
+            self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS, pinned, any_sender)  # a copy of it
+        self.label = f"UDP {self.address[0]} port {self.address[1]}"
+        self._idle_s, self._any = idle_s, any_sender
+        self._senders = Senders(self.label, str(wanted or ""), any_sender)
+        self._look_s = 0.0
+        self._sender = 0
+        self._known: tuple[int, bytes | None] = (0, None)
+        self._searches = calibration is None
+        self._opened = False
+        self._last_ns: int | None = None
+        self._held: deque[Packet] = deque()
+        self._table = table = TableSearch() if calibration is None else None
+        if table is not None:
+            try:
+                self._await(table, wait_s)
+            except BaseException:
+                self.close()
+                raise
+        self._opened = True
+
+    @classmethod
+    def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
+        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=` names."""
+        spec.only("src", "any", "idle", "wait", "interface", "share", "position")
+        host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
+        if not host and not port.isdigit():
+            host, port = port, ""
+        if port and not is_number(port, 65535):
+            raise SourceError(f"{spec.text}: the port must be a number up to 65535")
+        return cls(
+            host.strip("[]"),
+            int(port or DATA_PORT),
+            calibration,
+            src=spec.options.get("src"),
+            any_sender=spec.flag("any"),
+            idle_s=spec.number("idle", 0.001, 1e9),
+            wait_s=WAIT_S if (wait_s := spec.number("wait", 0.0, 60.0)) is None else wait_s,
+            interface=spec.options.get("interface"),
+            share=spec.flag("share"),
+            position=spec.position_port(),
+        )
+
+    def packets(self) -> Iterator[Packet]:
+        """Packets as they come, each once, with the kernel's time of arrival; ends when `close` is called, when none
+        came for `idle_s`, or behind those that had come when `finish` was called. Cost: 5 us a packet.
+
+        Raises PacketError if another sensor sends here and no HDL-64E, SourceError if the socket fails.
+        """
+        heard, told = time.monotonic(), False
+        while not self.closed:
+            if not self._held:
+                self._pump(TAKE_S if self._idle_s is None else min(TAKE_S, self._idle_s))
+            if self._held:
+                while self._held and not self.closed:
+                    packet = self._held.popleft()
+                    if self._last_ns is not None and packet.stamp_ns > self._last_ns:
+                        return
+                    yield packet
+                heard, told = time.monotonic(), True
+            elif self._receiver.holding():
+                heard = time.monotonic()
+            elif self._last_ns is not None:
+                return
+            elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
+                logger.info("%s: nothing came for %g s", self.label, self._idle_s)
+                return
+            elif not told and time.monotonic() - heard >= SAY_S:
+                told = True
+                self._say_silent()
+
+    def finish(self) -> None:
+        """End `packets` behind what has come by now. Waits for nothing, so a signal handler may call it."""
+        self._last_ns = time.time_ns()
+
+    def close(self) -> None:
+        """Close the socket; ends a `packets` that waits, from any thread."""
+        super().close()
+        self._receiver.stop()
+        self._count()
+        self._senders.close()
+        if self._positions is not None:
+            self._positions.close()
+
+    def _say_silent(self) -> None:
+        limit_s = self._idle_s
+        until = "until Ctrl-C (?idle=60 gives up after 60 s)" if limit_s is None else f"for up to {limit_s:g} s"
+        logger.warning("%s: nothing came within %g s; waiting %s", self.label, SAY_S, until)
+
+    def _await(self, table: TableSearch, wait_s: float) -> None:
+        """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
+        end = time.monotonic() + wait_s
+        while not table.settled and (left_s := end - time.monotonic()) > 0.0:
+            self._pump(min(left_s, TAKE_S))
+        if table.sensor is None:
+            self.sensor = find_calibration(None, None, table.first)
+
+    def _pump(self, limit_s: float) -> None:
+        """Hold what has come, waiting for it.
+
+        Raises PacketError, SourceError.
+        """
+        payloads, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
+        came: list[Packet] = []
+        for number, (stamp_ns, sender) in enumerate(zip(stamps_ns.tolist(), senders.tolist(), strict=True)):
+            payload = payloads[number * PACKET_BYTES : (number + 1) * PACKET_BYTES]
+            kind = Packet
+            if sender != self._sender:
+                if self._sender and not self._any:
+                    kind = FirstPacket
+                    self._forget()
+                self._sender = sender
+            if self._table is not None and not self._table.push(payload):
+                self._learn(self._table)
+            came.append(kind(payload, stamp_ns))
+        if self._positions is not None:
+            came = self._positions.among(came, self._address_of(self._sender), anybody=self._any)
+        self._held.extend(came)
+        if (now_s := time.monotonic()) - self._look_s >= TAKE_S:
+            self._look_s = now_s
+            self._count()
+        if not self._sender and self.counts["other sensor"] >= REFUSED_PACKETS:
+            identify(self._receiver.foreign())  # raises
+        if self._receiver.failure() and not self.closed:
+            raise SourceError(f"{self.label}: {os.strerror(self._receiver.failure())}")
+
+    def _forget(self) -> None:
+        """Another sender: what was learned of the one before is not true of it."""
+        if self._searches:
+            self._table = TableSearch()
+            self.sensor = find_calibration(None, None, ()).with_convention(self.sensor.convention)
+            warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
+
+    def _learn(self, table: TableSearch) -> None:
+        """The search is over; what was found late replaces the generic calibration."""
+        self._table = None
+        if table.sensor is not None:
+            late = self._opened
+            self.sensor = table.sensor.with_convention(self.sensor.convention)
+            text = "%s: from now on the calibration %s from the sensor's status bytes is used"
+            logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
+
+    def _address_of(self, sender: int) -> bytes | None:
+        """Address of the sender with that id, of which there has been a packet; None while there is none."""
+        if sender != self._known[0]:
+            found = {number: where[0] for number, where, *_ in self._receiver.senders().report()}
+            self._known = sender, found.get(sender, self._known[1])
+        return self._known[1] if sender else None
+
+    def _count(self) -> None:
+        kernel, queue, wrong, position = self._receiver.counts()
+        judge = self._receiver.senders()
+        beside = Counter[str]() if self._positions is None else self._positions.counts
+        found = {
+            "kernel drops": kernel + beside["kernel drops"],
+            "queue drops": queue,
+            "wrong length": wrong + beside["wrong length"],
+            "position packets": beside["position packets"],
+            UNKEPT_POSITIONS: position,
+            "strangers": judge.refused + beside["strangers"],
+            "sender changes": judge.changes,
+            "other sensor": judge.other,
+        }
+        for cause, count in found.items():  # set, not added: `close` may do this in another thread at the same time
+            if count:
+                self.counts[cause] = count
+        self._senders.look(judge, self.counts)
+        if self._positions is not None:
+            self._senders.refused_positions(beside["strangers"], self._positions.stranger)

@@ -1,0 +1,1 @@
+"""The door: how connections come in, which are kept, and what they meet before HTTP."""

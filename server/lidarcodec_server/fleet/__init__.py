@@ -1,0 +1,1 @@
+"""The fleet: which streams there are, and what operators want of them."""

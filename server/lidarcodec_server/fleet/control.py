@@ -1,0 +1,370 @@
+"""Control: changes of streams, by operators, kept and sent to vehicles; and sent again to vehicles that come back.
+
+What is wanted is in the store before it is sent: whatever is killed in between, the vehicle gets it in the end. Changes
+of one stream go one after the other. A few threads look after vehicles that came, or did not answer.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
+from lidarcodec.settings import StreamSettings
+from lidarcodec.transport import Transport
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec.untrusted.json import JsonRefusedError
+from lidarcodec_server.fleet.desired import in_step, overlaid, wanted_with
+from lidarcodec_server.fleet.fleet import Fleet
+from lidarcodec_server.fleet.rivals import Override, Rivals
+from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.store.store import Store
+from lidarcodec_server.told import check_names, check_settings_size, first_frame, known_settings, read_answer
+
+logger = logging.getLogger(__name__)
+
+OTHERS = "somebody else"
+"""Who the audit log says it was when a vehicle has other settings than this server sent."""
+SERVER = "server"
+"""Who the audit log says it was when a vehicle that came back was told what operators want."""
+TURN_S = 10.0
+"""How long a change waits for those before it."""
+GET_S = 1.0
+AGAIN_S = 2.0
+RARELY_S = 60.0
+"""When a vehicle that is there and does not answer is asked again: at first, and after it never did."""
+WORKERS = 4
+CLOSE_S = 2.0
+"""How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
+MAX_REASON, MAX_FIELD = 500, 100
+
+
+class RefusedError(SettingsError):
+    """The vehicle refused a change; nothing changed."""
+
+
+class AwayError(LidarCodecError):
+    """The vehicle is not there, or does not answer."""
+
+
+class BusyError(LidarCodecError):
+    """Other changes of the stream take too long."""
+
+
+class Applied(NamedTuple):
+    """A vehicle's answer to a change."""
+
+    settings: StreamSettings
+    first_frame: int | None
+
+
+class State(NamedTuple):
+    """Where a stream's settings stand.
+
+    applied:  in force, None when the vehicle is away
+    desired:  all of them once the vehicle follows what operators set, None when they set nothing
+    operator: what they set;  refused: why the vehicle does not follow
+    """
+
+    applied: StreamSettings | None
+    desired: dict[str, Any] | None
+    operator: dict[str, Any]
+    first_frame: int | None = None
+    refused: str | None = None
+
+
+class Control:
+    """Changes streams; see the module. Thread-safe; methods block for seconds at most."""
+
+    def __init__(self, fleet: Fleet, store: Store, transport: Callable[[], Transport], answer_s: float = 3.0) -> None:
+        """transport: gives the network session, or raises TransportError while there is none"""
+        self._fleet, self._store, self._transport, self._answer_s = fleet, store, transport, answer_s
+        self._turns: dict[StreamKeys, tuple[threading.Lock, int]] = {}
+        self._turns_lock = threading.Lock()
+        self._due: dict[StreamKeys, float] = {}
+        self._wake = threading.Condition()
+        self._stopped = False
+        self._refusals: dict[StreamKeys, str] = {}
+        self._rivals = Rivals()
+        self._tries: dict[StreamKeys, int] = {}
+        self._warnings = SparseLog(logger)
+        self._threads = [
+            threading.Thread(target=self._look_after, name=f"lidarcodec server control {number}", daemon=True)
+            for number in range(WORKERS)
+        ]
+
+    def start(self) -> None:
+        """Begin to look after vehicles that come."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Stop looking after vehicles; harmless when called twice."""
+        with self._wake:
+            self._stopped = True
+            self._wake.notify_all()
+        end = time.monotonic() + CLOSE_S
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(max(0.0, end - time.monotonic()))
+
+    # --- what operators ask -----------------------------------------------------------------------------------------
+
+    def state(self, keys: StreamKeys, *, ask: bool = True) -> State:
+        """The settings in force, and those that are wanted. ask: have the vehicle say them, if it is there, rather than
+        take those that it told last
+        """
+        stream = self._fleet.get(keys)
+        last = applied = None if stream is None else stream.settings
+        if stream is not None:
+            applied = ((self._ask_settings(keys) if ask else None) or last) if stream.alive else None
+        wanted = self._store.desired(keys)
+        return State(applied, overlaid(wanted, applied or last), wanted, refused=self._refusals.get(keys))
+
+    def change(
+        self, keys: StreamKeys, changes: dict[str, Any], who: str, entered: Callable[[], object] = lambda: None
+    ) -> State:
+        """Change settings as a whole or not at all; `applied` is None when the vehicle will get them later.
+
+        entered: called once it stands in the audit log; what is refused before is not entered here
+
+        Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
+        StoreError, BusyError. Nothing changed then.
+        """
+        if not changes:
+            raise SettingsError("no setting is given: name at least one")
+        check_settings_size(changes)
+        check_names(changes.get("codec_settings"))
+        with self._turn(keys):
+            stream = self._fleet.get(keys)
+            alive = stream is not None and stream.alive
+            current = None if stream is None else stream.settings
+            if alive:
+                current = self._ask_settings(keys) or current
+            before = self._store.desired(keys)
+            wanted = wanted_with(before, changes, current)
+            asked = {field: wanted[field] for field in changes}
+            old = None if current is None else current.model_dump()
+            entry = self._store.begin(keys, who, "settings", asked, old, wanted)
+            entered()
+            try:
+                applied = self._send(keys, wanted) if alive else None
+            except RefusedError as error:
+                self._store.finish(entry, "refused", reason=str(error), restore=(keys, before))
+                raise
+            self._refusals.pop(keys, None)
+            self._rivals.forget(keys)
+            self._finish(keys, entry, applied)
+            if applied is None:
+                self.look_after(keys, AGAIN_S)
+                return State(None, overlaid(wanted, current), wanted)
+            self._rivals.sent(keys, wanted)
+            self._fleet.answered(keys, applied.settings)
+            return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
+
+    def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
+        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides.
+
+        entered: called once it stands in the audit log; where nothing was set nothing is entered here
+        """
+        with self._turn(keys):
+            before = self._store.desired(keys)
+            if before:
+                self._store.finish(self._store.begin(keys, who, "forget", {}, before, {}), "done")
+                entered()
+                self._refusals.pop(keys, None)
+                self._rivals.forget(keys)
+        return self.state(keys)
+
+    def key_frame(self, keys: StreamKeys) -> dict[str, Any]:
+        """Have the next message be a key frame; the vehicle's answer.
+
+        Raises AwayError.
+        """
+        stream = self._fleet.get(keys)
+        data = self._ask(keys.control_keyframe, {}, self._answer_s) if stream is not None and stream.alive else None
+        first = None if data is None else first_frame(data)
+        if data is None or first is None:
+            raise AwayError(f"{keys.vehicle}/{keys.sensor} is away, or does not answer")
+        return {"first_frame": first, "merged": data.get("merged") is True}
+
+    # --- vehicles that come back ------------------------------------------------------------------------------------
+
+    def look_after(self, keys: StreamKeys, in_s: float = 0.0) -> None:
+        """See soon whether a vehicle follows what is wanted, and send it if not."""
+        if not in_s:
+            self._tries.pop(keys, None)
+            self._rivals.returned(keys)
+        self._look_soon(keys, in_s)
+
+    def told(self, keys: StreamKeys) -> None:
+        """A vehicle told a status: see whether somebody else changed what was sent to it."""
+        stream = self._fleet.get(keys)
+        if stream is not None and stream.settings is not None and self._rivals.told(keys, stream.settings):
+            self._look_soon(keys)
+
+    def _look_soon(self, keys: StreamKeys, in_s: float = 0.0) -> None:
+        with self._wake:
+            due = time.monotonic() + in_s
+            self._due[keys] = min(due, self._due.get(keys, due))
+            self._wake.notify()
+
+    def _look_after(self) -> None:
+        while (keys := self._next()) is not None:
+            try:
+                settled = self._settle(keys)
+            except LidarCodecError as error:
+                self._warnings.warning("%s: settings could not be sent and will be tried again: %s", keys.prefix, error)
+                settled = False
+            except Exception:
+                logger.exception("%s: settings could not be sent", keys.prefix)
+                settled = True
+            if settled:
+                self._tries.pop(keys, None)
+            else:
+                tries = self._tries[keys] = self._tries.get(keys, 0) + 1
+                self.look_after(keys, min(AGAIN_S * 2 ** min(tries - 1, 10), RARELY_S))
+
+    def _next(self) -> StreamKeys | None:
+        with self._wake:
+            while not self._stopped:
+                now = time.monotonic()
+                keys = min(self._due, key=lambda one: self._due[one], default=None)
+                if keys is not None and self._due[keys] <= now:
+                    del self._due[keys]
+                    return keys
+                self._wake.wait(RARELY_S if keys is None else self._due[keys] - now)
+            return None
+
+    def _settle(self, keys: StreamKeys) -> bool:
+        """Whether nothing is left to do for a stream."""
+        with self._turn(keys):
+            stream = self._fleet.get(keys)
+            wanted = self._store.desired(keys)
+            if not wanted or stream is None or not stream.alive:
+                return True
+            changed = self._rivals.to_tell(keys)
+            if changed is not None or self._rivals.leave_it(keys):
+                self._leave_to_others(keys, wanted, changed)
+                return True
+            current = self._ask_settings(keys)
+            if current is None:
+                return False
+            if in_step(wanted, current):
+                self._refusals.pop(keys, None)
+                self._rivals.sent(keys, wanted)
+                return True
+            old = current.model_dump()
+            try:
+                applied = self._send(keys, wanted)
+            except RefusedError as error:
+                logger.warning("%s refuses the settings of operators: %s", keys.prefix, error)
+                self._refusals[keys] = str(error)
+                self._store.note(keys, SERVER, "settings", wanted, old, result="refused", reason=str(error))
+                return True
+            if applied is None:  # nothing for the audit log: it would be filled by a vehicle that may not be changed
+                return False
+            self._refusals.pop(keys, None)
+            new = applied.settings.model_dump()
+            outcome = {"result": "applied", "new": new, "first_frame": applied.first_frame}
+            self._store.note(keys, SERVER, "settings", wanted, old, **outcome)
+            self._fleet.answered(keys, applied.settings)  # now: what can be seen stands in the audit log
+            self._rivals.sent(keys, wanted)
+            return True
+
+    def _leave_to_others(self, keys: StreamKeys, wanted: dict[str, Any], changed: Override | None) -> None:
+        """Say that somebody else sets a vehicle. Nothing is sent: two servers would go on for ever."""
+        why = "another server or program also changes the settings of this vehicle"
+        if changed is not None:
+            why += f": {changed.text}"
+        if self._rivals.leave_it(keys):
+            why += "; nothing more is sent to it until its settings are changed here"
+        try:
+            if changed is not None and changed.new:
+                logger.warning("%s: %s", keys.prefix, why)
+                self._store.note(keys, OTHERS, "settings", wanted, result="overridden", reason=why)
+        finally:
+            self._refusals[keys] = why  # now: what can be seen stands in the audit log
+
+    def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
+        """Enter what came of a change. What the vehicle did stays done, should the store fail now."""
+        try:
+            if applied is None:
+                self._store.finish(entry, "stored")
+            else:
+                self._store.finish(entry, "applied", applied.settings.model_dump(), first_frame=applied.first_frame)
+        except LidarCodecError as error:
+            logger.warning("%s: the result of entry %d is missing in the audit log: %s", keys.prefix, entry, error)
+
+    # --- what vehicles are asked ------------------------------------------------------------------------------------
+
+    def _send(self, keys: StreamKeys, wanted: dict[str, Any]) -> Applied | None:
+        """The vehicle's answer to a change, None when there is none.
+
+        Raises RefusedError.
+        """
+        answer = self._ask(keys.control_set, wanted, self._answer_s)
+        if answer is None:
+            return None
+        if "retry_s" in answer:
+            self._warnings.warning("%s accepts no more changes for now: %s", keys.prefix, _told(answer.get("error")))
+            return None
+        if "error" in answer:
+            field = answer.get("field")
+            raise RefusedError(_told(answer["error"]), field[:MAX_FIELD] if isinstance(field, str) else None)
+        settings = known_settings(answer.get("applied"))
+        if settings is None:
+            logger.warning("%s: the answer to a change holds no settings", keys.prefix)
+            return None
+        return Applied(settings, first_frame(answer))
+
+    def _ask_settings(self, keys: StreamKeys) -> StreamSettings | None:
+        answer = self._ask(keys.control_get, {}, GET_S)
+        settings = known_settings((answer or {}).get("settings"))
+        if settings is not None:
+            self._fleet.answered(keys, settings)
+        return settings
+
+    def _ask(self, key: str, query: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        try:
+            data = self._transport().ask(key, json.dumps(query).encode(), timeout_s)
+            return None if data is None else read_answer(data)
+        except TransportError:
+            return None
+        except JsonRefusedError as error:
+            self._warnings.warning("cannot read the answer to %s: %s", key, error)
+            return None
+
+    @contextmanager
+    def _turn(self, keys: StreamKeys) -> Iterator[None]:
+        """Alone with a stream.
+
+        Raises BusyError when that takes too long.
+        """
+        with self._turns_lock:
+            lock, users = self._turns.get(keys, (threading.Lock(), 0))
+            self._turns[keys] = lock, users + 1
+        try:
+            if not lock.acquire(timeout=TURN_S):
+                raise BusyError(f"other changes of {keys.vehicle}/{keys.sensor} are still running: try again later")
+            try:
+                yield
+            finally:
+                lock.release()
+        finally:
+            with self._turns_lock:
+                lock, users = self._turns[keys]
+                if users == 1:
+                    del self._turns[keys]
+                else:
+                    self._turns[keys] = lock, users - 1
+
+
+def _told(reason: object) -> str:
+    """A vehicle's words, in a length that fits a log."""
+    return reason[:MAX_REASON] if isinstance(reason, str) and reason else "the vehicle gave no reason"

@@ -1,0 +1,397 @@
+"""Store: what has to survive a restart: tokens, the settings that operators want, and who changed what.
+
+Any SQLAlchemy URL works; SQLite and PostgreSQL are tested. Every method is one transaction, blocks, and raises
+StoreError, whose text names no password.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any, NamedTuple, cast
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
+
+from lidarcodec.errors import SettingsError
+from lidarcodec.settings import settings_from
+from lidarcodec.transport.keys import StreamKeys
+from lidarcodec_server.limits import SparseLog
+from lidarcodec_server.migrations import StoreError, upgrade
+from lidarcodec_server.store import database_file
+from lidarcodec_server.store.patience import Patience, never_for_ever
+from lidarcodec_server.store.storable import storable
+from lidarcodec_server.store.tables import audit, desired, facts, tokens
+from lidarcodec_server.told import check_settings_size
+
+logger = logging.getLogger(__name__)
+
+BUSY_S = 5.0
+"""How long to wait for a lock, a connection or a statement."""
+NEEDED = "tokens-needed"
+PRUNE_EVERY = 256
+"""How many entries of the audit log are written between two looks at its length."""
+
+
+class Token(NamedTuple):
+    """A token as it is kept: its digest, never itself."""
+
+    name: str
+    role: str
+    digest: str
+    created_ns: int
+    revoked_ns: int | None
+
+
+class Entry(NamedTuple):
+    """An entry of the audit log. vehicle, sensor: empty where it concerns no stream"""
+
+    id: int
+    vehicle: str
+    sensor: str
+    at_ns: int
+    who: str
+    action: str
+    changes: dict[str, Any]
+    old: dict[str, Any] | None
+    new: dict[str, Any] | None
+    result: str
+    reason: str | None
+    first_frame: int | None
+
+
+class Store:
+    """The database of a server. Thread-safe."""
+
+    def __init__(self, url: str, *, max_streams: int = 256, audit_rows: int = 1_000_000) -> None:
+        """Raises SettingsError for what is no URL of a database whose driver is there."""
+        self._max_streams, self._audit_rows, self._written = max_streams, audit_rows, 0
+        self._warnings = SparseLog(logger)
+        try:
+            parsed = sa.make_url(url)
+            if parsed.drivername in ("postgres", "postgresql"):
+                parsed = parsed.set(drivername="postgresql+psycopg")
+            self.name = parsed.render_as_string(hide_password=True)
+            self._engine = _engine(parsed)
+            self._patience = None if parsed.get_backend_name() == "sqlite" else Patience()
+            self._file = database_file.file_of(parsed)
+            self._identity: tuple[int, int] | None = None
+        except ArgumentError:  # its text may hold the password
+            raise SettingsError(
+                "the database URL is not valid: write for example sqlite:///server.db", "database_url"
+            ) from None
+        except ImportError as error:
+            raise SettingsError(f"the driver of {self.name} is not installed: {error}", "database_url") from None
+
+    def open(self, *, create: bool = True) -> None:
+        """Connect, and bring the schema up to date. create: make the file of a database that is none yet.
+
+        Raises StoreError.
+        """
+        file = self._file
+        if file is not None:
+            if not create and not file.exists():
+                raise StoreError(f"there is no database {file}: `serve` and `token create` create one")
+            database_file.make(file)
+            self._identity = database_file.identity(file)
+        with self._writing() as connection:
+            upgrade(connection)
+
+    def close(self) -> None:
+        """Give back all connections."""
+        self._engine.dispose()
+
+    def ready(self) -> bool:
+        """Whether the database answers."""
+        try:
+            with self._reading() as connection:
+                connection.execute(sa.select(sa.literal(1)))
+        except StoreError:
+            return False
+        return True
+
+    # --- tokens -----------------------------------------------------------------------------------------------------
+
+    def tokens(self) -> list[Token]:
+        """All that were ever made, revoked ones too, oldest first."""
+        columns = [tokens.c[name] for name in Token._fields]
+        with self._reading() as connection:
+            return [Token(*row) for row in connection.execute(sa.select(*columns).order_by(tokens.c.id))]
+
+    def add_token(self, name: str, role: str, digest: str, who: str = "") -> None:
+        """Keep a new token.
+
+        Raises SettingsError when the name was used before: the audit log has to stay unambiguous.
+        """
+        values = {"name": name, "role": role, "digest": digest, "created_ns": time.time_ns()}
+        try:
+            with self._writing() as connection:
+                connection.execute(sa.insert(tokens).values(values))
+                self._need(connection)
+                self._enter(connection, None, who, "token-create", {"token": name, "role": role}, None, result="done")
+        except _TakenError:
+            raise SettingsError(f"token '{name}' existed before: choose another name", "name") from None
+        self._write_note()
+
+    def revoke_token(self, name: str, who: str = "") -> bool:
+        """Make a token worthless. False if there is none of that name that still works."""
+        change = sa.update(tokens).where(tokens.c.name == name, tokens.c.revoked_ns.is_(None))
+        with self._writing() as connection:
+            if connection.execute(change.values(revoked_ns=time.time_ns())).rowcount != 1:
+                return False
+            self._enter(connection, None, who, "token-revoke", {"token": name}, None, result="done")
+            return True
+
+    def tokens_needed(self) -> bool:
+        """Whether a token was ever needed here, also if all tokens are gone: deleted, or with the whole database."""
+        if self._file is not None and database_file.note_of(self._file).exists():
+            return True
+        with self._reading() as connection:
+            return connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is not None
+
+    def need_tokens(self) -> None:
+        """Keep that tokens are needed from now on, whatever becomes of them."""
+        with self._writing() as connection:
+            self._need(connection)
+        self._write_note()
+
+    def forget_needed(self, who: str) -> None:
+        """Let everybody in again as long as no token is made; entered into the audit log."""
+        if not self.tokens_needed():
+            return
+        with self._writing() as connection:
+            connection.execute(sa.delete(facts).where(facts.c.name == NEEDED))
+            self._enter(connection, None, who, "open", {}, None, result="done")
+        if self._file is not None:
+            database_file.remove_note(self._file)
+
+    # --- settings that operators want -------------------------------------------------------------------------------
+
+    def desired(self, keys: StreamKeys) -> dict[str, Any]:
+        """The settings that an operator set for a stream; empty when none did."""
+        with self._reading() as connection:
+            return self._desired(connection, keys)
+
+    def all_desired(self) -> list[StreamKeys]:
+        """The streams that an operator set something for, by name."""
+        query = sa.select(desired.c.vehicle, desired.c.sensor).order_by(desired.c.vehicle, desired.c.sensor)
+        with self._reading() as connection:
+            return [StreamKeys(*row) for row in connection.execute(query)]
+
+    def begin(
+        self,
+        keys: StreamKeys,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None,
+        wanted: dict[str, Any] | None = None,
+    ) -> int:
+        """Enter into the audit log what is about to happen, and keep what is wanted from now on, if it is given; the
+        entry's id. An empty `wanted` forgets what was kept.
+
+        Raises SettingsError when settings are kept for as many streams as are allowed.
+        """
+        with self._writing() as connection:
+            if wanted is not None:
+                self._keep(connection, keys, wanted, time.time_ns())
+            return self._enter(connection, keys, who, action, changes, old, result="sent")
+
+    def note(
+        self,
+        keys: StreamKeys | None,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None = None,
+        **outcome: Any,
+    ) -> int:
+        """Enter into the audit log what has happened; the entry's id. outcome: `result`, and `new`, `reason`,
+        `first_frame`
+        """
+        with self._writing() as connection:
+            return self._enter(connection, keys, who, action, changes, old, **outcome)
+
+    def recount(self, entry: int, changes: dict[str, Any]) -> None:
+        """Change what an entry of the audit log counts."""
+        with self._writing() as connection:
+            connection.execute(sa.update(audit).where(audit.c.id == entry).values(changes=storable(changes)))
+
+    def finish(
+        self,
+        entry: int,
+        result: str,
+        new: dict[str, Any] | None = None,
+        reason: str | None = None,
+        first_frame: int | None = None,
+        restore: tuple[StreamKeys, dict[str, Any]] | None = None,
+    ) -> None:
+        """Enter what came of it; `restore` puts back the settings that were wanted before."""
+        values: dict[str, Any] = {"result": result, "reason": storable(reason), "first_frame": first_frame}
+        values["new"] = sa.null() if new is None else storable(new)
+        with self._writing() as connection:
+            connection.execute(sa.update(audit).where(audit.c.id == entry).values(values))
+            if restore is not None:
+                self._keep(connection, *restore, time.time_ns())
+
+    def audit(self, keys: StreamKeys | None, limit: int = 100, before: int | None = None) -> list[Entry]:
+        """Entries, newest first, of a stream, or of all and of what concerns none; `before` goes on behind the last one
+        of the page before.
+        """
+        query = sa.select(*[audit.c[name] for name in Entry._fields])
+        if keys is not None:
+            query = query.where(audit.c.vehicle == keys.vehicle, audit.c.sensor == keys.sensor)
+        if before is not None:
+            query = query.where(audit.c.id < before)
+        with self._reading() as connection:
+            return [Entry(*row) for row in connection.execute(query.order_by(audit.c.id.desc()).limit(limit))]
+
+    # --- inside a transaction ---------------------------------------------------------------------------------------
+
+    def _need(self, connection: Connection) -> None:
+        if connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is None:
+            connection.execute(sa.insert(facts).values(name=NEEDED, at_ns=time.time_ns()))
+
+    def _write_note(self) -> None:
+        """Afterwards: a token that could not be kept must close no server."""
+        if self._file is not None:
+            database_file.write_note(self._file)
+
+    def _desired(self, connection: Connection, keys: StreamKeys) -> dict[str, Any]:
+        query = sa.select(desired.c.settings)
+        found = connection.execute(query.where(*_of(keys))).scalar_one_or_none()
+        try:
+            kept = {} if found is None else dict(found)
+            check_settings_size(kept)
+            settings_from(kept)
+        except (SettingsError, TypeError, ValueError) as error:
+            self._warnings.warning("%s: cannot use the settings in the database: %s", keys.prefix, error)
+            return {}
+        return kept
+
+    def _keep(self, connection: Connection, keys: StreamKeys, wanted: dict[str, Any], now_ns: int) -> None:
+        if not wanted:
+            connection.execute(sa.delete(desired).where(*_of(keys)))
+            return
+        values = {"settings": wanted, "updated_ns": now_ns}
+        if connection.execute(sa.update(desired).where(*_of(keys)).values(values)).rowcount:
+            return
+        count = connection.execute(sa.select(sa.func.count()).select_from(desired)).scalar_one()
+        if count >= self._max_streams:
+            raise SettingsError(f"settings of {count} streams are stored, which is the limit: remove some first")
+        try:
+            with connection.begin_nested():
+                connection.execute(sa.insert(desired).values(vehicle=keys.vehicle, sensor=keys.sensor, **values))
+        except IntegrityError:  # another server was quicker
+            connection.execute(sa.update(desired).where(*_of(keys)).values(values))
+
+    def _enter(
+        self,
+        connection: Connection,
+        keys: StreamKeys | None,
+        who: str,
+        action: str,
+        changes: dict[str, Any],
+        old: dict[str, Any] | None,
+        new: dict[str, Any] | None = None,
+        **outcome: Any,
+    ) -> int:
+        vehicle, sensor = ("", "") if keys is None else (keys.vehicle, keys.sensor)
+        values = {"vehicle": vehicle, "sensor": sensor, "at_ns": time.time_ns(), "who": who[:64]}
+        values |= {"action": action, "changes": changes, "old": old, "new": new, **outcome}
+        values = {name: storable(value) for name, value in values.items()}
+        values |= {name: sa.null() for name in ("old", "new") if values[name] is None}
+        made = connection.execute(sa.insert(audit).values(values))
+        self._prune(connection)
+        return int(cast(Any, made.inserted_primary_key)[0])
+
+    def _prune(self, connection: Connection) -> None:
+        self._written += 1
+        if self._written % PRUNE_EVERY == 1:
+            newest = connection.execute(sa.select(sa.func.max(audit.c.id))).scalar_one()
+            connection.execute(sa.delete(audit).where(audit.c.id <= newest - self._audit_rows))
+
+    @contextmanager
+    def _reading(self) -> Iterator[Connection]:
+        with self._errors(), self._engine.begin() as connection:
+            yield connection
+
+    @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        with self._errors(), self._engine.connect() as connected:
+            connection = connected.execution_options(writes=True)
+            with connection.begin():
+                yield connection
+
+    def _follow_file(self) -> None:
+        """Use the file that has the database's name now: connections to one that was removed would keep nothing.
+
+        Raises StoreError if there is none.
+        """
+        if self._file is None or self._identity is None:
+            return
+        found = database_file.identity(self._file)
+        if found is None:
+            raise StoreError(f"the database {self._file} was removed: restore it, or restart to create a new one")
+        if found != self._identity:
+            logger.warning("another database is now at %s and is used from here on", self._file)
+            self._engine.dispose()
+            self._identity = found
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        self._follow_file()
+        try:
+            with nullcontext() if self._patience is None else self._patience.asking(_RestsError):
+                yield
+        except IntegrityError:
+            raise _TakenError("this name is already used") from None
+        except _RestsError as error:
+            raise StoreError(f"the database {self.name}: {error}") from None
+        except SQLAlchemyError as error:
+            reason = error.orig if isinstance(error, DBAPIError) else error
+            raise StoreError(f"the database {self.name}: {' '.join(str(reason).split())}") from None
+
+
+class _RestsError(Exception):
+    """The database did not answer, and is not asked for a while."""
+
+
+class _TakenError(StoreError):
+    """A row of that name is there."""
+
+
+def _of(keys: StreamKeys) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
+    return desired.c.vehicle == keys.vehicle, desired.c.sensor == keys.sensor
+
+
+def _engine(url: sa.URL) -> Engine:
+    """An engine that never waits for ever."""
+    if url.get_backend_name() == "sqlite":
+        engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
+        sa.event.listen(engine, "connect", _sqlite_connects)
+        sa.event.listen(engine, "begin", _sqlite_begins)
+        return engine
+    limits: dict[str, Any] = {}
+    if url.get_backend_name() == "postgresql":
+        milliseconds = int(1e3 * BUSY_S)
+        limits = {"connect_timeout": int(BUSY_S)}
+        limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
+    engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
+    if limits:
+        never_for_ever(engine)
+    return engine
+
+
+def _sqlite_connects(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions are ours: the driver's would leave out changes of the schema
+    for pragma in ("journal_mode=WAL", f"busy_timeout={int(1e3 * BUSY_S)}", "synchronous=FULL"):
+        connection.execute(f"PRAGMA {pragma}").close()
+
+
+def _sqlite_begins(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

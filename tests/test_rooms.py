@@ -1,0 +1,66 @@
+"""Rooms stay small enough to be looked over, and arrows between files go one way: docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+from collections import Counter
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+PARTS = ("lidarcodec", "server", "native", "clients")
+SIDE_BY_SIDE = 25
+LARGER = {"lidarcodec/commands": 35, "native/src": 151, "clients/web/src/view": 34}
+"""Of commands there are many, a file each."""
+
+
+def files_of(*parts: str) -> list[Path]:
+    """Files that are in the repository, or will be."""
+    listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--", *parts]
+    done = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("needs a checkout and git, which knows what was built and what was written")
+    return [Path(name) for name in done.stdout.splitlines() if (ROOT / name).is_file()]
+
+
+def test_no_folder_has_more_files_side_by_side_than_a_reader_looks_over() -> None:
+    beside = Counter(path.parent.as_posix() for path in files_of(*PARTS))
+    crowded = {folder: count for folder, count in beside.items() if count > LARGER.get(folder, SIDE_BY_SIDE)}
+    assert crowded == {}
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package and of the server's, by its name."""
+    found = {}
+    for home, package in ((ROOT, "lidarcodec"), (ROOT / "server", "lidarcodec_server")):
+        for path in (home / package).rglob("*.py"):
+            name = ".".join(path.relative_to(home).with_suffix("").parts).removesuffix(".__init__")
+            found[name] = path
+    return found
+
+
+def imports_of(node: ast.AST, known: dict[str, Path]) -> set[str]:
+    """Modules that a piece of code imports, at once or later; not what only types or a program's first lines need."""
+    found = set()
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, ast.If) and ast.unparse(inner.test) in ("TYPE_CHECKING", "__name__ == '__main__'"):
+            continue
+        if isinstance(inner, ast.ImportFrom) and inner.module:
+            full = (f"{inner.module}.{alias.name}" for alias in inner.names)
+            found |= {name if name in known else inner.module for name in full}
+        found |= imports_of(inner, known)
+    return found & known.keys()
+
+
+def test_no_imports_go_round_in_a_circle() -> None:
+    """Not even those inside functions: they would only hide it."""
+    known = modules()
+    arrows = {name: imports_of(ast.parse(path.read_text()), known) - {name} for name, path in known.items()}
+    try:
+        TopologicalSorter(arrows).prepare()
+    except CycleError as error:
+        raise AssertionError(f"a circle: {' -> '.join(error.args[1])}") from None
