@@ -22,15 +22,12 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 SOURCES = (
-    "predictive_*",
-    "riddle_*",
-    "processor",
-    "mask_*",
-    "warp*",
-    "range_history",
-    "fixed_angle",
-    "motion_*",
-    "intensity_*",
+    "predictive/*",
+    "network/*",
+    "base/processor",
+    "mask/*",
+    "motion/*",
+    "planes/intensity_*",
 )
 """Files of native/src that the program needs, without .cpp."""
 FLAGS = ("-std=c++20", "-ffp-contract=off", f"-I{ROOT / 'native' / 'src'}")
@@ -81,7 +78,7 @@ def build(way: Build, folder: Path, jobs: int = 2) -> Path:
     sources.append(ROOT / "native" / "check" / "codec_bytes.cpp")
 
     def compile_one(source: Path) -> Path:
-        made = folder / f"{source.stem}.o"
+        made = folder / f"{source.parent.name}-{source.stem}.o"
         subprocess.run([way.compiler, *way.options, *FLAGS, "-c", source, "-o", made], check=True)
         return made
 

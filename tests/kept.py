@@ -32,7 +32,7 @@ def kept(name: str, compiler: str, options: Sequence[str], make: Callable[[Path]
 def _fingerprint(compiler: str, options: Sequence[str]) -> str:
     version = subprocess.run([compiler, "--version"], check=True, capture_output=True).stdout
     digest = sha256(version + repr((compiler, *options)).encode())
-    for source in sorted((ROOT / "native").glob("[sc]*/*.?pp")):
+    for source in sorted((ROOT / "native").glob("[sc]*/**/*.?pp")):
         data = source.read_bytes()
         digest.update(f"\n{source.relative_to(ROOT)} {len(data)}\n".encode() + data)
     return digest.hexdigest()[:32]

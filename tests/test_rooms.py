@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
@@ -14,7 +15,7 @@ from tests.conftest import ROOT
 
 PARTS = ("lidarcodec", "server", "native", "clients")
 SIDE_BY_SIDE = 25
-LARGER = {"lidarcodec/commands": 35, "native/src": 151, "clients/web/src/view": 34}
+LARGER = {"lidarcodec/commands": 35, "clients/web/src/view": 34}
 """Of commands there are many, a file each."""
 
 
@@ -64,3 +65,31 @@ def test_no_imports_go_round_in_a_circle() -> None:
         TopologicalSorter(arrows).prepare()
     except CycleError as error:
         raise AssertionError(f"a circle: {' -> '.join(error.args[1])}") from None
+
+
+BELOW = {
+    "base": "",
+    "bits": "base",
+    "motion": "base",
+    "mask": "motion bits base",
+    "planes": "mask motion bits base",
+    "network": "bits base",
+    "predictive": "network mask bits base",
+    "ranges": "base",
+    "reduction": "motion base",
+    "packets": "base",
+    "simulator": "base",
+}
+"""Rooms of the native core, and those that they may include."""
+
+
+def test_the_rooms_of_the_native_core_include_only_what_is_below_them() -> None:
+    core = ROOT / "native" / "src"
+    assert {path.name for path in core.iterdir()} == BELOW.keys()
+    wrong = []
+    for path in core.rglob("*.[ch]pp"):
+        room = path.relative_to(core).parts[0]
+        for included in re.findall(r'^#include "(.*)"', path.read_text(), flags=re.MULTILINE):
+            if included.split("/")[0] not in (room, *BELOW[room].split()):
+                wrong.append(f"{path.relative_to(core)} includes {included}")
+    assert wrong == []

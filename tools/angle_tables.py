@@ -1,4 +1,4 @@
-"""Prints the constants of native/src/fixed_angle.hpp, in whole numbers only: the same on every machine."""
+"""Prints the constants of native/src/motion/fixed_angle.hpp, in whole numbers only: the same on every machine."""
 
 from __future__ import annotations
 

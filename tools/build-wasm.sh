@@ -15,8 +15,9 @@ if ! printf '#include <vector>\nstd::vector<int> v;\n' | "$cxx" --target=wasm32-
   exit 1
 fi
 
-core="azimuth_coder mask_coder mask_align mask_places mask_stream keep_coder intensity_coder predictive_coder predictive_read predictive_write processor riddle_net range_history
-      warp warp_surface fixed_angle"
+core="planes/azimuth_coder mask/coder mask/align mask/places mask/stream planes/keep_coder planes/intensity_coder
+      predictive/coder predictive/read predictive/write base/processor network/net motion/range_history motion/warp
+      motion/warp_surface motion/fixed_angle"
 sources=$(ls native/wasm/*.cpp; for name in $core; do echo "native/src/$name.cpp"; done)
 rm -rf "$objects"
 mkdir -p "$objects"
@@ -26,8 +27,8 @@ mkdir -p "$objects"
 for source in $sources; do
   echo "$source"
 done | xargs -P "${JOBS:-2}" -I{} sh -c '
-  name=$(basename {} .cpp)
-  case $name in api | decoder | stream_memory | predictive_coder | azimuth_coder | keep_coder | mask_places) level=-Os ;; *) level=-O2 ;; esac
+  name=$(basename $(dirname {}))-$(basename {} .cpp)
+  case $name in wasm-api | wasm-decoder | wasm-stream_memory | predictive-coder | planes-azimuth_coder | planes-keep_coder | mask-places) level=-Os ;; *) level=-O2 ;; esac
   exec ${CXX_WASM_LAUNCHER:-} '"$cxx"' --target=wasm32-wasi -std=c++20 $level -msimd128 -mbulk-memory -D__SSE2__ -ffp-contract=off \
     -fexceptions -fvisibility=hidden -ffunction-sections -fdata-sections -Wall -Wextra -MMD -MF "'"$objects"'/$name.d" \
     -Inative/wasm/sse2 -Inative/src -Inative/wasm -c {} -o "'"$objects"'/$name.o"'

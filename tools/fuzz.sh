@@ -46,7 +46,7 @@ for harness in native/fuzz/fuzz_*.cpp; do
     grep -E "number_of_executed_units|peak_rss" "build/fuzz/$name.log"
   else
     # shellcheck disable=SC2086
-    "${CXX:-c++}" $FLAGS -fsanitize=address,undefined "$harness" native/fuzz/driver.cpp native/src/*.cpp -o "build/fuzz/$name"
+    "${CXX:-c++}" $FLAGS -fsanitize=address,undefined "$harness" native/fuzz/driver.cpp $(find native/src -name '*.cpp') -o "build/fuzz/$name"
     "build/fuzz/$name" "$SECONDS_EACH" "$SEED"
   fi
 done

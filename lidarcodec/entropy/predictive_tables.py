@@ -1,4 +1,4 @@
-"""What the `predictive` coder knows before it has seen anything; also writes it as native/src/predictive_tables.hpp.
+"""What the `predictive` coder knows before it has seen anything; also writes it as native/src/predictive/tables.hpp.
 
 A scale class c stands for a mean difference of w = 2 ** ((c - 6.5) / 2) cells from one return to the next. For each:
 
@@ -11,7 +11,7 @@ narrow that ranges are about as likely anywhere in a leaf, and nothing is to be 
 (research/notes/narrow-leaves.md).
 
 The C++ compiler and libm of a machine have no part in it, so that all machines agree.
-    python -m lidarcodec.entropy.predictive_tables > native/src/predictive_tables.hpp
+    python -m lidarcodec.entropy.predictive_tables > native/src/predictive/tables.hpp
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ QUICK_LEAVES = (17, 14, 11, 10, 9, 8, 6)
 """k of leaves 0 to 6: they are a cell wide up to class k + 1, then twice as wide every second class."""
 LIMITS = (0.2, 0.5, 0.9, 1.4, 2.2, 3.6, 7.0)
 NATURAL_UNIT = 32768 / 6
-"""Steps of a cell in one natural unit of log odds (cells.hpp)."""
+"""Steps of a cell in one natural unit of log odds (bits/cells.hpp)."""
 
 
 def scale(c: int) -> float:

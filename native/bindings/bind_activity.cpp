@@ -1,6 +1,6 @@
-#include "activity.hpp"
+#include "ranges/activity.hpp"
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 
 namespace {
 

@@ -1,8 +1,8 @@
 #include <algorithm>
 
-#include "assembly.hpp"
+#include "packets/assembly.hpp"
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 
 namespace lc = lidarcodec;
 

@@ -1,8 +1,8 @@
-#include "azimuth_coder.hpp"
+#include "planes/azimuth_coder.hpp"
 #include "bindings.hpp"
-#include "error.hpp"
-#include "number_series.hpp"
-#include "numbers.hpp"
+#include "base/error.hpp"
+#include "bits/number_series.hpp"
+#include "bits/numbers.hpp"
 
 namespace {
 

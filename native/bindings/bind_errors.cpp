@@ -1,7 +1,7 @@
 #include <string>
 
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 
 namespace {
 

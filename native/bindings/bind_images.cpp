@@ -1,9 +1,9 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "error.hpp"
-#include "holes.hpp"
-#include "jpeg_writer.hpp"
+#include "base/error.hpp"
+#include "ranges/holes.hpp"
+#include "ranges/jpeg_writer.hpp"
 
 namespace lc = lidarcodec;
 

@@ -1,8 +1,8 @@
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "geometry.hpp"
-#include "intensity_coder.hpp"
-#include "intensity_choice.hpp"
+#include "planes/intensity_coder.hpp"
+#include "planes/intensity_choice.hpp"
 
 namespace {
 

@@ -1,8 +1,8 @@
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "geometry.hpp"
-#include "keep_coder.hpp"
-#include "mask_coder.hpp"
+#include "planes/keep_coder.hpp"
+#include "mask/coder.hpp"
 
 namespace {
 

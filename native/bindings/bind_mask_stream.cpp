@@ -1,7 +1,7 @@
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "frame_arrays.hpp"
-#include "mask_stream.hpp"
+#include "mask/stream.hpp"
 
 namespace {
 

@@ -1,10 +1,10 @@
-#include "beams.hpp"
+#include "motion/beams.hpp"
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "frame_arrays.hpp"
-#include "motion_search.hpp"
-#include "range_history.hpp"
-#include "warp.hpp"
+#include "motion/search.hpp"
+#include "motion/range_history.hpp"
+#include "motion/warp.hpp"
 
 namespace {
 

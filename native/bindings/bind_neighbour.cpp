@@ -1,8 +1,8 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "error.hpp"
-#include "neighbour.hpp"
+#include "base/error.hpp"
+#include "planes/neighbour.hpp"
 
 namespace {
 

@@ -1,9 +1,9 @@
 #include <memory>
 
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "geometry.hpp"
-#include "predictive_coder.hpp"
+#include "predictive/coder.hpp"
 #include "range_images.hpp"
 
 using lidarcodec::kMaskRows;

@@ -3,8 +3,8 @@
 #include <span>
 
 #include "bindings.hpp"
-#include "error.hpp"
-#include "udp_receiver.hpp"
+#include "base/error.hpp"
+#include "packets/udp_receiver.hpp"
 
 namespace lc = lidarcodec;
 

@@ -2,11 +2,11 @@
 #include <nanobind/stl/vector.h>
 
 #include "bindings.hpp"
-#include "cell_pick.hpp"
-#include "error.hpp"
+#include "reduction/cell_pick.hpp"
+#include "base/error.hpp"
 #include "frame_arrays.hpp"
-#include "returns.hpp"
-#include "seen_before.hpp"
+#include "reduction/returns.hpp"
+#include "reduction/seen_before.hpp"
 
 namespace {
 

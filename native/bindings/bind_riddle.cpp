@@ -2,9 +2,9 @@
 #include <string>
 
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "geometry.hpp"
-#include "predictive_coder.hpp"
+#include "predictive/coder.hpp"
 #include "range_images.hpp"
 #include "riddle_layers.hpp"
 

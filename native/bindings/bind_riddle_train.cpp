@@ -2,10 +2,10 @@
 #include <memory>
 
 #include "bindings.hpp"
-#include "error.hpp"
-#include "predictive_coder.hpp"
+#include "base/error.hpp"
+#include "predictive/coder.hpp"
 #include "riddle_layers.hpp"
-#include "riddle_train.hpp"
+#include "network/train.hpp"
 
 using lidarcodec::Error;
 using lidarcodec::ErrorCode;

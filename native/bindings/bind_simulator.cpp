@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "bindings.hpp"
-#include "error.hpp"
-#include "simulator.hpp"
+#include "base/error.hpp"
+#include "simulator/simulator.hpp"
 
 namespace {
 

@@ -1,6 +1,6 @@
 #include "bindings.hpp"
-#include "error.hpp"
-#include "voxel_index.hpp"
+#include "base/error.hpp"
+#include "reduction/voxel_index.hpp"
 
 namespace {
 

@@ -1,9 +1,9 @@
 // The arrays by which a frame's columns and a sensor's beams are known to the native core.
 #pragma once
-#include "beams.hpp"
+#include "motion/beams.hpp"
 #include "bindings.hpp"
-#include "error.hpp"
-#include "range_history.hpp"
+#include "base/error.hpp"
+#include "motion/range_history.hpp"
 
 inline constexpr std::size_t kMostColumns = 24'576;
 

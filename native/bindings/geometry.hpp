@@ -1,8 +1,8 @@
 // The arrays by which rows of a frame are known to the native coders: which halves fired, and of each row half and rotation.
 #pragma once
 #include "bindings.hpp"
-#include "error.hpp"
-#include "mask_coder.hpp"
+#include "base/error.hpp"
+#include "mask/coder.hpp"
 
 // fired: (2, W); half, rotation: (64,). The geometry points into `fired`.
 inline lidarcodec::MaskGeometry geometry_of(const In<std::uint8_t, 2>& fired, const In<std::uint8_t, 1>& half,

@@ -1,9 +1,9 @@
 // Range images and their cells, as Python gives them.
 #pragma once
 #include "bindings.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 #include "geometry.hpp"
-#include "predictive_coder.hpp"
+#include "predictive/coder.hpp"
 
 template <class T>
 void expect_image(const In<T, 2>& image, const lidarcodec::MaskGeometry& geometry) {

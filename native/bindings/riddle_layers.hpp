@@ -1,8 +1,8 @@
 // Layers of networks, as Python gives them.
 #pragma once
 #include "bindings.hpp"
-#include "error.hpp"
-#include "riddle_net.hpp"
+#include "base/error.hpp"
+#include "network/net.hpp"
 
 // cases: (96, out) biases of rows and scales, or (0, out) where there are none.
 inline lidarcodec::GivenLayer layer_of(const In<std::int16_t, 2>& weights, const In<std::int32_t, 1>& bias, std::uint32_t shift,

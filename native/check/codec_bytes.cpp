@@ -12,15 +12,15 @@
 #include <type_traits>
 #include <vector>
 
-#include "intensity_choice.hpp"
-#include "intensity_coder.hpp"
-#include "mask_coder.hpp"
-#include "mask_stream.hpp"
-#include "motion_search.hpp"
-#include "predictive_coder.hpp"
+#include "planes/intensity_choice.hpp"
+#include "planes/intensity_coder.hpp"
+#include "mask/coder.hpp"
+#include "mask/stream.hpp"
+#include "motion/search.hpp"
+#include "predictive/coder.hpp"
 #include "random_nets.hpp"
-#include "riddle_train.hpp"
-#include "warp.hpp"
+#include "network/train.hpp"
+#include "motion/warp.hpp"
 
 using namespace lidarcodec;
 

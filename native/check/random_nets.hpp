@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "predictive_coder.hpp"
+#include "predictive/coder.hpp"
 
 class RandomNumbers {
  public:

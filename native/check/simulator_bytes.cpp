@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <vector>
 
-#include "simulator.hpp"
+#include "simulator/simulator.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 5) return 2;

@@ -14,10 +14,10 @@
 #include <x86intrin.h>
 #endif
 
-#include "mask_align.hpp"
-#include "predictive_avx2.hpp"
-#include "predictive_image.hpp"
-#include "predictive_stage.hpp"
+#include "mask/align.hpp"
+#include "predictive/avx2.hpp"
+#include "predictive/image.hpp"
+#include "predictive/stage.hpp"
 
 using namespace lidarcodec;
 
@@ -134,7 +134,7 @@ struct Stages {
   std::vector<double> canvas, contexts, inputs, network, sums, learning, whole;
 };
 
-// Codes all rows of an image as `code_rows` of predictive_paths.hpp does, watched.
+// Codes all rows of an image as `code_rows` of predictive/paths.hpp does, watched.
 template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
 void code_watched(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image, Stages& stages) {
   using Rows = PredictiveRows<Coder, Watched<Forms>, kExpects, kLearned>;

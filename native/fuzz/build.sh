@@ -10,9 +10,9 @@ flags="-std=c++20 -O2 -g -ffp-contract=off -fno-sanitize-recover=undefined -I$he
 # Values that are compared are not followed: coded bytes hold no magic numbers, and to follow them takes a third of the time.
 checks="-fno-sanitize-coverage=trace-cmp -fsanitize-coverage-ignorelist=$here/not_followed.txt -fsanitize-ignorelist=$here/not_checked.txt"
 mkdir -p "$out/core"
-for source in "$here"/../src/*.cpp; do
-  case $(basename "$source") in sim_* | simulator* | udp_*) continue ;; esac  # no harness needs these
-  object="$out/core/$(basename "$source" .cpp).o"
+for source in $(find "$here/../src" -name '*.cpp'); do
+  case $source in */simulator/* | */udp_*) continue ;; esac  # no harness needs these
+  object="$out/core/$(basename "$(dirname "$source")")-$(basename "$source" .cpp).o"
   if [ ! "$object" -nt "$source" ] || [ -n "$(find "$here/../src" "$here"/build.sh "$here"/*.txt \( -name '*.hpp' -o -path "$here/*" \) -newer "$object")" ]; then
     echo "$source" "$object"
   fi

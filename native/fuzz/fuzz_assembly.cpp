@@ -4,8 +4,8 @@
 #include <cstring>
 #include <vector>
 
-#include "assembly.hpp"
-#include "error.hpp"
+#include "packets/assembly.hpp"
+#include "base/error.hpp"
 
 namespace lc = lidarcodec;
 

@@ -1,8 +1,8 @@
 // Any bytes as an azimuth section, and any rotations there and back.
 #include <cstdlib>
 
-#include "azimuth_coder.hpp"
-#include "error.hpp"
+#include "planes/azimuth_coder.hpp"
+#include "base/error.hpp"
 #include "fuzz_input.hpp"
 
 namespace {

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "mask_coder.hpp"
+#include "mask/coder.hpp"
 
 // Which halves of which columns fired, which half a row belongs to, and how far it is turned.
 struct FuzzGeometry {

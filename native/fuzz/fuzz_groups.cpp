@@ -4,9 +4,9 @@
 #include <cstring>
 #include <vector>
 
-#include "activity.hpp"
-#include "error.hpp"
-#include "neighbour.hpp"
+#include "ranges/activity.hpp"
+#include "base/error.hpp"
+#include "planes/neighbour.hpp"
 
 namespace lc = lidarcodec;
 

@@ -3,12 +3,12 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
-#include "intensity_coder.hpp"
-#include "intensity_symbols.hpp"
-#include "rangecoder.hpp"
+#include "planes/intensity_coder.hpp"
+#include "planes/intensity_symbols.hpp"
+#include "bits/rangecoder.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;

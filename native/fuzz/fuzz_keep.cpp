@@ -3,10 +3,10 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
-#include "keep_coder.hpp"
+#include "planes/keep_coder.hpp"
 
 using lidarcodec::EarlierMask;
 using lidarcodec::kMaskRows;

@@ -6,10 +6,10 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
-#include "intensity_choice.hpp"
+#include "planes/intensity_choice.hpp"
 
 namespace {
 

@@ -4,10 +4,10 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
-#include "mask_stream.hpp"
+#include "mask/stream.hpp"
 
 using namespace lidarcodec;
 

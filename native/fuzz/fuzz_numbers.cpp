@@ -3,10 +3,10 @@
 #include <array>
 #include <cstdlib>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_input.hpp"
-#include "number_series.hpp"
-#include "numbers.hpp"
+#include "bits/number_series.hpp"
+#include "bits/numbers.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   FuzzInput input(data, size);

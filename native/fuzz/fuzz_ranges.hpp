@@ -3,10 +3,10 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
-#include "predictive_coder.hpp"
+#include "predictive/coder.hpp"
 
 using Bytes = std::vector<std::uint8_t>;
 using Ranges = std::vector<std::uint16_t>;

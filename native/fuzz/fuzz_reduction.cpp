@@ -4,12 +4,12 @@
 #include <cstdlib>
 #include <vector>
 
-#include "cell_pick.hpp"
-#include "error.hpp"
+#include "reduction/cell_pick.hpp"
+#include "base/error.hpp"
 #include "fuzz_input.hpp"
-#include "returns.hpp"
-#include "seen_before.hpp"
-#include "voxel_index.hpp"
+#include "reduction/returns.hpp"
+#include "reduction/seen_before.hpp"
+#include "reduction/voxel_index.hpp"
 
 using namespace lidarcodec;
 

@@ -4,9 +4,9 @@
 #include <cstdlib>
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_input.hpp"
-#include "riddle_train.hpp"
+#include "network/train.hpp"
 
 using namespace lidarcodec;
 

@@ -2,10 +2,10 @@
 // or not. The input's first bytes say how much there is; the rest are the numbers.
 #include <vector>
 
-#include "error.hpp"
+#include "base/error.hpp"
 #include "fuzz_input.hpp"
-#include "motion_search.hpp"
-#include "warp.hpp"
+#include "motion/search.hpp"
+#include "motion/warp.hpp"
 
 using namespace lidarcodec;
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "decoder.hpp"
-#include "error.hpp"
+#include "base/error.hpp"
 
 #define EXPORT(name) extern "C" __attribute__((export_name(#name)))
 

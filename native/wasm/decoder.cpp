@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cstring>
 
-#include "azimuth_coder.hpp"
-#include "error.hpp"
-#include "intensity_coder.hpp"
-#include "keep_coder.hpp"
+#include "planes/azimuth_coder.hpp"
+#include "base/error.hpp"
+#include "planes/intensity_coder.hpp"
+#include "planes/keep_coder.hpp"
 
 namespace lidarcodec::wasm {
 namespace {

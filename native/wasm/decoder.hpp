@@ -10,11 +10,11 @@
 #include <memory>
 #include <vector>
 
-#include "beams.hpp"
-#include "mask_coder.hpp"
-#include "mask_stream.hpp"
-#include "predictive_coder.hpp"
-#include "range_history.hpp"
+#include "motion/beams.hpp"
+#include "mask/coder.hpp"
+#include "mask/stream.hpp"
+#include "predictive/coder.hpp"
+#include "motion/range_history.hpp"
 #include "stream_memory.hpp"
 
 namespace lidarcodec::wasm {

@@ -5,7 +5,7 @@
 #include <exception>
 #include <typeinfo>
 
-#include "error.hpp"
+#include "base/error.hpp"
 
 extern "C" {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "error.hpp"
-#include "warp.hpp"
+#include "base/error.hpp"
+#include "motion/warp.hpp"
 
 namespace lidarcodec::wasm {
 namespace {

@@ -8,8 +8,8 @@
 #include <optional>
 #include <vector>
 
-#include "beams.hpp"
-#include "range_history.hpp"
+#include "motion/beams.hpp"
+#include "motion/range_history.hpp"
 
 namespace lidarcodec::wasm {
 

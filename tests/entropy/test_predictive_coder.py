@@ -369,7 +369,7 @@ def test_free_ranges_in_single_steps_are_refused() -> None:
 
 
 def test_the_tables_of_the_core_are_those_of_the_generator() -> None:
-    assert (NATIVE / "predictive_tables.hpp").read_text() == predictive_tables.header()
+    assert (NATIVE / "predictive/tables.hpp").read_text() == predictive_tables.header()
 
 
 def test_the_example_in_the_module_runs() -> None:

@@ -1,4 +1,4 @@
-"""The azimuth coder in pure Python: same bytes as native/src/azimuth_coder.cpp, for reading and for tests.
+"""The azimuth coder in pure Python: same bytes as native/src/planes/azimuth_coder.cpp, for reading and for tests.
 
 Arrays are nested lists: azimuth[half][column] and fired[half][column], half 0 the upper.
 """

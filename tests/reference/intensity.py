@@ -1,4 +1,4 @@
-"""The intensity coder in pure Python: same bytes as native/src/intensity_*.hpp, for reading and for tests.
+"""The intensity coder in pure Python: same bytes as native/src/planes/intensity_*.hpp, for reading and for tests.
 
 The turn and the rate are the encoder's choice and not part of the format: here they are given.
 """

@@ -1,4 +1,4 @@
-"""The keep coder in pure Python: same bytes as native/src/keep_coder.cpp, for reading and for tests."""
+"""The keep coder in pure Python: same bytes as native/src/planes/keep_coder.cpp, for reading and for tests."""
 
 from __future__ import annotations
 

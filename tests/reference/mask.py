@@ -1,4 +1,4 @@
-"""The mask coder in pure Python: same bytes as native/src/mask_coder.cpp, for reading and for tests.
+"""The mask coder in pure Python: same bytes as native/src/mask/coder.cpp, for reading and for tests.
 
 How rows lie to each other (`turn`) and to the earlier frame (`shift`) is the encoder's choice and not part of the
 format: here it is given.

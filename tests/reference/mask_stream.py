@@ -1,4 +1,4 @@
-"""The mask coder of streams with memory in pure Python: bytes as of native/src/mask_stream.cpp, to read and to test."""
+"""The mask coder of streams with memory in pure Python: bytes as of native/src/mask/stream.cpp, to read and to test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The predictive coder in pure Python: same bytes as native/src/predictive_*.hpp, for reading and for tests.
+"""The predictive coder in pure Python: same bytes as native/src/predictive/*.hpp, for reading and for tests.
 
 The turn is the encoder's choice and not part of the format: here it is given. Of free ranges each gets the nearest cell
 here, while the native encoder takes what costs less: its bytes are others, and both are decoded by either.

@@ -1,6 +1,6 @@
 """What the predictive coder in pure Python knows of a return before it is coded: contexts, and ranges it may be near.
 
-Same as native/src/predictive_*.hpp; `predictive` codes with it.
+Same as native/src/predictive/*.hpp; `predictive` codes with it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Rows of the predictive coder in pure Python: what is around each, and in which order they come.
 
-Same as native/src/predictive_stage.hpp and predictive_coder.cpp; `predictive` codes with it.
+Same as native/src/predictive/stage.hpp and predictive/coder.cpp; `predictive` codes with it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What suits a series of whole numbers best, in Python: the same as native/src/number_series.cpp, for tests.
+"""What suits a series of whole numbers best, in Python: the same as native/src/bits/number_series.cpp, for tests.
 
 >>> import numpy as np
 >>> form, line, left, cost = best_form(np.array([7, 295, 583, 872, 1159], np.int64))

@@ -58,7 +58,10 @@ def builds() -> list[tuple[str, str]]:
 
 def build(folder: Path, compiler: str, level: str) -> Path:
     """The program native/check/simulator_bytes.cpp, built from the core alone."""
-    sources = [*sorted((ROOT / "native" / "src").glob("sim*.cpp")), ROOT / "native" / "check" / "simulator_bytes.cpp"]
+    sources = [
+        *sorted((ROOT / "native" / "src" / "simulator").rglob("*.cpp")),
+        ROOT / "native" / "check" / "simulator_bytes.cpp",
+    ]
     folder.mkdir()
 
     def compile_one(source: Path) -> Path:

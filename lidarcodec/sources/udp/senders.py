@@ -21,7 +21,7 @@ SHOWN: Final = 3
 
 
 class SenderVerdict(IntEnum):
-    """What is done with a packet; the numbers are those of native/src/udp_senders.hpp."""
+    """What is done with a packet; the numbers are those of native/src/packets/udp_senders.hpp."""
 
     KEEP = 0
     HOLD = 1
@@ -30,7 +30,7 @@ class SenderVerdict(IntEnum):
 
 
 class SenderReason(IntEnum):
-    """Why a sender was chosen; the numbers are those of native/src/udp_senders.hpp."""
+    """Why a sender was chosen; the numbers are those of native/src/packets/udp_senders.hpp."""
 
     NONE = 0
     FIRST = 1

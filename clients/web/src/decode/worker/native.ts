@@ -44,7 +44,7 @@ interface Exports {
 
 const ROWS = 64;
 const NONE = 0xffffffff;
-/** Of ErrorCode of native/src/error.hpp. */
+/** Of ErrorCode of native/src/base/error.hpp. */
 const CODES: readonly ErrorCode[] = ["section", "header", "truncated", "checksum", "section", "section"];
 
 /** Where a section lies in the message that was given last. */

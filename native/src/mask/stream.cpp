@@ -1,0 +1,156 @@
+#include "mask/stream.hpp"
+
+#include <algorithm>
+
+#include "base/error.hpp"
+#include "mask/avx2.hpp"
+#include "mask/coder.hpp"
+#include "mask/windows.hpp"
+#include "bits/rangecoder.hpp"
+
+namespace lidarcodec {
+namespace {
+
+struct PlainMaskForms {
+  using Odds = PlainOdds;
+
+  template <std::size_t count>
+  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at, const CellPicks&,
+                      const std::array<std::uint8_t*, count>& to) {
+    look_up_each(from, at.data(), 0, at.size(), to);
+  }
+
+  static void put(const std::uint8_t* values, const DirectionPicks& picks, std::size_t shift, std::uint8_t* to) {
+    put_groups(values, picks, shift, to, [](const std::uint8_t* cells, const std::uint8_t* behind, std::uint8_t* at) {
+      for (std::size_t i = 0; i < DirectionPicks::kGroup; ++i) at[i] = cells[behind[i]];
+    });
+  }
+
+  template <class Work>
+  static void run(const Work& work) {
+    work();
+  }
+};
+
+// Codes a row that was looked at.
+template <class Forms, class Bits>
+void code_row(Bits& bits_so_far, MaskModel& model, const MaskWindows& windows, std::uint8_t* cells, std::size_t n) {
+  Bits bits = bits_so_far;  // and others: so that a compiler sees that nobody else has them
+  std::int32_t left_over = model.left_over();
+  BitModel* const gates = model.gates();
+  const std::uint16_t* const gate_numbers = windows.gate.data();
+  using Odds = typename Forms::Odds;
+  Odds odds(model.cells());
+  typename Odds::Block block;
+  std::size_t known = n;  // the block whose contexts are
+  LeftCells left;
+  for (std::size_t k = 0; k < n; ++k) {
+    BitModel& gate = gates[gate_numbers[k] | left.few() << 6 | (left.bits & 1u) << 8];
+    std::uint32_t likely = gate.probability();
+    const bool sure = MaskModel::sure(likely);
+    if (!sure) {
+      if (known != k / kContextBlock) {
+        known = k / kContextBlock;
+        Forms::run([&windows, &block, known] {
+          ContextBlock numbers;
+          windows.number(known * kContextBlock, numbers);
+          Odds::put_block(numbers, block);
+        });
+      }
+      likely = MaskModel::likely(odds.sum(block, k % kContextBlock, left));
+    }
+    const auto learn = [&](bool bit) {
+      if (!sure) odds.move(MaskModel::move(bit, likely, left_over));
+      gate.update(bit);
+      if constexpr (Bits::kReads) cells[k] = bit;
+      left.take(bit);
+    };
+    // One of two ways, so that what comes next need not wait for a bit that is what it mostly is.
+    if (bits.bit(cells[k], likely)) learn(true);
+    else learn(false);
+  }
+  odds.end();
+  model.left_over() = left_over;
+  bits_so_far = bits;
+}
+
+}  // namespace
+
+template <class Bits>
+void MaskStream::code_on_path(const Bits& bits, const MaskView& view, std::uint8_t* rows) {
+#if defined(__x86_64__)
+  if (path_ == Path::Avx2) return code<Avx2MaskForms>(bits, view, rows);
+#endif
+  code<PlainMaskForms>(bits, view, rows);
+}
+
+template <class Forms, class Bits>
+void MaskStream::code(Bits bits, const MaskView& view, std::uint8_t* rows) {
+  MaskFrame frame(view, places_);
+  const MaskLayout& layout = frame.layout();
+  const std::size_t width = view.geometry.width;
+  MaskWindows windows(width);
+  PaddedRowOf<std::uint16_t> expected(width + MaskWindows::kRoom);
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    const std::size_t n = layout.cells(row);
+    if (n == 0) continue;
+    std::uint16_t* const range = expected.cells();
+    const std::vector<std::uint32_t>& columns = layout.columns(row);
+    if (view.expected != nullptr) {
+      const std::uint16_t* const from = view.expected + row * width;
+      if (layout.whole(row)) std::copy_n(from, n, range);
+      else for (std::size_t k = 0; k < n; ++k) range[k] = from[columns[k]];
+      expected.pad(n);
+    }
+    frame.begin_row(row, range);
+    Forms::run([&] { windows.template look<Forms>(frame, row, n, view.expected == nullptr ? nullptr : range); });
+
+    std::uint8_t* const cells = rows + row * width;
+    Forms::run([&] { code_row<Forms>(bits, model_, windows, cells, n); });
+    frame.template put<Forms>(cells, windows.here, windows.place, fresh_);
+  }
+  frame.end();
+  bits.finish();
+}
+
+void MaskStream::begin(bool fresh) {
+  fresh_ = fresh;
+  begun_ = true;
+  if (!fresh) return;
+  places_.forget();
+  model_.forget();
+}
+
+std::vector<std::uint8_t> MaskStream::encode(const std::uint8_t* mask, const MaskView& view) {
+  const MaskLayout layout(view.geometry);
+  ClosedRows closed(mask, layout, view.geometry.width);
+  if (closed.returns == 0 || closed.returns == closed.fired) return {closed.returns == 0 ? kMaskNone : kMaskAll};
+  std::vector<std::uint8_t> out = {begun_ ? kMaskGoesOn : kMaskBegins};
+  begin(!begun_);
+  BitWriter bits(out);
+  code_on_path(bits, view, closed.cells.data());
+  return out;
+}
+
+std::vector<std::uint8_t> MaskStream::decode(const std::uint8_t* data, std::size_t size, const MaskView& view) {
+  if (size == 0) throw Error(ErrorCode::Truncated, "a mask section holds no bytes");
+  if (data[0] != kMaskBegins && data[0] != kMaskGoesOn) throw Error(ErrorCode::Section, "a mask section of an unknown kind");
+  if (data[0] == kMaskGoesOn && !begun_) throw Error(ErrorCode::Section, "a mask section needs those of earlier frames");
+  begin(data[0] == kMaskBegins);
+  const MaskLayout layout(view.geometry);
+  const std::size_t width = view.geometry.width;
+  std::vector<std::uint8_t> rows(kMaskRows * width), mask(kMaskRows * width);
+  BitReader bits(data + 1, size - 1);
+  code_on_path(bits, view, rows.data());
+  for (std::size_t row = 0; row < kMaskRows; ++row) {
+    const std::uint8_t* from = rows.data() + row * width;
+    if (layout.whole(row)) {
+      std::copy_n(from, width, mask.data() + row * width);
+    } else {
+      for (const std::uint32_t column : layout.columns(row)) mask[row * width + column] = *from++;
+    }
+  }
+  return mask;
+}
+
+}  // namespace lidarcodec

@@ -1,0 +1,133 @@
+#include "motion/warp.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bitset>
+#include <memory>
+
+#include "motion/moved_row.hpp"
+#include "base/processor.hpp"
+#include "motion/warp_crossing.hpp"
+
+namespace lidarcodec {
+namespace {
+
+// Columns of a half that fired, and the angles of their azimuths.
+struct Fired {
+  std::vector<std::uint32_t> column;
+  std::vector<Angle> angle;
+
+  Fired(const Columns& columns, std::size_t half) {
+    const std::uint16_t* azimuth = columns.azimuth + half * columns.width;
+    const std::uint8_t* fired = columns.fired + half * columns.width;
+    for (std::size_t c = 0; c < columns.width; ++c) {
+      if (!fired[c]) continue;
+      column.push_back(static_cast<std::uint32_t>(c));
+      angle.push_back(angle_of_azimuth(azimuth[c]));
+    }
+  }
+};
+
+// In which sectors the beams of the rows look.
+std::bitset<kSectors> looked_at(const std::array<Fired, 2>& fired, const BeamTable& table, const Beams& beams) {
+  std::bitset<kSectors> sectors;
+  std::array<std::bitset<kSectors>, 2> blocks;
+  for (std::size_t h = 0; h < 2; ++h)
+    for (const Angle angle : fired[h].angle) blocks[h].set(sector_of(angle));
+  for (std::size_t row = 0; row < kRows; ++row) {
+    const std::size_t turned_by = sector_of(0u - beams[row].rotation);
+    for (std::size_t s = 0; s < kSectors; ++s) {
+      if (!blocks[table.half[row]][s]) continue;
+      sectors.set((s + turned_by) % kSectors);
+      sectors.set((s + turned_by + 1) % kSectors);
+    }
+  }
+  return sectors;
+}
+
+std::bitset<kSectors> widened(const std::bitset<kSectors>& sectors, std::size_t by) {
+  std::bitset<kSectors> wide;
+  for (std::size_t s = 0; s < kSectors; ++s)
+    for (std::size_t d = 0; d <= 2 * by; ++d)
+      if (sectors[s]) wide.set((s + kSectors + d - by) % kSectors);
+  return wide;
+}
+
+// Lasers sit on the left and on the right of the sensor. Those of one side are taken together.
+struct Side {
+  std::vector<std::uint8_t> rows;
+  std::int64_t sideways = 0;  // their mean
+
+  Side(const Beams& beams, bool left) {
+    for (std::size_t row = 0; row < kRows; ++row) {
+      if (!beams[row].usable || (beams[row].sideways < 0) != left) continue;
+      rows.push_back(static_cast<std::uint8_t>(row));
+      sideways += beams[row].sideways;
+    }
+    if (!rows.empty()) sideways = divided_down(sideways, static_cast<std::int64_t>(rows.size()));
+  }
+};
+
+template <class Form>
+[[gnu::always_inline]] inline std::vector<std::uint16_t> expect(const RangeHistory& history, const BeamTable& table, const Motion& motion,
+                                                                const Columns& columns) {
+  check_azimuths(columns);
+  std::vector<std::uint16_t> expected(kRows * columns.width);
+  const Beams beams = beams_of(table);
+  const std::array<Fired, 2> fired = {Fired(columns, 0), Fired(columns, 1)};
+  const std::bitset<kSectors> looked = looked_at(fired, table, beams);
+  if (looked.none()) return expected;
+
+  const std::array<Side, 2> sides = {Side(beams, false), Side(beams, true)};
+  const Taken upper(history, 0, nullptr), lower(history, 1, &upper);
+  const std::bitset<kSectors> sources = widened(looked, 3), seen = widened(looked, 1);
+  // One piece of memory each for both sides: what is asked for and given back in small pieces, the system takes away.
+  // They are not cleared here: that takes longer than it looks.
+  const std::unique_ptr<Place[]> places(new Place[2 * Surface::kPlaces]);
+  const std::unique_ptr<std::int32_t[]> lengths(new std::int32_t[2 * Surface::kPlaces]);
+  if (!seen.all()) std::fill_n(lengths.get(), 2 * Surface::kPlaces, 0);
+  std::array<Surface, 2> surfaces = {
+      Surface(beams, sides[0].rows, places.get(), lengths.get()),
+      Surface(beams, sides[1].rows, places.get() + Surface::kPlaces, lengths.get() + Surface::kPlaces)};
+  MovedRow moved;
+  for (std::size_t row = 0; row < kRows; ++row) {
+    moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
+    for (std::size_t side = 0; side < 2; ++side) {
+      const bool own = (beams[row].sideways < 0) == (side == 1);
+      if (!sides[side].rows.empty()) moved.lay(own ? beams[row].sideways : sides[side].sideways, surfaces[side].ring(row));
+    }
+  }
+  for (std::size_t side = 0; side < 2; ++side) {
+    if (sides[side].rows.empty()) continue;
+    for (std::size_t direction = 0; direction < kDirections; direction += 4)
+      if (seen[direction * kSectors / kDirections]) surfaces[side].template cross<Form>(direction);
+    surfaces[side].close();
+    for (const std::size_t row : sides[side].rows) {
+      const MetByRow met = surfaces[side].met_by(row);
+      const Fired& half = fired[table.half[row]];
+      std::uint16_t* to = expected.data() + row * columns.width;
+      for (std::size_t k = 0; k < half.angle.size(); ++k) to[half.column[k]] = met.range(half.angle[k] - beams[row].rotation);
+    }
+  }
+  return expected;
+}
+
+#if defined(__x86_64__)
+LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_at_once(const RangeHistory& history, const BeamTable& table,
+                                                                           const Motion& motion, const Columns& columns) {
+  return expect<FoursAtOnce>(history, table, motion, columns);
+}
+#endif
+
+}  // namespace
+
+std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const BeamTable& table, const Motion& motion,
+                                           const Columns& columns) {
+#if defined(__x86_64__)
+  static const bool at_once = quickest_path() == Path::Avx2;
+  if (at_once) return expect_at_once(history, table, motion, columns);
+#endif
+  return expect<FoursByTwo>(history, table, motion, columns);
+}
+
+}  // namespace lidarcodec

@@ -1,0 +1,154 @@
+// What is known of a return before its intensity is coded: its seven contexts, and the cells (bits/cells.hpp) of each.
+//
+// A symbol is coded as a walk down a binary tree, at most four levels first and then the others. A context has cells for
+// the decisions of the first levels, and for each of their ends cells for those of the others. The contexts are
+//
+//   0 a guess from symbols around, and the last symbol of the row      1 the last symbol, and the one before
+//   2 the one before, and the last                                     3 the last three
+//   4 the last four                                                    5 no-return cells since the last return
+//   6 no returns beside this one, the last symbol, and the row above
+//
+// mostly in classes of about equal mass. Symbols of the same row tell most: each laser has a scale of its own, and its
+// intensities alternate, so that the last but one is often nearer than the last.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#include "bits/cells.hpp"
+#include "planes/intensity_symbols.hpp"
+
+namespace lidarcodec {
+
+inline constexpr std::size_t kContexts = 7;
+
+// Symbols and cells around a return.
+struct Surroundings {
+  const std::uint8_t* last;   // four symbols of its row, the latest first
+  const std::uint8_t* above;  // its cell in the row above; read from -1 to 2
+  std::uint8_t gap;           // no-return cells since the last return, 3 for more
+  std::uint8_t edges;         // bit 1: the cell to the left is no return, bit 0: the one to the right
+};
+
+// `Depth` is that of the symbols' tree.
+template <int Depth>
+class IntensityModel {
+ public:
+  static constexpr int kFirst = std::min(Depth, 4);  // levels decided together at first,
+  static constexpr int kSecond = Depth - kFirst;     // and then
+  static constexpr std::uint32_t kFirstCells = 2;
+  static constexpr std::uint32_t kSecondCells = kSecond == 0 ? 0 : kSecond < 4 ? 1 : 2;
+  static constexpr std::uint32_t kRecord = kFirstCells + 16 * kSecondCells;  // cells of a context
+  using Named = std::array<Cells*, kContexts>;
+
+  explicit IntensityModel(const Symbols& symbols) {
+    const std::uint32_t fine = fine_class(symbols.count() - 1) + 1;
+    const std::array<std::uint32_t, kContexts> sizes = {256, 16 * fine, 16 * fine, 512, 1296, 4, 128};
+    std::uint32_t total = 0;
+    for (std::size_t i = 0; i < kContexts; ++i) {
+      begin_[i] = total * kRecord;
+      total += sizes[i];
+    }
+    cells_.resize(total * kRecord);
+    for (std::size_t s = 0; s < symbols.count(); ++s) parts_[s] = parts_of(symbols.mass_class[s], fine_class(s));
+    expect_guess(symbols);
+    rule_out_empty_leaves(symbols);
+  }
+
+  // The first cells of each context of a return.
+  Named contexts(const Surroundings& about) {
+    const std::uint8_t *last = about.last, *up = about.above;
+    const Parts &a = parts_[last[0]], &b = parts_[last[1]], &c = parts_[last[2]], &d = parts_[last[3]];
+    const std::uint32_t guess = (2u * (last[0] + last[1]) + last[2] + last[3] + up[0] + up[1]) / 8;
+    const std::uint32_t around = (0u + up[-1] + up[0] + up[1] + up[2]) / 4;
+    Cells* const cells = cells_.data();
+    return {cells + (a.last[0] + parts_[guess].guess),
+            cells + (a.last[1] + b.second[0]),
+            cells + (a.last[2] + b.second[1]),
+            cells + (a.last[3] + b.second[2] + c.third[0]),
+            cells + (a.last[4] + b.second[3] + c.third[1] + d.fourth),
+            cells + (begin_[5] + about.gap * kRecord),
+            cells + (a.last[5] + about.edges * (32 * kRecord) + parts_[around].around)};
+  }
+
+ private:
+  // What a symbol adds to where the cells of a context are, by its place among those around. One cache line.
+  struct alignas(64) Parts {
+    std::array<std::uint32_t, 6> last;    // to contexts 0 to 4, and 6
+    std::array<std::uint32_t, 4> second;  // to contexts 1 to 4
+    std::array<std::uint32_t, 2> third;   // to contexts 3 and 4
+    std::uint32_t fourth, guess, around;
+  };
+
+  static std::uint32_t fine_class(std::size_t symbol) { return static_cast<std::uint32_t>(symbol >> (Depth == 8)); }
+
+  Parts parts_of(std::uint32_t mass_class, std::uint32_t fine) const {
+    const std::uint32_t in16 = mass_class / 3, in8 = mass_class / 6, in6 = mass_class / 8, in4 = mass_class / 12;
+    constexpr std::uint32_t r = kRecord;
+    return {{begin_[0] + in16 * r, begin_[1] + fine * 16 * r, begin_[2] + in16 * r, begin_[3] + in8 * 64 * r,
+             begin_[4] + in6 * 216 * r, begin_[6] + in8 * 4 * r},
+            {in16 * r, fine * 16 * r, in8 * 8 * r, in6 * 36 * r},
+            {in8 * r, in6 * 6 * r},
+            in6 * r,
+            in16 * 16 * r,
+            in4 * r};
+  }
+
+  // Sets one log odds: that of the decision at `level` to which the leaves that begin with `way` lead.
+  void set(Cells* record, int level, std::uint32_t way, int odds) {
+    std::uint32_t cell = 0, node = (1u << level) + way;
+    if (level >= kFirst) {
+      const int deeper = level - kFirst;
+      cell = kFirstCells + kSecondCells * (way >> deeper);
+      node = (1u << deeper) + (way & ((1u << deeper) - 1));
+    }
+    const auto value = static_cast<std::int16_t>(odds);
+    std::memcpy(reinterpret_cast<char*>(record + cell) + sizeof value * node, &value, sizeof value);
+  }
+
+  // Context 0 starts from a distribution that falls off on both sides of its guess, by e in an eighth of the leaves.
+  void expect_guess(const Symbols& symbols) {
+    const std::size_t n = symbols.count();
+    for (std::size_t s = 0, end = 0; s < n; s = end) {
+      const std::uint32_t guess = symbols.mass_class[s] / 3u;
+      for (end = s + 1; end < n && symbols.mass_class[end] / 3u == guess; ++end) {
+      }
+      const auto centre = static_cast<std::int32_t>(((s + end) << Depth) / n);  // in half leaves
+      Cells* const record = cells_.data() + begin_[0] + guess * 16 * kRecord;
+      for (int level = 0; level < Depth; ++level) {
+        const std::int32_t half = 1 << (Depth - level);  // of the leaves below, in half leaves
+        for (std::uint32_t way = 0; way < 1u << level; ++way) {
+          const std::int32_t middle = (2 * static_cast<std::int32_t>(way) + 1) * half;
+          set(record, level, way, std::clamp(centre - middle, -half, half) * 21845 >> Depth);
+        }
+      }
+      for (std::uint32_t last = 1; last < 16; ++last) std::copy_n(record, kRecord, record + last * kRecord);
+    }
+  }
+
+  // Context 5 knows where the tree has no symbols.
+  void rule_out_empty_leaves(const Symbols& symbols) {
+    for (int level = 0; level < Depth; ++level) {
+      const std::uint32_t half = 1u << (Depth - level - 1);
+      for (std::uint32_t way = 0; way < 1u << level; ++way) {
+        const auto any = [&](std::uint32_t from) {
+          const auto* leaves = symbols.of_leaf.data() + from;
+          return std::any_of(leaves, leaves + half, [](std::uint16_t symbol) { return symbol != kNoSymbol; });
+        };
+        const bool zero = any(2 * way * half), one = any((2 * way + 1) * half);
+        if (zero == one) continue;
+        for (std::uint32_t gap = 0; gap < 4; ++gap)
+          set(cells_.data() + begin_[5] + gap * kRecord, level, way, one ? 32767 : -32768);
+      }
+    }
+  }
+
+  std::array<Parts, 256> parts_{};
+  std::array<std::uint32_t, kContexts> begin_{};
+  std::vector<Cells> cells_;
+};
+
+}  // namespace lidarcodec

@@ -1,0 +1,163 @@
+// Rows of intensities: what is coded when, and how models learn from it.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+#include <vector>
+
+#include "bits/cells.hpp"
+#include "base/error.hpp"
+#include "planes/intensity_model.hpp"
+#include "bits/wide_coder.hpp"
+
+namespace lidarcodec {
+
+// The returns of a row: their cells, and the no returns about each.
+struct RowReturns {
+  std::size_t count = 0;
+  std::vector<std::uint32_t> cell;
+  std::vector<std::uint8_t> gap, edges;  // as in Surroundings
+
+  explicit RowReturns(std::size_t width) : cell(width + 1), gap(width + 1), edges(width + 1) {}
+
+  // `row`: n closed-up cells of a mask.
+  void find(const std::uint8_t* row, std::size_t n) {
+    std::uint32_t* to_cell = cell.data();
+    std::uint8_t *to_gap = gap.data(), *to_edges = edges.data();
+    std::size_t found = 0;
+    std::uint32_t since = 0, before = 1;
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::uint32_t is = row[k], after = k + 1 < n ? row[k + 1] : 1u;
+      to_cell[found] = static_cast<std::uint32_t>(k);
+      to_gap[found] = static_cast<std::uint8_t>(std::min(since, 3u));
+      to_edges[found] = static_cast<std::uint8_t>(3u - 2 * before - after);
+      found += is;
+      since = is ? 0 : since + 1;
+      before = is;
+    }
+    count = found;
+  }
+};
+
+// One half of each row: its coder, and where that has come to.
+template <class Coder>
+struct Half {
+  Coder coder;
+  WideInterval interval{};
+  std::array<std::uint8_t, 4> last{};  // symbols, the latest first
+  std::size_t next = 0;                // return of the row
+};
+
+// Codes rows of symbols; `Coder` is WideEncoder or WideDecoder. The two halves of a row take turns, a symbol each.
+template <int Depth, class Coder>
+class RowCoder {
+ public:
+  static constexpr bool kReads = std::is_same_v<Coder, WideDecoder>;
+  using Halves = std::array<Half<Coder>, 2>;
+
+  RowCoder(const Symbols& symbols, std::uint32_t rate, Halves& halves)
+      : symbols_(symbols), model_(symbols), rate_(static_cast<std::int16_t>(rate)), halves_(halves) {}
+
+  // Writes or reads the symbols of the returns of a row. `above`: the row above as seen from this one, with its margin.
+  // Raises Section or Truncated.
+  void code(const RowReturns& returns, const std::uint8_t* above, std::uint8_t* symbols) {
+    const std::size_t n = returns.count, half = (n + 1) / 2;
+    for (std::size_t h = 0; h < 2; ++h) {
+      const std::size_t first = h == 0 ? 0 : half;
+      halves_[h].next = first;
+      if (first < n) halves_[h].last.fill(above[returns.cell[first]]);
+      if constexpr (!kReads) halves_[h].coder.make_room(half * Depth);
+    }
+    for (std::size_t i = half; i < n; ++i) step<2>(returns, above, symbols);
+    if (n % 2 != 0) step<1>(returns, above, symbols);
+    if (unknown_) throw Error(ErrorCode::Section, "an intensity that is none of those announced");
+  }
+
+ private:
+  using Model = IntensityModel<Depth>;
+  template <std::size_t N, class T>
+  using Each = std::array<T, N>;  // of the halves that code a symbol
+
+  // The next symbol of the first N halves.
+  template <std::size_t N>
+  void step(const RowReturns& returns, const std::uint8_t* above, std::uint8_t* symbols) {
+    Each<N, typename Model::Named> cells;
+    Each<N, WideInterval> interval;
+    Each<N, std::uint32_t> leaf{}, way;
+    for (std::size_t h = 0; h < N; ++h) {
+      const Half<Coder>& half = halves_[h];
+      const std::uint32_t cell = returns.cell[half.next];
+      cells[h] = model_.contexts({half.last.data(), above + cell, returns.gap[half.next], returns.edges[half.next]});
+      interval[h] = half.interval;
+      if constexpr (!kReads) leaf[h] = symbols_.leaf[symbols[cell]];
+    }
+    walk<Model::kFirst, Model::kFirstCells>(cells, interval, Model::kSecond, leaf, way);
+    if constexpr (Model::kSecond > 0) {
+      Each<N, std::uint32_t> first = way;
+      for (std::size_t h = 0; h < N; ++h)
+        for (Cells*& cell : cells[h]) cell += Model::kFirstCells + Model::kSecondCells * first[h];
+      walk<Model::kSecond, Model::kSecondCells>(cells, interval, 0, leaf, way);
+      for (std::size_t h = 0; h < N; ++h) way[h] += first[h] << Model::kSecond;
+    }
+    for (std::size_t h = 0; h < N; ++h) {
+      Half<Coder>& half = halves_[h];
+      const std::uint16_t symbol = symbols_.of_leaf[way[h]];
+      unknown_ |= symbol == kNoSymbol;
+      half.interval = interval[h];
+      half.last = {static_cast<std::uint8_t>(symbol), half.last[0], half.last[1], half.last[2]};
+      symbols[returns.cell[half.next++]] = half.last[0];
+    }
+  }
+
+  // `Levels` decisions of each of N leaves, of which `below` bits come later: `way` is what was decided. All that is
+  // known of them is computed first, all is learned last: what is the same for both halves counts for both.
+  template <int Levels, std::uint32_t Vectors, std::size_t N>
+  void walk(const Each<N, typename Model::Named>& cells, Each<N, WideInterval>& interval, int below,
+            const Each<N, std::uint32_t>& leaf, Each<N, std::uint32_t>& way) {
+    Each<N, std::array<Cells, Vectors>> p;
+    alignas(16) Each<N, std::array<std::int16_t, 8 * Vectors>> chance;
+    Each<N, std::uint32_t> node;
+    for (std::size_t h = 0; h < N; ++h) {
+      const typename Model::Named& c = cells[h];
+      for (std::uint32_t v = 0; v < Vectors; ++v) {
+        p[h][v] = probabilities(((c[0][v] + c[1][v]) + (c[2][v] + c[3][v])) + ((c[4][v] + c[5][v]) + c[6][v]));
+        p[h][v].store(chance[h].data() + 8 * v);
+      }
+      node[h] = 1;
+    }
+#pragma GCC unroll 4
+    for (int level = 0; level < Levels; ++level) {
+#pragma GCC unroll 2
+      for (std::size_t h = 0; h < N; ++h) {
+        const auto probability = static_cast<std::uint32_t>(chance[h][node[h]]);
+        std::uint32_t bit;
+        if constexpr (kReads) {
+          bit = halves_[h].coder.decode(interval[h], probability);
+        } else {
+          bit = leaf[h] >> (below + Levels - 1 - level) & 1u;
+          halves_[h].coder.encode(interval[h], bit, probability);
+        }
+        node[h] = 2 * node[h] + bit;
+      }
+    }
+    for (std::size_t h = 0; h < N; ++h) {
+      const Walk& walked = kWalks[node[h]];
+      for (std::uint32_t v = 0; v < Vectors; ++v) {
+        const Cells by = moves(Cells::load(walked.wanted.data() + 8 * v), Cells::load(walked.taken.data() + 8 * v),
+                               p[h][v], rate_);
+        for (Cells* cell : cells[h]) cell[v] = cell[v] + by;
+      }
+      way[h] = node[h] - (1u << Levels);
+    }
+  }
+
+  const Symbols& symbols_;
+  Model model_;
+  std::int16_t rate_;
+  Halves& halves_;
+  bool unknown_ = false;
+};
+
+}  // namespace lidarcodec

@@ -1,0 +1,138 @@
+// What is likely of a cell of a keep mask: models, their contexts, and how they are weighed. docs/wire-format-keep.md.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "bits/bitmodel.hpp"
+#include "motion/directions.hpp"
+
+namespace lidarcodec {
+
+inline constexpr std::size_t kKeepModels = 4;
+
+// Weighs the log odds of several models; the weights follow the error four times as fast as those of `Mixer`: a mask has
+// few cells that are kept, and each message begins anew.
+class KeepMixer {
+ public:
+  KeepMixer() { weights_.fill(26214); }  // 0.4
+
+  std::uint32_t mix(const std::array<BitModel*, kKeepModels>& models) {
+    std::int64_t sum = 0;
+    for (std::size_t i = 0; i < kKeepModels; ++i) {
+      inputs_[i] = kStretch[models[i]->raw() >> 20];
+      sum += static_cast<std::int64_t>(weights_[i]) * inputs_[i];
+    }
+    mixed_ = kSquash[static_cast<std::size_t>(std::clamp<std::int64_t>(sum >> 16, -2048, 2047) + 2048)];
+    return std::clamp<std::uint32_t>(mixed_, kSurest, 65536u - kSurest);
+  }
+
+  void update(bool bit) {
+    const std::int32_t error = (bit ? 65536 : 0) - static_cast<std::int32_t>(mixed_);
+    for (std::size_t i = 0; i < kKeepModels; ++i)
+      weights_[i] = std::clamp(weights_[i] + ((error * inputs_[i] + 0x2000) >> 14), -kHeaviest, kHeaviest);
+  }
+
+ private:
+  static constexpr std::int32_t kHeaviest = 1 << 20;  // 16.0
+  std::array<std::int32_t, kKeepModels> weights_{}, inputs_{};
+  std::uint32_t mixed_ = 0;
+};
+
+// Cells since the last kept one, in classes.
+inline constexpr std::array<std::uint8_t, 13> kGapLimits = {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 100};
+inline constexpr std::uint32_t kGapClasses = 14;
+inline constexpr std::uint32_t kLongestGap = 101;
+inline constexpr auto kGapClass = [] {
+  std::array<std::uint8_t, kLongestGap + 1> classes{};
+  for (std::uint32_t gap = 0; gap <= kLongestGap; ++gap)
+    for (const std::uint8_t limit : kGapLimits) classes[gap] = static_cast<std::uint8_t>(classes[gap] + (gap > limit));
+  return classes;
+}();
+
+// Rows since a direction was last kept, in classes: 0 up to the first of these limits; and how many directions around were lately.
+inline constexpr std::array<std::uint8_t, 4> kAgeLimits = {1, 2, 4, 8};
+constexpr std::uint32_t crowd_class(std::uint32_t count) {
+  return count < 3 ? count : count < 5 ? 3 : count < 9 ? 4 : count < 16 ? 5 : 6;
+}
+
+// Where a context begins, by the level of its direction.
+inline constexpr std::array<std::uint32_t, kDirectionLevels> kKeepPrior = {20000, 12000, 8500, 6000, 3600, 1800, 1200};
+
+// Of each direction, what the rows above say of it.
+class RowsAbove {
+ public:
+  std::uint32_t near(std::uint32_t direction) const { return age_class(direction, 2); }
+  std::uint32_t wide(std::uint32_t direction) const { return age_class(direction, 8); }
+
+  // crowd_class * 6 + finest level, of what was kept lately up to 16 directions away.
+  std::uint32_t crowd(std::uint32_t direction) const {
+    const std::uint32_t first = (direction + kDirections - 16) % kDirections;
+    const std::uint64_t around = lately_.from(first, 33);
+    std::uint32_t finest = kFinestDirection;
+    while (finest > 0 && (around & std::rotr(kOfLevel[finest], static_cast<int>(first % 64))) == 0) --finest;
+    return crowd_class(static_cast<std::uint32_t>(std::popcount(around))) * 6 + finest;
+  }
+
+  void keep(std::uint32_t direction) { kept_[0].add(direction); }
+
+  // The row is over.
+  void next() {
+    DirectionSet within;
+    for (std::size_t row = 0, limit = 0; row < kept_.size(); ++row) {
+      within.add(kept_[row]);
+      if (row + 1 == kLately) lately_ = within;
+      if (row + 1 == kAgeLimits[limit]) within_[limit++] = within;
+    }
+    std::copy_backward(kept_.begin(), kept_.end() - 1, kept_.end());
+    kept_[0] = {};
+  }
+
+ private:
+  static constexpr std::size_t kLately = 3;
+  // The directions of each level among 64 of them that begin at direction 0.
+  static constexpr auto kOfLevel = [] {
+    std::array<std::uint64_t, kFinestDirection + 1> of{};
+    for (std::uint32_t direction = 0; direction < 64; ++direction) of[direction_level(direction)] |= std::uint64_t{1} << direction;
+    return of;
+  }();
+
+  // Of the directions up to `reach` away, the one that was kept last.
+  std::uint32_t age_class(std::uint32_t direction, std::uint32_t reach) const {
+    const std::uint32_t first = (direction + kDirections - reach) % kDirections;
+    std::uint32_t age = 0;
+    while (age < kAgeLimits.size() && within_[age].from(first, 2 * reach + 1) == 0) ++age;
+    return age;
+  }
+
+  std::array<DirectionSet, kAgeLimits.back()> kept_;  // by this row, by the one above it, and so on
+  std::array<DirectionSet, kAgeLimits.size()> within_;  // by as many rows above as the limit says
+  DirectionSet lately_;
+};
+
+// A table of models, one for each level of direction and whatever else a context holds.
+template <std::size_t PerLevel>
+class KeepTable {
+ public:
+  KeepTable() {
+    for (std::size_t level = 0; level < kDirectionLevels; ++level)
+      for (std::size_t i = 0; i < PerLevel; ++i) models_[level * PerLevel + i] = BitModel(kKeepPrior[level]);
+  }
+  BitModel& of(std::size_t level, std::size_t context) { return models_[level * PerLevel + context]; }
+
+ private:
+  std::array<BitModel, kDirectionLevels * PerLevel> models_;
+};
+
+struct KeepModels {
+  KeepTable<kRowLevels * kGapClasses> gap;
+  KeepTable<kRowLevels * 42> crowd;
+  KeepTable<8 * kGapClasses> last;
+  KeepTable<kRowLevels * 25> above;   // without an earlier mask
+  KeepTable<kRowLevels * 8> earlier;  // with one
+  std::array<KeepMixer, kDirectionLevels> mixers;
+};
+
+}  // namespace lidarcodec
