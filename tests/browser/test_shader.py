@@ -74,7 +74,7 @@ RUN = """
 
 def shader(name: str) -> str:
     """A shader as the page hands it to the card."""
-    texts = dict(re.findall(r"const (\w+) = `(.*?)`;", (VIEW / "shaders.ts").read_text(), flags=re.DOTALL))
+    texts = dict(re.findall(r"const (\w+) = `(.*?)`;", (VIEW / "draw" / "shaders.ts").read_text(), flags=re.DOTALL))
     return re.sub(r"\$\{(\w+)\}", lambda found: texts[found[1]], texts[name])
 
 

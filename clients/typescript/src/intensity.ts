@@ -3,7 +3,7 @@
 import type { Columns } from "./azimuth.js";
 import { DecodeError, damaged } from "./errors.js";
 import { readModelled } from "./modelled.js";
-import { firedCells } from "./planes.js";
+import { firedCells } from "./rows.js";
 import type { Sensor } from "./sensor.js";
 import { zstdFrame } from "./zstd.js";
 

@@ -6,7 +6,7 @@ import { readIntensity } from "./intensity.js";
 import { SPARSE, SPARSE_WITH_EARLIER, readKeep } from "./keep.js";
 import { readMask } from "./mask.js";
 import { type Message, Section, needed } from "./message.js";
-import { ROWS, type Sensor } from "./sensor.js";
+import type { Sensor } from "./sensor.js";
 
 export interface Planes extends Columns {
   /** 64 x W: 1 for a return. */
@@ -27,16 +27,6 @@ export function readPlanes(message: Message, sensor: Sensor, earlier: Earlier | 
     ? readKeep(keep, columns, sensor, before)
     : readMask(keep ?? needed(message, Section.MASK, "a mask"), columns, sensor, before);
   return { ...columns, mask, intensity: readIntensity(message.section(Section.INTENSITY), mask, columns, sensor) };
-}
-
-/** Of each cell whether its half was fired, 64 x W. */
-export function firedCells({ width, fired }: Columns, sensor: Sensor): Uint8Array {
-  const cells = new Uint8Array(ROWS * width);
-  for (let row = 0; row < ROWS; row++) {
-    const begin = sensor.half[row] * width;
-    cells.set(fired.subarray(begin, begin + width), row * width);
-  }
-  return cells;
 }
 
 export function count(cells: Uint8Array): number {

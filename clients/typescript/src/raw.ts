@@ -3,7 +3,8 @@
 import { TURN } from "./azimuth.js";
 import { damaged } from "./errors.js";
 import { type Message, Section, needed } from "./message.js";
-import { type Planes, firedCells } from "./planes.js";
+import type { Planes } from "./planes.js";
+import { firedCells } from "./rows.js";
 import { ROWS, type Sensor } from "./sensor.js";
 
 function words(data: Uint8Array): Uint16Array {

@@ -72,3 +72,13 @@ export function spread(image: Uint8Array, row: number, columns: Int32Array, cell
   const begin = row * (image.length / ROWS);
   for (let k = 0; k < columns.length; k++) image[begin + columns[k]] = cells[k];
 }
+
+/** Of each cell whether its half was fired, 64 x W. */
+export function firedCells({ width, fired }: Columns, sensor: Sensor): Uint8Array {
+  const cells = new Uint8Array(ROWS * width);
+  for (let row = 0; row < ROWS; row++) {
+    const begin = sensor.half[row] * width;
+    cells.set(fired.subarray(begin, begin + width), row * width);
+  }
+  return cells;
+}

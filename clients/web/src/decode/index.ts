@@ -1,6 +1,6 @@
 /** Decodes messages of the frames socket in the page, in a thread of its own (README.md says which, and what it costs). */
 
-import type { SensorEvent } from "../view/sensor";
+import type { SensorEvent } from "../view/stream/sensor";
 import type { Asked } from "./protocol";
 
 /** Of a sensor what the cloud socket's event `sensor` says. */

@@ -1,10 +1,10 @@
 /** Frames that the page decodes itself. Messages of a codec that it cannot decode are asked for decoded, from the server,
  * until the stream has another codec; `note` says so. */
 
-import { parseFrame } from "../view/frame";
-import { type SensorTable, sensorTable } from "../view/sensor";
-import { CloudSocket, type Reception } from "../view/socket";
-import type { FrameSource, Sink, SourceOptions } from "../view/source";
+import { parseFrame } from "../view/stream/frame";
+import { type SensorTable, sensorTable } from "../view/stream/sensor";
+import { CloudSocket, type Reception } from "../view/stream/socket";
+import type { FrameSource, Sink, SourceOptions } from "../view/stream/source";
 import { createDecoder, DECODED_HERE, DecodeFailure } from "./index";
 
 export class DecodingSource implements FrameSource {

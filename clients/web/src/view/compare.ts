@@ -1,5 +1,5 @@
 /** The error of decoded ranges against those before coding, in figures. */
-import type { RangeFrame } from "./frame";
+import type { RangeFrame } from "./stream/frame";
 
 export interface Comparison {
   /** Returns that are in both. */

@@ -1,7 +1,7 @@
 /** How high the road lies, in the sensor's frame: the middle of what the lower beams hit. */
-import type { RangeFrame } from "./frame";
-import { MAX_COLUMNS, RINGS } from "./frame";
-import { type SensorTable, TEXELS } from "./sensor";
+import type { RangeFrame } from "./stream/frame";
+import { MAX_COLUMNS, RINGS } from "./stream/frame";
+import { type SensorTable, TEXELS } from "./stream/sensor";
 
 const STRIDE = 16;
 const LOWEST = 16;

@@ -1,13 +1,13 @@
 import { describe, expect, test } from "vitest";
-import { Backoff } from "./backoff";
-import { parseFrame } from "./frame";
+import { framesOfTurn } from "./draw/layers";
+import { layout } from "./draw/layout";
 import { Ground } from "./ground";
-import { framesOfTurn } from "./layers";
-import { layout } from "./layout";
 import { Motion } from "./motion";
 import { Quality } from "./quality";
-import { type SensorEvent, sensorTable } from "./sensor";
-import { Tally } from "./tally";
+import { Backoff } from "./stream/backoff";
+import { parseFrame } from "./stream/frame";
+import { type SensorEvent, sensorTable } from "./stream/sensor";
+import { Tally } from "./stream/tally";
 import { message } from "./testing";
 
 test("a turn is put together from the parts it comes in", () => {

@@ -1,22 +1,22 @@
 /** The view of a stream: frames of a source become pictures. A picture is made when there is something new to see: a
  * frame, a movement, a choice; and at the screen's rate while something moves. */
 import { DecodingSource } from "../decode/source";
-import { Camera } from "./camera";
 import { type Comparison, compared, ErrorScale } from "./compare";
-import { Controls } from "./controls";
-import type { RangeFrame } from "./frame";
+import { Camera } from "./draw/camera";
+import { Controls } from "./draw/controls";
+import { Overlay } from "./draw/overlay";
+import { Renderer, type Scene } from "./draw/renderer";
+import { ThemeWatch } from "./draw/theme";
 import { Ground } from "./ground";
 import { headingOf } from "./matrix";
 import { Motion } from "./motion";
-import { Overlay } from "./overlay";
-import { Pending } from "./pending";
 import { Quality } from "./quality";
-import { Renderer, type Scene } from "./renderer";
-import type { SensorTable } from "./sensor";
-import { CloudSocket } from "./socket";
-import type { FrameSource, Sink } from "./source";
-import { Tally } from "./tally";
-import { ThemeWatch } from "./theme";
+import type { RangeFrame } from "./stream/frame";
+import { Pending } from "./stream/pending";
+import type { SensorTable } from "./stream/sensor";
+import { CloudSocket } from "./stream/socket";
+import type { FrameSource, Sink } from "./stream/source";
+import { Tally } from "./stream/tally";
 import type { StreamName, View, ViewOptions, ViewStats } from "./types";
 
 const STATS_MS = 500;

@@ -1,7 +1,8 @@
 /** Where the sensor is between two frames, when the frames say where they were taken: the world then glides by at the
  * screen's rate while clouds come ten times a second. */
-import type { RangeFrame } from "./frame";
+
 import { headingOf, type Pose } from "./matrix";
+import type { RangeFrame } from "./stream/frame";
 
 /** Longer than this nobody knows where it went. */
 const LONGEST_S = 0.15;

@@ -2,7 +2,7 @@
  *
  * A map is a path through lightness, chroma and hue; what the screen cannot show is made less colourful, not clipped.
  * OKLab: https://bottosson.github.io/posts/oklab/ */
-import type { Colour } from "./types";
+import type { Colour } from "../types";
 
 export const STEPS = 256;
 export type MapName = Colour | "error";

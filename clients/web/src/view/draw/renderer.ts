@@ -1,13 +1,14 @@
 /** Draws the frames that are on the card. Nothing is allocated while it draws. */
+
+import { between, identity, type Matrix, multiply, type Pose } from "../matrix";
+import { type RangeFrame, RINGS } from "../stream/frame";
+import { type SensorTable, TEXELS } from "../stream/sensor";
 import type { Camera } from "./camera";
 import { allMaps, FAR_M, HEIGHT_M, MAPS, type MapName, STEPS } from "./colours";
-import { type RangeFrame, RINGS } from "./frame";
 import { formats, Program, Texture } from "./gl";
 import { Labels } from "./labels";
 import { type Layer, Layers } from "./layers";
 import { layout, type Pane, type Rect } from "./layout";
-import { between, identity, type Matrix, multiply, type Pose } from "./matrix";
-import { type SensorTable, TEXELS } from "./sensor";
 import {
   COVER_VERTEX,
   GROUND_FRAGMENT,

@@ -1,7 +1,7 @@
 /** A decoded frame as a range image: what the cloud socket sends with `form=range` (docs/live-sockets.md).
  *
  * The arrays are views into the message: nothing is copied between the socket and the graphics card. */
-import type { Pose } from "./matrix";
+import type { Pose } from "../matrix";
 
 export const RINGS = 64;
 /** Of a frame of 2048 packets, the longest there is. */

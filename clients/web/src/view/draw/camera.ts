@@ -1,6 +1,6 @@
 /** Where the picture is taken from: around a point, with smooth movement towards where it was sent. */
-import { lookAt, type Matrix, perspective, type Vector } from "./matrix";
-import type { Camera as Kind } from "./types";
+import { lookAt, type Matrix, perspective, type Vector } from "../matrix";
+import type { Camera as Kind } from "../types";
 
 interface Stand {
   /** Radians about z, counter-clockwise from straight ahead: where the camera stands, seen from the target. */

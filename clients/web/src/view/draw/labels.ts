@@ -1,6 +1,7 @@
 /** Distances written on the ground, drawn once into a texture. */
+
+import type { Matrix } from "../matrix";
 import { formats, Program, Texture } from "./gl";
-import type { Matrix } from "./matrix";
 import { LABEL_FRAGMENT, LABEL_VERTEX } from "./shaders";
 import type { Colour3 } from "./theme";
 

@@ -1,9 +1,9 @@
 /** What stands over the picture: captions, the scale of the colours, and messages. Written only when it changes. */
 
+import { type Comparison, millimetres } from "../compare";
+import type { Colour } from "../types";
 import { FAR_M, HEIGHT_M, type MapName, mapOf, STEPS } from "./colours";
-import { type Comparison, millimetres } from "./compare";
 import type { Theme } from "./theme";
-import type { Colour } from "./types";
 
 const SCALES: Record<Colour, { title: string; ends: [string, string] }> = {
   height: { title: "height above the road", ends: [`${HEIGHT_M[0]} m`, `${HEIGHT_M[1]} m`] },

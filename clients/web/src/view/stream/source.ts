@@ -1,7 +1,8 @@
 /** Where frames come from: the server's cloud socket, or the page's own decoder behind the frames socket. */
+
+import type { StreamName, ViewStats } from "../types";
 import type { RangeFrame } from "./frame";
 import type { SensorTable } from "./sensor";
-import type { StreamName, ViewStats } from "./types";
 
 /** What a source tells; everything is called in the main thread, between two pictures. */
 export interface Sink {

@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
+import { message } from "../testing";
 import { coverageOf, FrameError, parseFrame } from "./frame";
-import { message } from "./testing";
 
 describe("a message of the cloud socket", () => {
   test("becomes a frame whose arrays lie in the message itself", () => {

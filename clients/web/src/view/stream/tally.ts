@@ -1,6 +1,7 @@
 /** Counts of what is shown, for the page. */
+
+import type { ViewStats } from "../types";
 import type { RangeFrame } from "./frame";
-import type { ViewStats } from "./types";
 
 const WINDOW_MS = 1000;
 const STALE_MS = 2000;

@@ -1,5 +1,5 @@
 /** Frames on the graphics card: the newest, and the trail behind it. Textures are taken once and written over. */
-import { coverageOf, type RangeFrame, RINGS } from "./frame";
+import { coverageOf, type RangeFrame, RINGS } from "../stream/frame";
 import { formats, Texture } from "./gl";
 
 /** Columns are taken by so many at once: their number changes from turn to turn. */

@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
+import { between, identity, lookAt, type Matrix, multiply, perspective, type Vector } from "../matrix";
 import { Camera } from "./camera";
-import { between, identity, lookAt, type Matrix, multiply, perspective, type Vector } from "./matrix";
 
 function seen(camera: Camera, point: Vector, aspect = 1.6): Vector {
   const view = identity();
