@@ -19,13 +19,15 @@ from lidarcodec.commands.options import command_line
 from lidarcodec.commands.remaining import remember
 from lidarcodec.commands.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
 from lidarcodec.commands.zenoh_log import zenoh_log
-from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.whole_files import drop_all
 
 _BY_TYPER = 130
 """What typer makes of a KeyboardInterrupt."""
 _GO_ON = ("annotate", "train")
 """Commands that keep their work as they go."""
+_USAGE = (SettingsError, UnknownNameError, MissingExtraError)
+"""What whoever called has to put right before anything can be done."""
 
 
 def _one_line(error: BaseException) -> str:
@@ -51,7 +53,7 @@ def _complain(error: BaseException) -> int:
     known = isinstance(error, LidarCodecError | OSError)
     text = _one_line(error) if known else f"unexpected {type(error).__name__}: {_one_line(error)}; --debug shows where"
     sys.stderr.write(f"lidarcodec: {text}\n")
-    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
+    return WRONG_USAGE if isinstance(error, _USAGE) else FAILED
 
 
 def _flush() -> None:
@@ -103,7 +105,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
         if not debug:
             return _complain(error)
         traceback.print_exception(error)
-        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
+        return WRONG_USAGE if isinstance(error, (*_USAGE, typer.TyperException)) else FAILED
     finally:
         drop_all()
     if code == _BY_TYPER:
