@@ -78,7 +78,7 @@ def _polyline(image: PIL.Image.Image, points: npt.NDArray[np.float64], colour: t
     pixels, depth = _project(points, *image.size)
     ends, draw = np.rint(pixels).astype(int).tolist(), PIL.ImageDraw.Draw(image)
     for start in np.flatnonzero((depth[:-1] > 1.0) & (depth[1:] > 1.0)):
-        draw.line([*ends[start], *ends[start + 1]], colour, FINE)
+        draw.line([*ends[start], *ends[start + 1]], colour, FINE + 1)
 
 
 def _draw_ground(image: PIL.Image.Image) -> None:
