@@ -5,6 +5,7 @@ LidarCodecError
     PacketError                       a payload that is no 1206-byte sensor packet, or a sensor that is not supported
     HeaderError                       a message header that contradicts itself
       UnsupportedVersionError         a newer major version, or an unknown codec
+        MissingCodecError(extra)      a codec whose optional dependency is not installed; a MissingExtraError as well
     TruncatedError                    fewer bytes than announced
     ChecksumError                     the CRC-32C does not match
     SectionError                      a section that cannot be what it says
@@ -95,6 +96,10 @@ class MissingExtraError(LidarCodecError):
     def __init__(self, what: str, extra: str) -> None:
         self.extra = extra
         super().__init__(f"{what} needs an optional dependency: pip install 'lidarcodec[{extra}]'")
+
+
+class MissingCodecError(MissingExtraError, UnsupportedVersionError):
+    """A message of a codec whose optional dependency is not installed here."""
 
 
 class SourceError(LidarCodecError):

@@ -83,7 +83,8 @@ class StreamEncoder:
     chooses by time as well)
 
     make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
-    Raises SettingsError or UnknownNameError when settings are not allowed; nothing has changed then.
+    Raises SettingsError or UnknownNameError when settings are not allowed, MissingExtraError for a codec that is not
+    installed; nothing has changed then.
     """
 
     def __init__(

@@ -18,12 +18,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = {"build": ("cmake", "ninja", "nanobind", "scikit-build-core"), "wheels": ("build", "cibuildwheel")}
 """Locks of tools, which are no dependency of the package."""
+FORMATS = ("images", "video", "las")
+"""Extras that `make` and the images always install: whoever sends chooses the codec."""
 LOCKS: dict[str, tuple[str, ...]] = {
     "build": (),
     "wheels": (),
-    "base": (),
-    "server": ("server",),
-    "image-server": ("server", "postgres"),
+    "base": FORMATS,
+    "server": (*FORMATS, "server"),
+    "image-server": (*FORMATS, "server", "postgres"),
     "dev": ("dev",),
 }
 """Name of the lock -> extras of pyproject.toml in it."""
@@ -97,7 +99,7 @@ def write() -> None:
                 "--generate-hashes",
             ]
             command += ["--constraint", str(ROOT / "constraints.txt"), "--no-emit-index-url", "--no-annotate"]
-            command += ["--generate-hashes", "--no-header", "--quiet", "--no-config"]
+            command += ["--no-header", "--quiet", "--no-config"]
             done = subprocess.run(command, check=True, capture_output=True, text=True)
         entries = re.split(r"\n(?=[A-Za-z0-9])", done.stdout)
         kept = [entry.rstrip("\n") for entry in entries if not WINDOWS.search(entry.splitlines()[0])]

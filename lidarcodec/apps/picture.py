@@ -7,12 +7,15 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+import PIL.Image
+import PIL.ImageDraw
+import PIL.ImageFont
 
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
@@ -23,9 +26,10 @@ Image = npt.NDArray[np.uint8]
 WIDTH, VIEW_HEIGHT, STRIP_HEIGHT, MARGIN = 1920, 860, 256, 52
 FINE = 2
 """Drawn this many times larger and scaled down, so that points have soft edges."""
-BACKGROUND = (24, 16, 12)
-TEXT = (214, 206, 198)
-QUIET = (120, 104, 92)
+BACKGROUND = (12, 16, 24)
+TEXT = (198, 206, 214)
+QUIET = (92, 104, 120)
+GROUND = (40, 48, 62)
 EYE_M = np.array([-21.0, -11.0, 13.5])
 TARGET_M = np.array([9.0, 1.5, -2.0])
 FIELD_OF_VIEW_DEG = 58.0
@@ -35,13 +39,21 @@ RANGES_M = (2.0, 90.0)
 RINGS_M = (10.0, 20.0, 40.0, 80.0)
 HULL_M = (-2.6, 1.6, -0.9, 0.9, 1.5)
 """The car around the sensor: back, front, right, left, and its height."""
+_TURBO = np.array([
+    [0.13572138, 4.61539260, -42.66032258, 132.13108234, -152.94239396, 59.28637943],
+    [0.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604],
+    [0.10667330, 12.64194608, -60.58204836, 110.36276771, -89.90310912, 27.34824973],
+])  # fmt: skip
+"""Google's colour map Turbo as its authors approximate it: red, green and blue as polynomials of the level."""
+COLOURS = np.rint(255 * np.clip(np.vander(np.linspace(0.0, 1.0, 256), 6, True) @ _TURBO.T, 0, 1)).astype(np.uint8)
+"""(256, 3): from dark blue to dark red."""
 
 
 def _colours(values: npt.NDArray[Any], low: float, high: float, reverse: bool = False) -> Image:
     """(N, 3) colours of values between low and high."""
     level = np.clip((values - low) / (high - low), 0.0, 1.0)
-    steps = np.rint((1.0 - level if reverse else level) * 255).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(steps.reshape(-1, 1), cv2.COLORMAP_TURBO)[:, 0], np.uint8)
+    colours: Image = COLOURS[np.rint((1.0 - level if reverse else level) * 255).astype(np.uint8)]
+    return colours
 
 
 def _camera() -> npt.NDArray[np.float64]:
@@ -61,38 +73,37 @@ def _project(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[
     return np.stack([seen[:, 0] / safe * focal + width / 2, seen[:, 1] / safe * focal + height / 2], axis=1), depth
 
 
-def _polyline(image: Image, points: npt.NDArray[np.float64], colour: tuple[int, int, int], thick: int) -> None:
+def _polyline(image: PIL.Image.Image, points: npt.NDArray[np.float64], colour: tuple[int, int, int]) -> None:
     """Draw a line through points in metres, leaving out what is behind the camera."""
-    height, width = image.shape[:2]
-    pixels, depth = _project(points, width, height)
-    ends = np.rint(pixels).astype(int)
+    pixels, depth = _project(points, *image.size)
+    ends, draw = np.rint(pixels).astype(int).tolist(), PIL.ImageDraw.Draw(image)
     for start in np.flatnonzero((depth[:-1] > 1.0) & (depth[1:] > 1.0)):
-        cv2.line(image, tuple(map(int, ends[start])), tuple(map(int, ends[start + 1])), colour, thick, cv2.LINE_AA)
+        draw.line([*ends[start], *ends[start + 1]], colour, FINE + 1)
 
 
-def _draw_ground(image: Image) -> None:
+def _draw_ground(image: PIL.Image.Image) -> None:
     turn = np.linspace(0.0, 2 * np.pi, 181)
     for radius in RINGS_M:
         circle = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full_like(turn, GROUND_Z_M)], axis=1)
-        _polyline(image, circle, (62, 48, 40), FINE)
+        _polyline(image, circle, GROUND)
 
 
-def _draw_car(image: Image) -> None:
+def _draw_car(image: PIL.Image.Image) -> None:
     back, front, right, left, height = HULL_M
     top = GROUND_Z_M + height
     for z in (GROUND_Z_M, top):
         corners = [[back, right, z], [front, right, z], [front, left, z], [back, left, z], [back, right, z]]
-        _polyline(image, np.array(corners), TEXT, FINE)
+        _polyline(image, np.array(corners), TEXT)
     for x, y in ((back, right), (front, right), (front, left), (back, left)):
-        _polyline(image, np.array([[x, y, GROUND_Z_M], [x, y, top]]), TEXT, FINE)
+        _polyline(image, np.array([[x, y, GROUND_Z_M], [x, y, top]]), TEXT)
 
 
 def perspective_of(frame: Frame) -> Image:
-    """(860, 1920, 3) BGR: the points seen from behind and above the car, coloured by height."""
+    """(860, 1920, 3) RGB: the points seen from behind and above the car, coloured by height."""
     width, height = WIDTH * FINE, VIEW_HEIGHT * FINE
-    image = np.empty((height, width, 3), np.uint8)
-    image[:] = BACKGROUND
-    _draw_ground(image)
+    canvas = PIL.Image.new("RGB", (width, height), BACKGROUND)
+    _draw_ground(canvas)
+    image: Image = np.array(canvas)
     cloud = frame.cloud()
     points = np.stack([cloud[axis].astype(np.float64) for axis in "xyz"], axis=1)
     pixels, depth = _project(points, width, height)
@@ -107,12 +118,13 @@ def perspective_of(frame: Frame) -> Image:
         for shift_column in range(-1, 2):
             near = (abs(shift_row) + abs(shift_column) < 2) | (depth[order] < 30.0)
             image[row[near] + shift_row, column[near] + shift_column] = colours[near]
-    _draw_car(image)
-    return np.asarray(cv2.resize(image, (WIDTH, VIEW_HEIGHT), interpolation=cv2.INTER_AREA), np.uint8)
+    canvas = PIL.Image.fromarray(image)
+    _draw_car(canvas)
+    return np.array(canvas.reduce(FINE))
 
 
 def range_strip_of(frame: Frame) -> Image:
-    """(256, 1920, 3) BGR: rings from the top, forward in the middle, near red and far blue, dark = no return.
+    """(256, 1920, 3) RGB: rings from the top, forward in the middle, near red and far blue, dark = no return.
 
     Rows are turned by each laser's rotation correction, so that upright edges stand upright.
     """
@@ -125,39 +137,35 @@ def range_strip_of(frame: Frame) -> Image:
     across = np.rint((direction_deg + 180.0) % 360.0 * ((WIDTH - 1) / 360.0)).astype(int)
     metres = np.maximum(frame.range[ring, column] * RANGE_STEP_M, RANGES_M[0])
     strip[ring, across] = _colours(np.log(metres), np.log(RANGES_M[0]), np.log(RANGES_M[1]), reverse=True)
-    return np.asarray(cv2.resize(strip, (WIDTH, STRIP_HEIGHT), interpolation=cv2.INTER_NEAREST), np.uint8)
-
-
-def _write(image: Image, text: str, x: int, y: int, colour: tuple[int, int, int], size: float = 0.62) -> None:
-    cv2.putText(image, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+    return strip.repeat(STRIP_HEIGHT // LASERS, axis=0)
 
 
 def picture_of(frame: Frame, title: str) -> Image:
-    """(1220, 1920, 3) BGR: perspective above, range image below, each with a line of text."""
-    heading = np.empty((MARGIN, WIDTH, 3), np.uint8)
-    heading[:] = BACKGROUND
-    between = heading.copy()
+    """(1220, 1920, 3) RGB: perspective above, range image below, each with a line of text."""
+    heading = np.full((MARGIN, WIDTH, 3), BACKGROUND, np.uint8)
+    picture = PIL.Image.fromarray(np.concatenate([heading, perspective_of(frame), heading, range_strip_of(frame)]))
+    draw = PIL.ImageDraw.Draw(picture)
+
+    def write(text: str, x: int, y: int, colour: tuple[int, int, int], size: int) -> None:
+        draw.text((x, y), text, colour, PIL.ImageFont.load_default(size), anchor="ls")
+
     valid = int(np.count_nonzero(frame.valid))
-    _write(heading, title, 24, 34, TEXT, 0.72)
-    _write(between, f"{valid:,} points of {LASERS} x {frame.width}: range image, forward in the middle", 24, 34, QUIET)
-    view = perspective_of(frame)
+    write(title, 24, 34, TEXT, 22)
+    counted = f"{valid:,} points of {LASERS} x {frame.width}: range image, forward in the middle"
+    write(counted, 24, MARGIN + VIEW_HEIGHT + 34, QUIET, 19)
     for radius in RINGS_M[:3]:
         pixels, _ = _project(np.array([[0.0, -radius, GROUND_Z_M]]), WIDTH, VIEW_HEIGHT)
         x, y = map(int, np.rint(pixels[0]))
         if 0 <= x < WIDTH - 60 and 20 <= y < VIEW_HEIGHT:
-            _write(view, f"{radius:.0f} m", x + 6, y, QUIET, 0.5)
-    return np.concatenate([heading, view, between, range_strip_of(frame)])
+            write(f"{radius:.0f} m", x + 6, MARGIN + y, QUIET, 15)
+    return np.array(picture)
 
 
 def png_of(image: Image) -> bytes:
-    """A picture as PNG.
-
-    Raises OSError if it cannot be encoded.
-    """
-    done, data = cv2.imencode(".png", image)
-    if not done:
-        raise OSError("the picture could not be encoded")
-    return bytes(data.tobytes())
+    """A picture as PNG."""
+    out = io.BytesIO()
+    PIL.Image.fromarray(image).save(out, "png", compress_level=1)
+    return out.getvalue()
 
 
 def save_picture(image: Image, path: Path) -> None:

@@ -10,7 +10,6 @@ import struct
 import zlib
 from typing import Final
 
-import imagecodecs
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
@@ -50,6 +49,8 @@ def write_png(image: Ranges, level: int) -> bytes:
 
     Raises MemoryError, or LidarCodecError if libpng cannot write it.
     """
+    import imagecodecs
+
     try:
         return bytes(imagecodecs.png_encode(image, level=level, filter=_ONLY_SUB))
     except imagecodecs.PngError as error:

@@ -8,10 +8,17 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Final, cast
 
 from lidarcodec.codecs.base import Codec, Decoder, Encoder, own_settings
-from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
+from lidarcodec.errors import (
+    MissingCodecError,
+    MissingExtraError,
+    SettingsError,
+    UnknownNameError,
+    UnsupportedVersionError,
+)
 from lidarcodec.settings import StreamSettings
 
 _TABLE: Final[dict[str, tuple[int, str]]] = {
@@ -28,11 +35,50 @@ _TABLE: Final[dict[str, tuple[int, str]]] = {
     "predictive": (11, "lidarcodec.codecs.predictive"),
 }
 """Name: number in messages, never given to another codec; module."""
+_NEEDED: Final[dict[str, tuple[str, str]]] = {
+    "png": ("imagecodecs", "images"),
+    "jxl": ("imagecodecs", "images"),
+    "jpeg": ("imagecodecs", "images"),
+    "jpeg-layered": ("imagecodecs", "images"),
+    "h264": ("av", "video"),
+    "h264-log": ("av", "video"),
+}
+"""Name: the package that it codes by; the extra that brings it. What a codec's file offers is there without."""
 
 
 def names() -> tuple[str, ...]:
     """Names of all codecs."""
     return tuple(_TABLE)
+
+
+def missing_extra(name: str) -> str | None:
+    """The extra without which the codec cannot be used here; None where it can."""
+    package, extra = _NEEDED.get(name, (None, None))
+    return None if package is None or find_spec(package) is not None else extra
+
+
+def installed() -> tuple[str, ...]:
+    """Names of the codecs that can be used here."""
+    return tuple(name for name in _TABLE if missing_extra(name) is None)
+
+
+def check_installed(name: str) -> None:
+    """Raise MissingExtraError unless the codec of that name can be used here."""
+    extra = missing_extra(name)
+    if extra is not None:
+        raise MissingExtraError(f"codec {name}", extra)
+
+
+def load(name: str) -> Codec:
+    """What the codec's file offers, with the package that it codes by imported.
+
+    Raises UnknownNameError, MissingExtraError.
+    """
+    found = codec(name)
+    check_installed(name)
+    if name in _NEEDED:
+        import_module(_NEEDED[name][0])
+    return found
 
 
 def codec_id(name: str) -> int:
@@ -80,10 +126,11 @@ def check(settings: StreamSettings) -> StreamSettings:
 
 
 def check_files(settings: StreamSettings) -> None:
-    """Try the files on this machine that settings name, such as weights. The settings have been checked before.
+    """Try what settings need of this machine: packages, and files such as weights. They have been checked before.
 
-    Raises SettingsError.
+    Raises MissingExtraError, SettingsError.
     """
+    check_installed(settings.codec)
     files = codec(settings.codec).files
     if files is not None:
         files(settings)
@@ -91,7 +138,7 @@ def check_files(settings: StreamSettings) -> None:
 
 def _check_target(settings: StreamSettings, chosen: Codec) -> None:
     if settings.target_kbps is not None and chosen.knob is None:
-        able = ", ".join(name for name in names() if codec(name).knob is not None)
+        able = ", ".join(name for name in installed() if codec(name).knob is not None)
         raise SettingsError(f"codec {settings.codec} cannot keep a target bitrate: leave target_kbps out, or "
 f"choose one of {able}", "target_kbps")  # fmt: skip
 
@@ -99,14 +146,26 @@ f"choose one of {able}", "target_kbps")  # fmt: skip
 def make_encoder(settings: StreamSettings, stream_id: int) -> Encoder:
     """A fresh encoder; its first message will be a key message.
 
-    Raises as `check` does.
+    Raises as `check` does, and MissingExtraError.
     """
-    return codec(check(settings).codec).encoder(codec_id(settings.codec), settings, stream_id)
+    return load(check(settings).codec).encoder(codec_id(settings.codec), settings, stream_id)
+
+
+def decodable(number: int) -> str:
+    """Name of the codec of that number, if it can be used here.
+
+    Raises UnsupportedVersionError, MissingCodecError among them.
+    """
+    name = codec_name(number)
+    extra = missing_extra(name)
+    if extra is not None:
+        raise MissingCodecError(f"decoding codec {name}", extra)
+    return name
 
 
 def make_decoder(number: int) -> Decoder:
     """A fresh decoder of the codec of that number.
 
-    Raises UnsupportedVersionError.
+    Raises as `decodable` does.
     """
-    return codec(codec_name(number)).decoder(number)
+    return load(decodable(number)).decoder(number)

@@ -9,6 +9,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import SettingsError
+from lidarcodec.errors import MissingExtraError, SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
@@ -216,12 +217,15 @@ def _suffix(path: Path) -> str:
 
 
 def check_output(path: Path, *, force: bool = False) -> None:
-    """Raise SettingsError if nothing can be written to a path that ends so, or it would replace what is to stay."""
+    """Raise SettingsError if nothing can be written to a path that ends so, or it would replace what is to stay;
+    MissingExtraError if what writes it is not installed."""
     suffix = _suffix(path)
     if suffix not in OUTPUTS:
         raise SettingsError(
             f"cannot write {path}: its name must end in .pcap .npz .ply or .las, or be a folder for KITTI .bin files"
         )
+    if suffix == ".las" and find_spec("laspy") is None:
+        raise MissingExtraError(f"writing {path}", "las")
     if suffix != ".pcap" and (path.is_fifo() or path.is_char_device()):
         raise SettingsError(f"{path} is a pipe or a device: only packets (.pcap) can be written to it")
     check_free(path, force=force, contents=contents_of(path))

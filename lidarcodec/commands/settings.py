@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, Final
 
+from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import check, check_offline
 from lidarcodec.ratecontrol.presets import preset
@@ -76,7 +77,7 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     """Settings of a codec from plain values: fields of StreamSettings, else of the codec's own.
 
     link: name of a preset; what is given beside it wins
-    Raises SettingsError with the key, or UnknownNameError.
+    Raises SettingsError with the key, UnknownNameError, or MissingExtraError.
     """
     common: dict[str, Any] = {} if link is None else preset(link).settings
     common |= {"codec": codec} if codec else {}
@@ -84,4 +85,6 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     for key, value in values.items():
         is_common = key in StreamSettings.model_fields and key != "codec_settings"
         (common if is_common else own)[key] = value
-    return check(settings_from(common | {"codec_settings": own}))
+    settings = check(settings_from(common | {"codec_settings": own}))
+    table.check_installed(settings.codec)
+    return settings

@@ -43,11 +43,11 @@ def ranked(settings: StreamSettings) -> tuple[str, ...]:
     """Names of the codecs that `auto` chooses from, the one that shows most at the target first; without a target the
     one that takes the fewest bits.
 
-    Only codecs that keep a bound, can be steered and need no process of their own: the others show less at every target
-    and take longer.
+    Only codecs that are installed here, keep a bound, can be steered and need no process of their own: the others show
+    less at every target and take longer.
     """
     able = [
-        name for name in table.names() if (codec := table.codec(name)).knob and codec.bounded and not codec.isolated
+        name for name in table.installed() if (codec := table.codec(name)).knob and codec.bounded and not codec.isolated
     ]
     return tuple(sorted(able, key=lambda name: _shortcoming(with_codec(settings, name))))
 

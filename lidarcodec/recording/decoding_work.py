@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from lidarcodec.budgets import DECODED_BASE, DECODED_PER_BYTE, Allowance
-from lidarcodec.errors import DecodeError
+from lidarcodec.errors import DecodeError, MissingExtraError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
 from lidarcodec.recording.reader import RecordingReader
@@ -33,6 +33,7 @@ def decoded(
     message that fails costs as much as a full one, because it may fail at its very end.
 
     messages: from `reader`, with their times;  decode: of the stream's decoder;  failed: is given each error
+    Raises MissingExtraError at a message of a codec that is not installed here.
     """
     allowed = Allowance(DECODED_BASE, DECODED_PER_BYTE)
     for _, data in messages:
@@ -41,6 +42,8 @@ def decoded(
             message = unpack(data)
             width = message.width
             frames = decode(message)
+        except MissingExtraError:  # no damage: all of it decodes where that is installed
+            raise
         except DecodeError as error:
             failed(error)
         if frames is not None:

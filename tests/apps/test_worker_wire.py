@@ -96,6 +96,7 @@ SAMPLES = [
     errors.CalibrationError("no"),
     errors.UnknownNameError("codec", "x", ["a", "b"]),
     errors.MissingExtraError("this", "peers"),
+    errors.MissingCodecError("this", "video"),
     errors.SourceError("no"),
     errors.TransportError("no"),
     errors.LidarCodecError("no"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import re
 import time
 
-import cv2
 import numpy as np
+import PIL.Image
 import pytest
 
 from tests import asking
@@ -32,7 +33,7 @@ def page(fleet, page_of):
 def picture(page) -> np.ndarray:
     """(height, width, 3) uint8: the canvas as it is on the screen, without what stands over its upper part."""
     shown = page.locator("canvas.lidar-canvas").screenshot()
-    return cv2.imdecode(np.frombuffer(shown, np.uint8), cv2.IMREAD_COLOR)[150:]
+    return np.asarray(PIL.Image.open(io.BytesIO(shown)).convert("RGB"))[150:]
 
 
 def when(ask, holds, what: str):

@@ -55,7 +55,7 @@ STREAM = 0x600D_57A3
 def _real(packets: int) -> Frame:
     """A frame of so many packets of a real sensor before a wall, over and over; simulated ones without that capture."""
     capture = data_folder() / "hdl64e_s3_atwall.pcap"
-    with open_source(str(capture) if capture.exists() else "sim:street?duration=0.1") as source:
+    with open_source(str(capture) if capture.exists() else "sim:street?frames=1") as source:
         few = list(islice(source.packets(), 300))
         given = [few[number % len(few)] for number in range(packets)]
         return next(frames_of(given, source.sensor, f"packets:{packets}"))

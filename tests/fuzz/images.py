@@ -6,14 +6,15 @@ The message around an image is right in all of these: nothing but the look at it
 
 from __future__ import annotations
 
+import io
 import random
 import struct
 import zlib
 from collections.abc import Callable
 
-import cv2
 import imagecodecs
 import numpy as np
+import PIL.Image
 
 from lidarcodec.codecs.png import read_png
 from lidarcodec.ranges.image.jpeg_file import read_jpeg, write_jpeg
@@ -26,12 +27,21 @@ WIDTH = 96
 RNG = np.random.default_rng(31)
 SMOOTH = np.cumsum(RNG.integers(-9, 10, (64, WIDTH)), axis=1) + 3000
 GREY = SMOOTH.astype(np.uint16)
+
+
+def jpeg_of(image: np.ndarray, **options: object) -> bytes:
+    """A JPEG by Pillow."""
+    out = io.BytesIO()
+    PIL.Image.fromarray(image).save(out, "jpeg", **options)
+    return out.getvalue()
+
+
 FOREIGN = [
     bytes(imagecodecs.jpegxl_encode(np.stack([GREY] * 4), lossless=True)),
     bytes(imagecodecs.jpegxl_encode((GREY >> 4).astype(np.uint8), lossless=False)),
-    cv2.imencode(".jpg", np.zeros((64, WIDTH, 3), np.uint8))[1].tobytes(),
-    cv2.imencode(".jpg", (GREY >> 4).astype(np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes(),
-    cv2.imencode(".png", np.dstack([GREY] * 3))[1].tobytes(),
+    jpeg_of(np.zeros((64, WIDTH, 3), np.uint8)),
+    jpeg_of((GREY >> 4).astype(np.uint8), progressive=True),
+    bytes(imagecodecs.png_encode(np.dstack([GREY] * 3))),
 ]
 """What is an image, but not ours."""
 

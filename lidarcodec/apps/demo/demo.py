@@ -21,7 +21,7 @@ from typing import IO, TYPE_CHECKING, Any
 from lidarcodec.apps.demo.browser import show as show_in_browser
 from lidarcodec.apps.demo.processes import PageServer, vehicle
 from lidarcodec.codecs import table
-from lidarcodec.errors import LidarCodecError, SourceError, TransportError
+from lidarcodec.errors import LidarCodecError, MissingExtraError, SourceError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.settings import StreamSettings
@@ -259,17 +259,27 @@ class Demo:
         for name, value in figures.rows():
             print(f"  {name:<20} {value}")
         if self._last is not None:
-            from lidarcodec.apps.picture import picture_of, save_picture
-
             title = f"lidarcodec   {self._source}   frame {self._last.index}"
             if figures.ratio is not None:
                 title += f"   {figures.ratio:.2f} : 1"
             try:
-                save_picture(picture_of(self._last, title), self._picture)
+                _save(self._last, title, self._picture)
             except (OSError, LidarCodecError) as error:  # a folder that cannot be written spoils no demonstration
                 print(f"  {'last frame':<20} not saved: {error}")
             else:
                 print(f"  {'last frame':<20} {self._picture}")
+
+
+def _save(frame: Frame, title: str, path: Path) -> None:
+    """Write a picture of a frame.
+
+    Raises MissingExtraError, OSError, SettingsError or SourceError.
+    """
+    try:
+        from lidarcodec.apps.picture import picture_of, save_picture
+    except ModuleNotFoundError:
+        raise MissingExtraError("a picture", "server") from None
+    save_picture(picture_of(frame, title), path)
 
 
 def _listening(meeting_port: int) -> LiveStream:

@@ -13,6 +13,7 @@ from lidarcodec.apps.publisher.choosing import CodecChooser
 from lidarcodec.apps.publisher.sending import Sending
 from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.apps.worker.process import START_S as WORKER_START_S
+from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.choosing import with_codec
@@ -50,10 +51,11 @@ class Changes:
     def change(self, changes: dict[str, Any]) -> Applied:
         """Change some settings. The old codec goes on until the process of the new one is ready, if it needs one.
 
-        Raises SettingsError or UnknownNameError; then nothing has changed.
+        Raises SettingsError, UnknownNameError or MissingExtraError; then nothing has changed.
         """
         with self._lock:
             asked = settings_with(self.asked, changes)
+            table.check_installed(asked.codec)
             first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
         logger.info("new settings from frame %d on: %s", first, changes)
         return Applied(asked, first, key)

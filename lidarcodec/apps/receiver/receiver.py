@@ -351,7 +351,7 @@ class Receiver:
             self._once.add("status_errors", error)
             return
         preparing = status.get("preparing")  # have a process ready when its first message comes
-        if self.decoding and isinstance(preparing, str) and preparing in table.names():
+        if self.decoding and isinstance(preparing, str) and preparing in table.installed():
             self._isolation.start(preparing)
 
     def _publisher_changed(self, key: str, alive: bool) -> None:

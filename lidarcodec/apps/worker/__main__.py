@@ -71,7 +71,7 @@ class Session:
     def _set_up(self, kind: Kind, given: dict[str, object]) -> bool:
         if kind == Kind.LOAD:
             if given["codec"] is not None:
-                table.codec(str(given["codec"]))
+                table.load(str(given["codec"]))
         elif kind == Kind.OPEN_ENCODER:
             self._decoder = None
             self._encoder = table.make_encoder(_settings(given), int(str(given["stream_id"])))

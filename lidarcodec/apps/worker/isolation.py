@@ -135,12 +135,13 @@ class Isolation:
         """As `table.make_encoder`."""
         if not self.isolated(table.check(settings).codec):
             return table.make_encoder(settings, stream_id)
+        table.check_installed(settings.codec)
         self._keeper.codec = settings.codec
         return IsolatedEncoder(self._keeper, settings, stream_id)
 
     def make_decoder(self, number: int) -> Decoder:
         """As `table.make_decoder`."""
-        codec = table.codec_name(number)
+        codec = table.decodable(number)
         self._wanted = self.isolated(codec)
         if not self._wanted:
             return table.make_decoder(number)

@@ -32,17 +32,26 @@ def _installed(name: str) -> str | None:
 
 
 def _requirements() -> dict[str, list[str]]:
-    """Names of required packages, by extra; "" for the base install."""
+    """Names of required packages, by extra; "" for the base install. An extra that names others has theirs."""
     found: dict[str, list[str]] = {"": []}
     try:
         requires = metadata.requires("lidarcodec") or []
     except metadata.PackageNotFoundError:
         return {}
+    others: dict[str, list[str]] = {}
     for line in requires:
         name = re.split(r"[^A-Za-z0-9_.-]", line, maxsplit=1)[0]
-        extra = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", line)
-        found.setdefault(extra[1] if extra else "", []).append(name)
-    return found
+        match = re.search(r"extra\s*==\s*['\"]([\w-]+)['\"]", line)
+        extra = match[1] if match else ""
+        own = re.match(r"lidarcodec\s*\[(.*?)\]", line)
+        if own:
+            others.setdefault(extra, []).extend(re.split(r"\s*,\s*", own[1]))
+        found.setdefault(extra, []).extend([] if own else [name])
+
+    def of(extra: str) -> set[str]:
+        return set(found.get(extra, [])).union(*map(of, others.get(extra, [])))
+
+    return {extra: sorted(of(extra), key=str.lower) if extra in others else names for extra, names in found.items()}
 
 
 def _port_state(kind: socket.SocketKind, port: int) -> str:

@@ -19,13 +19,15 @@ from lidarcodec.commands.running.options import command_line
 from lidarcodec.commands.running.remaining import remember
 from lidarcodec.commands.running.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
 from lidarcodec.commands.running.zenoh_log import zenoh_log
-from lidarcodec.errors import LidarCodecError, SettingsError, UnknownNameError
+from lidarcodec.errors import LidarCodecError, MissingExtraError, SettingsError, UnknownNameError
 from lidarcodec.files.whole import drop_all
 
 _BY_TYPER = 130
 """What typer makes of a KeyboardInterrupt."""
 _GO_ON = ("annotate", "train")
 """Commands that keep their work as they go."""
+_USAGE = (SettingsError, UnknownNameError, MissingExtraError)
+"""What whoever called has to put right before anything can be done."""
 
 
 def _one_line(error: BaseException) -> str:
@@ -55,7 +57,7 @@ def _complain(error: BaseException) -> int:
         else f"unexpected {type(error).__name__}: {_one_line(error)}; for details, add --debug"
     )
     sys.stderr.write(f"lidarcodec: {text}\n")
-    return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError) else FAILED
+    return WRONG_USAGE if isinstance(error, _USAGE) else FAILED
 
 
 def _flush() -> None:
@@ -107,7 +109,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
         if not debug:
             return _complain(error)
         traceback.print_exception(error)
-        return WRONG_USAGE if isinstance(error, SettingsError | UnknownNameError | typer.TyperException) else FAILED
+        return WRONG_USAGE if isinstance(error, (*_USAGE, typer.TyperException)) else FAILED
     finally:
         drop_all()
     if code == _BY_TYPER:

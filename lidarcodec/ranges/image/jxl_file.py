@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Final
 
-import imagecodecs
 import numpy as np
 import numpy.typing as npt
 
@@ -27,6 +26,8 @@ def write_jxl(image: Ranges, effort: int) -> bytes:
 
     Raises LidarCodecError if the library writes something else.
     """
+    import imagecodecs
+
     data = bytes(imagecodecs.jpegxl_encode(image, lossless=True, effort=effort, numthreads=1))
     if data[:2] == _CODESTREAM:
         return data
@@ -87,6 +88,8 @@ def read_jxl(data: bytes, rows: int, width: int) -> Ranges:
 
     Raises SectionError if it is damaged, or anything but that.
     """
+    import imagecodecs
+
     check_jxl(data, rows, width)
     image = np.zeros((rows, width), np.uint16)
     try:

@@ -1,4 +1,4 @@
-"""H.264 pictures of one plane, written by libx264 and read by FFmpeg: the only file that imports PyAV.
+"""H.264 pictures of one plane, written by libx264 and read by FFmpeg: the only file that imports PyAV, on first use.
 
 One picture in, one access unit out, without delay. An IDR picture is three NAL units (sequence and picture parameters,
 one slice) and needs nothing before it; a P picture is one slice. Everything else that H.264 knows is left out by the
@@ -10,12 +10,8 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any, Final, Literal, get_args
 
-import av
-import av.logging
 import numpy as np
 import numpy.typing as npt
-from av.error import FFmpegError
-from av.video.frame import PictureType
 
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.ranges.video.h264_units import check_picture, without_remarks
@@ -37,7 +33,12 @@ _FINEST: Final = 1.0
 _ALIGNED: Final = 128
 """FFmpeg rounds sides up before it compares them with its limit."""
 
-av.logging.set_level(av.logging.PANIC)
+
+def _quiet() -> None:
+    """Let FFmpeg print nothing about what it reads."""
+    import av.logging
+
+    av.logging.set_level(av.logging.PANIC)
 
 
 class PictureWriter:
@@ -45,6 +46,9 @@ class PictureWriter:
 
     def __init__(self, rows: int, columns: int, bits: int, crf: float, preset: Preset) -> None:
         """rows, columns: multiples of 16; bits: a sample, 8 or 10."""
+        import av
+
+        _quiet()
         self.shape, self._bits, self._count = (rows, columns), bits, 0
         crf = max(crf, _FINEST) if bits == 8 else crf
         context = av.CodecContext.create("libx264", "w")
@@ -59,6 +63,10 @@ class PictureWriter:
 
         Raises LidarCodecError if libx264 does not give one.
         """
+        import av
+        from av.error import FFmpegError
+        from av.video.frame import PictureType
+
         frame = av.VideoFrame(self.shape[1], self.shape[0], _FORMATS[self._bits])
         dtype = _DTYPES[self._bits]
         plane = np.frombuffer(memoryview(frame.planes[0]), dtype).reshape(self.shape[0], -1)
@@ -77,6 +85,9 @@ class PictureReader:
     """Access units to pictures, from an IDR picture on. After an error it is of no more use: make another."""
 
     def __init__(self, rows: int, columns: int, bits: int) -> None:
+        import av
+
+        _quiet()
         self.shape, self.bits = (rows, columns), bits
         context = av.CodecContext.create("h264", "r")
         context.thread_count = 1
@@ -92,6 +103,9 @@ class PictureReader:
 
         Raises SectionError if it is damaged, or anything else than one picture of this size.
         """
+        import av
+        from av.error import FFmpegError
+
         check_picture(data, *self.shape, self.bits, idr=idr)
         try:
             frames = self._context.decode(av.Packet(data))
