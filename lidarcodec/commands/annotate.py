@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +14,9 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.sources import check_finite, readable
 from lidarcodec.errors import SettingsError
 from lidarcodec.sources import open_source
-from lidarcodec.sources.base import PacketSource
 from lidarcodec.training.annotate import AnnotationSettings, annotate
 from lidarcodec.training.annotation_folder import AnnotationFolder
+from lidarcodec.training.identity import identity
 
 
 def run(
@@ -42,22 +41,11 @@ def run(
     with open_source(spec, calibration=calibration, poses=poses) as source:
         if source.live:
             raise SettingsError(f"{spec} is live and has no end: record it first, then annotate the recording")
-        settings = AnnotationSettings(source=what, made_of=_digest(source), **given)
+        settings = AnnotationSettings(source=what, made_of=identity(source), **given)
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses
         about = annotate(islice(read_frames(source), skip, stop), folder, settings, known, workers, _stage)
     print(json.dumps(about, indent=2) if as_json else _text(about))
-
-
-def _digest(source: PacketSource) -> str:
-    """Of the calibration, the poses and the first frame: a file that was changed keeps its name."""
-    found = hashlib.sha256(source.sensor.hash.encode())
-    for frame in islice(read_frames(source), 1):
-        found.update(frame.range.tobytes() + frame.intensity.tobytes())
-    if (poses := source.poses) is not None:
-        for stamp_ns in poses.stamps_ns.tolist():
-            found.update(f"{stamp_ns} {poses.at(stamp_ns)}".encode())
-    return found.hexdigest()[:16]
 
 
 @contextmanager

@@ -105,7 +105,8 @@ def train(run: RiddleRun, out: Path, *, device: str = "auto", say: Say = print, 
     begun = None if run.begin is None else _begun_with(run.begin)
     if begun is not None and run.beside and len({net.expects for net in begun.nets}) < len(KINDS):
         raise SettingsError(f"{run.begin} has networks of one kind only, and drives are coded with both", "begin")
-    learned = SampleStore(folder, "training", run.gathering, training, run.scans, begun if run.beside else None)
+    beside, name = begun if run.beside else None, "" if begun is None else begun.name
+    learned = SampleStore(folder, "training", run.gathering, training, run.scans, beside, name)
     measured = SampleStore(folder, "held-out", run.gathering, held, ())
     for store in (learned, measured):
         store.gather(say)

@@ -26,6 +26,7 @@ from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.network.networks import Weights
 from lidarcodec.network.shelf import EFFORTS, networks_of
 from lidarcodec.sources import open_source
+from lidarcodec.training.identity import identity
 from lidarcodec.training.riddle.beside import BesideSamples
 from lidarcodec.training.riddle.drives import clips, frames_to_learn
 from lidarcodec.training.riddle.extraction import LABELS, Rows, extracted, joined, row_bytes
@@ -129,11 +130,15 @@ class SampleStore:
         sources: Sequence[str],
         scans: Sequence[str],
         beside: Weights | None = None,
+        begun: str = "",
     ) -> None:
-        """beside: weights to code the sources with, too, for samples with what contexts say beside their networks"""
+        """beside: weights to code the sources with, too, for samples with what contexts say beside their networks
+        begun: name of the weights that the training begins with
+        """
         self.folder, self._how, self._beside = folder / name, how, beside
         self._sources = [(spec, False) for spec in sources] + [(spec, True) for spec in scans]
         self._plan = {"sources": list(sources), "scans": list(scans), "labels": LABELS, **asdict(how)}
+        self._plan["begun"] = begun
         if beside is not None:
             self._plan["beside"] = beside.name
 
@@ -181,11 +186,16 @@ class SampleStore:
 
     def _check_plan(self) -> None:
         path = self.folder / "plan.json"
+        self._plan["made_of"] = [
+            _identity(spec) for spec, scans in self._sources if not scans and not spec.startswith("sim:")
+        ]
         text = json.dumps(self._plan, sort_keys=True, indent=1)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             if path.exists() and not _says(path, text):
-                raise SettingsError(f"{self.folder} has samples of other sources or settings: give another folder")
+                raise SettingsError(
+                    f"{self.folder} has samples of other sources, calibrations, poses or settings: give another folder"
+                )
             with written_whole(path) as beside:
                 beside.write_text(text)
         except OSError as error:
@@ -193,6 +203,11 @@ class SampleStore:
 
     def _path(self, number: int, turn: int, expects: bool) -> Path:
         return self.folder / f"{turn:03d}-{number:05d}-{_kind(expects)}.rows"
+
+
+def _identity(spec: str) -> str:
+    with open_source(spec) as source:
+        return identity(source)
 
 
 def _says(path: Path, text: str) -> bool:

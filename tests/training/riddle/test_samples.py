@@ -15,6 +15,7 @@ from lidarcodec.sources.simulator import SimulatorSource
 from lidarcodec.training.riddle.drives import frames_to_learn
 from lidarcodec.training.riddle.extraction import row_bytes
 from lidarcodec.training.riddle.samples import Gathering, SampleStore, clip_samples
+from tests.command_line import run_here
 
 HOW = Gathering(seed=5, frame_rows=300)
 DRIVE = "sim:road?frames=4"
@@ -81,6 +82,18 @@ def test_samples_of_something_else_are_not_gone_on_with(gathered: SampleStore) -
     other = SampleStore(folder, "training", Gathering(seed=6, frame_rows=300), [DRIVE], [])
     with pytest.raises(SettingsError, match="another folder"):
         other.gather(lambda _: None)
+
+
+def test_samples_of_another_capture_of_the_same_name_are_not_gone_on_with(tmp_path: Path) -> None:
+    """The old networks came out, and said that they were trained on it."""
+    capture = tmp_path / "drive.pcap"
+    for seed in (2, 3):
+        assert run_here("simulate", f"sim:road?seed={seed}", capture, "--frames", 3, "--force").returncode == 0
+        store = SampleStore(tmp_path, "training", HOW, [str(capture)], [])
+        if seed == 2:
+            store.gather(lambda _: None)
+    with pytest.raises(SettingsError, match="another folder"):
+        store.gather(lambda _: None)
 
 
 def test_sources_without_samples_of_a_kind_are_told_of(tmp_path: Path) -> None:
