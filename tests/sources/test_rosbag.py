@@ -193,7 +193,7 @@ def test_what_a_damaged_page_costs_is_said(tmp_path, caplog, byte):
         assert source.counts["damaged"] >= 1
     assert found == (PACKETS * 10)[: len(found)]
     assert 300 < len(found) < 900
-    assert "damaged and a part of it left out" in caplog.text
+    assert "damaged, and a part of it was left out" in caplog.text
 
 
 def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_path, caplog):
