@@ -83,7 +83,7 @@ def object_of(data: bytes) -> dict[str, Any]:
 
 
 def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[bytes], bytes]:
-    """A query handler: object in, object out; whatever goes wrong is told to whoever asked."""
+    """A query handler: object in, object out; errors are sent back as the answer."""
 
     def handle(data: bytes) -> bytes:
         try:

@@ -1,4 +1,4 @@
-"""Health: how publishing goes, in a file, for whoever watches a process that cannot be asked over the network.
+"""Health: the state of publishing in a file, for watchdogs of a process that cannot be asked over the network.
 
 A vehicle whose router is away, or refuses it, is well; one that hangs, or whose sensor sends nothing, is not. Ages are
 by the clock that no one sets (CLOCK_MONOTONIC), which is the same for all processes of a machine.

@@ -83,7 +83,7 @@ class BackgroundRecorder:
         self._sent.offer(frame, settings, messages)
 
     def keep_clouds(self) -> None:
-        """To be called before `start` by whoever will call `cloud`."""
+        """Call this before `start` if `cloud` will be called."""
         self._files.clouds = True
 
     def cloud(self, frame: Frame) -> None:

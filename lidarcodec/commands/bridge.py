@@ -149,7 +149,7 @@ def _run(bridge: Bridge, as_json: bool) -> None:
     show = sys.stderr.isatty()
     with stoppable(bridge.interrupt) as stopped, bridge:
         where = bridge.summary().get("url")
-        if where is not None:  # now, for whoever waits for it; port 0 has become one
+        if where is not None:  # printed at once, because port 0 has become a real port
             sys.stderr.write(f"open in Foxglove: {where}\n")
         shown_s = time.monotonic()
         while not bridge.wait(0.2) and not stopped():

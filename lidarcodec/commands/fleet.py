@@ -1,4 +1,4 @@
-"""The commands of whoever runs more than one vehicle: a load, certificates, the server, and whether all is well."""
+"""Commands for a fleet: test load (swarm), certificates, the server, and health checks."""
 
 from __future__ import annotations
 

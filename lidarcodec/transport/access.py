@@ -4,11 +4,11 @@ A vehicle has its own keys and no others. A viewer sees every stream, may ask fo
 reports under its own name only. An operator is a viewer who may also change settings, and play recordings as vehicles
 named `playback-...`. What is not allowed is denied.
 
-Two things about that access control decide the form of these rules. It holds on links, so it belongs to whoever accepts
-connections: routers, and vehicles that listen themselves. Those who connect to such vehicles hold rules as well
-(`vehicles_only`), or one vehicle could speak for another. And a rule covers what it contains: who is allowed `a/frame`
-and subscribes to `a/*` gets nothing, and no word about it. `flows` are seen from the side that has the rules: `ingress`
-is what the other side sends.
+Two things about that access control decide the form of these rules. It holds on links, so it belongs to the side that
+accepts connections: routers, and vehicles that listen themselves. Clients of such vehicles also hold rules
+(`vehicles_only`), otherwise one vehicle could speak for another. And a rule must cover the whole key expression: a
+client that is allowed `a/frame` and subscribes to `a/*` gets nothing, without notice. `flows` are seen from the
+side that has the rules: `ingress` is what the other side sends.
 
 >>> people = People(vehicles=("car-7",), viewers=("anna",))
 >>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
@@ -134,7 +134,7 @@ def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
         (PUTTING, ["egress"], reports),
         (["query"], ["egress"], controls),
         (["liveliness_token"], ["egress"], _under(own, "arrived/*")),
-        # Of all streams: it has to hear of whoever subscribes to those of every vehicle, or it would send nothing.
+        # For all streams: it must hear of every subscriber, otherwise it would send nothing.
         (["declare_subscriber"], ["egress"], _under(ANY, "frame", "status")),
     )
 

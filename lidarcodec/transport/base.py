@@ -31,7 +31,7 @@ class Priority(Enum):
 
     REAL_TIME = "real_time"
     """Arrival reports: a few bytes, sent at once, never behind a frame. Of two within a millisecond on one link a busy
-    machine may drop the second, unsaid: whoever waits for a report has to go on without it."""
+    machine may drop the second without notice: a program that waits for a report must go on without it."""
     FRAMES = "frames"
     """Messages: never block the sender; one that the link cannot take while another waits is dropped there."""
     EVERY_FRAME = "every_frame"

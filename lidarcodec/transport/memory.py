@@ -167,7 +167,7 @@ class MemoryNetwork:
         return MemoryTransport(self)
 
     def add(self, entity: _Entity) -> None:
-        """Declare; tell those whom it concerns."""
+        """Declare, and notify all listeners."""
         with self._lock:
             self._entities.append(entity)
             if isinstance(entity, _Watcher):
@@ -177,7 +177,7 @@ class MemoryNetwork:
         self._changed(entity, alive=True)
 
     def remove(self, entity: _Entity) -> None:
-        """Take back; tell those whom it concerns."""
+        """Undeclare, and notify all listeners."""
         with self._lock:
             if entity not in self._entities:
                 return

@@ -51,7 +51,7 @@ RUST_LOG overrules it. The library writes to standard output."""
 CLOSE_LIMIT_S = 2.0
 RETRY_S = 0.5
 UNREACHABLE = "Unable to connect"
-"""How Zenoh begins to say that nobody listens, or that whoever does will not have us: it says no more than that."""
+"""First words of Zenoh if nobody listens, or if the listener refuses us. It does not say which."""
 
 _QOS: dict[Priority, dict[str, Any]] = {
     Priority.REAL_TIME: {

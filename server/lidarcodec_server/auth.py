@@ -24,7 +24,7 @@ CHALLENGE = {"WWW-Authenticate": 'Bearer realm="lidarcodec"'}
 
 
 def require_viewer(connection: HTTPConnection) -> Client:
-    """The client, who may read.
+    """The client, if it may read.
 
     Raises ProblemError 401 without a token that works, once there are tokens at all.
     """
@@ -43,7 +43,7 @@ def require_viewer(connection: HTTPConnection) -> Client:
 
 
 def require_operator(connection: HTTPConnection) -> Client:
-    """The client, who may change.
+    """The client, if it may change settings.
 
     Raises ProblemError 401 as `require_viewer`, 403 for a viewer.
     """

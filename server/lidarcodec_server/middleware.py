@@ -138,7 +138,7 @@ def _hostname(host: str) -> str:
 
 
 class Knock:
-    """Refuses whoever may not ask, before anything is done, or waited for, for a request."""
+    """Refuses clients without permission, before any work is done for a request."""
 
     def __init__(self, app: ASGIApp, check: Callable[[HTTPConnection], Awaitable[object]]) -> None:
         """check: raises ProblemError for a client that may not"""
@@ -177,7 +177,7 @@ class BodyLimit:
 
         async def limited() -> Message:
             nonlocal size, more
-            if not more:  # whoever waits now waits for the client to go
+            if not more:  # from here on, waiting means waiting for the client to disconnect
                 return await receive()
             try:
                 message = await asyncio.wait_for(receive(), max(0.0, end - time.monotonic()))

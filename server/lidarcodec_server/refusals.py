@@ -1,5 +1,5 @@
 """Refusals: what operators asked more often than they may, in the audit log. Each client has one entry a minute there,
-with the number of its requests, so that whoever asks without end fills no database.
+with the number of its requests, so that a client that asks without end cannot fill the database.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Tokens: made once, shown once, kept as SHA-256.
 
 A token is 256 random bits. Nobody guesses those, so a slow hash, which protects passwords that people choose, would
-protect nothing here and cost every request; what is kept is useless to whoever reads the database.
+protect nothing here and cost every request; a reader of the database cannot use what is stored.
 
 >>> token = new_token()
 >>> token.startswith("lct_"), len(token), len(digest_of(token))

@@ -184,7 +184,7 @@ def test_files_that_are_no_calibration(tmp_path: Path) -> None:
         read_calibration(tmp_path / "none.yaml")
     with pytest.raises(CalibrationError, match="cannot read"):
         read_calibration(tmp_path)
-    with pytest.raises(CalibrationError, match="cannot be written"):
+    with pytest.raises(CalibrationError, match="cannot write calibration"):
         write_calibration(generic_sensor(), tmp_path / "none" / "x.yaml")
     for data in (b"", b"\xff\xfe\x00", b"<", b"<a/>", b"\x00" * 100, b"- 1\n- 2\n", b"lasers: []"):
         (tmp_path / "odd").write_bytes(data)

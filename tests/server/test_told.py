@@ -126,7 +126,7 @@ async def test_large_settings_are_refused_before_a_vehicle_is_asked(serving, val
         (b'{"max_seconds": 1e999}', "out of range"),
         (b'{"x": ' + b"[" * 300 + b"]" * 300 + b"}", "nested more than 16 deep"),
         (b'{"max_bytes": ' + b"9" * 400 + b"}", "400 digits"),
-        (b"{", "no JSON"),
+        (b"{", "not JSON"),
         (b'{"x": "\\ud800"}', "surrogate"),
     ],
     ids=lambda value: str(value)[:20],

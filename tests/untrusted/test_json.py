@@ -36,10 +36,10 @@ def test_what_is_in_bounds_is_read_as_json_reads_it(value: object) -> None:
         (b"9" * 4000, "digits"),
         (b'"\\ud800"', "surrogate"),
         (b'"a\\u0000b"', "zero"),
-        (b"\xff\xfe", "no JSON"),
-        (b"", "no JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b"", "not JSON"),
         (b'"' + b"x" * 70_000 + b'"', "bytes"),
-        ("\ud800", "no JSON"),
+        ("\ud800", "not JSON"),
     ],
 )
 def test_what_would_fail_later_is_refused_with_its_reason(document: bytes | str, said: str) -> None:
@@ -63,5 +63,5 @@ def test_brackets_within_text_are_not_depth() -> None:
 
 
 def test_an_object_is_asked_for() -> None:
-    with pytest.raises(JsonRefusedError, match="no JSON object"):
+    with pytest.raises(JsonRefusedError, match="not a JSON object"):
         read_object(b"[]")

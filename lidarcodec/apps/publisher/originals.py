@@ -1,4 +1,4 @@
-"""Originals: frames as they were before coding, for whoever compares them with what came out, on the same machine.
+"""Originals: frames before coding, for programs on the same machine that compare them with decoded frames.
 
 They go on a key of their own, whole (0.6 MB each), and only while somebody receives them: a stream costs nothing for
 being allowed to be compared. The encoder is never held up: what cannot be packed in time is left out.

@@ -1,4 +1,4 @@
-"""Publisher: packets of a source, live, to whoever subscribes.
+"""Publisher: sends the packets of a source, live, to all subscribers.
 
     source thread    packets -> assembler -> mailbox of one frame (newest wins)
     encode thread    waits until the last message has arrived -> newest frame -> encoder -> bytes -> network

@@ -1,4 +1,4 @@
-"""FrameFeed: the packets of a source as frames in a mailbox. Never waits for whoever takes them, unless told to."""
+"""FrameFeed: the packets of a source as frames in a mailbox. Never waits for the consumer, unless told to."""
 
 from __future__ import annotations
 

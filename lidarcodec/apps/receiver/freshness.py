@@ -30,7 +30,7 @@ class Freshness:
 
     @classmethod
     def of(cls, max_age_s: MaxAge, *, newest: bool) -> Freshness:
-        """`live`: two seconds, but patient, for whoever wants the newest; all frames for whoever wants every one."""
+        """`live`: at most two seconds old, if only the newest frame is wanted; otherwise all frames."""
         if max_age_s == "live":
             return cls(LIVE_S if newest else None, patient=True)
         return cls(max_age_s)

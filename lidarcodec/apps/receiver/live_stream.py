@@ -68,14 +68,14 @@ class LiveStream:
 
     key:        `lidarcodec/v1/VEHICLE/SENSOR`, or `VEHICLE/SENSOR`
     endpoints:  where to listen and connect; by default nothing leaves the machine. `transport`: an open one instead
-    receiver:   the name under which arrivals are reported; by default whom a configuration of `lidarcodec certs` is
-                for, because only under that one it may report, else a unique one
-    newest:     True: whoever iterates too slowly gets the newest frame, and what was replaced is counted. False: every
-                frame is waited for, and the publisher feels it
-    timeout_s:  iteration ends after so long without a frame; None: never
+    receiver:   the name under which arrivals are reported; by default the name in a configuration of `lidarcodec
+                certs`, because it may report only under that name; otherwise a unique name
+    newest:     True: a slow iteration gets the newest frame; replaced frames are counted. False: every frame
+                is waited for, which slows the publisher down
+    timeout_s:  iteration ends after this time without a frame; None: never
     max_age_s:  frames older than this when decoded are counted as stale and not given out; None: all are. `live`:
-                two seconds for whoever wants the newest, unless nothing else comes; for whoever wants every frame all
-    until_end:  iteration ends when the publisher has gone
+                two seconds with `newest`, unless nothing newer comes; otherwise all
+    until_end:  iteration ends when the publisher stops
     udp:        `HOST:PORT` that gets the packets as the sensor's own stream (`?position=PORT`: position packets, too,
                 which port 8308 gets beside port 2368);  record: folder that gets the messages;
                 clouds: and the points of each frame, for viewers
@@ -130,7 +130,7 @@ class LiveStream:
             clock=clock,
         )
 
-    # --- for whoever iterates ---------------------------------------------------------------------------------------
+    # --- iteration --------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
         """Begin to receive. A router that cannot be reached is tried again meanwhile.

@@ -1,7 +1,7 @@
 """Receiver: messages of one stream in, decoded frames out, through restarts of either side.
 
     receive thread   ring of one -> header -> slot of the decoder -> arrival report
-    decode thread    bytes -> message -> frames -> whoever was given
+    decode thread    bytes -> message -> frames -> the given handler
     control thread   asks for key frames when one is needed, reports once a second, measures the round trip
 
 The arrival report leaves before decoding. It waits for one thing only: that the message before is out of the slot. So

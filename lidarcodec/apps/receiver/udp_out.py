@@ -31,7 +31,7 @@ WAITING: Final = 2
 """Frames that wait behind the one that is being sent."""
 DELAY_S: Final = 0.02
 CATCH_UP: Final = 1.25
-"""Speed of whoever waits longer than the path now asks for."""
+"""Speed of sending while frames wait longer than the path now needs."""
 REMEMBERED: Final = 20
 """Frames whose delay on the path sets how long to wait: two seconds."""
 NAP_S: Final = 0.0005

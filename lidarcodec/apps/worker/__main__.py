@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import signal
 
-if __name__ == "__main__":  # before anything slow is imported, and never in the process of whoever imports this
+if __name__ == "__main__":  # before anything slow is imported, and never in a process that only imports this
     for _signal in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(_signal, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)

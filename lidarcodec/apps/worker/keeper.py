@@ -127,7 +127,7 @@ class WorkerKeeper:
         process.end()
 
     def close(self) -> None:
-        """End the process for good; whoever waits for it gets a WorkerError. Harmless when called twice."""
+        """End the process for good. Calls that wait for it raise WorkerError. Harmless when called twice."""
         self._closed.set()
         with self._lock:
             process, self._process, self._session = self._process, None, None

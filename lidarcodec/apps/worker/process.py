@@ -167,7 +167,7 @@ class WorkerProcess:
         return self._ask(Kind.FLUSH, [], self._frames)
 
     def kill(self) -> None:
-        """End it now, from any thread; whoever is asking it gets a WorkerError."""
+        """End it now, from any thread. Calls that wait for its answer raise WorkerError."""
         self._process.kill()
 
     def end(self) -> None:

@@ -82,8 +82,8 @@ def ignore_signals() -> None:
 def stoppable(wake: Callable[[], None] | None = None) -> Iterator[Callable[[], bool]]:
     """Function that says whether a signal asked to stop. A second one, a second later or more, interrupts at once.
 
-    One wish to stop often comes as two signals: `timeout` sends its own to the process and to the group, and whoever
-    started us from a terminal passes on the one that we had already. They must not cut a file that is being ended.
+    Often two signals mean one wish to stop: `timeout` signals both the process and its group, and a parent process on a
+    terminal passes on a signal that we had already. The second one must not cut off a file that is being finished.
 
     wake: called at the first signal, to end a read that waits
     """

@@ -1,4 +1,4 @@
-"""Fleet: which streams there are, who is alive, and what each said last. Bounded, whatever is on the network.
+"""Fleet: which streams exist, which are alive, and the last status of each. Bounded, whatever is on the network.
 
 >>> fleet = Fleet(max_streams=2)
 >>> fleet.changed(StreamKeys("car-7", "roof"), alive=True)

@@ -243,7 +243,7 @@ class Shelf:
         return None
 
     def _unusable(self, error: OSError) -> StorageError:
-        """What to tell clients, whom it does not concern where the folder is; the log says it."""
+        """The error for clients. It does not name the folder; the log does."""
         reason = error.strerror or type(error).__name__
         self._warnings.warning("the recordings folder %s cannot be used: %s", self.folder, reason)
         return StorageError(f"the recordings folder of the server cannot be used: {reason}")

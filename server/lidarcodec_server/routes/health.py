@@ -1,4 +1,4 @@
-"""`/healthz` and `/readyz`: for whoever starts, restarts and watches the server. Open to all, so they tell little."""
+"""`/healthz` and `/readyz`: for programs that start or watch the server. No token is needed, so they tell little."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """with_password: a database URL and its password, which lies in a file of its own.
 
-That is how Docker and systemd hand secrets over. In the environment, whoever may look at the process would read it.
+Docker and systemd hand secrets over like this. All users that can inspect a process could read its environment.
 """
 
 from __future__ import annotations
