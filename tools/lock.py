@@ -16,11 +16,16 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-TOOLS = {"build": ("cmake", "ninja", "nanobind", "scikit-build-core"), "wheels": ("build", "cibuildwheel")}
+TOOLS = {
+    "build": ("cmake", "ninja", "nanobind", "scikit-build-core"),
+    "wheels": ("build", "cibuildwheel"),
+    "site": ("mkdocs", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"),
+}
 """Locks of tools, which are no dependency of the package."""
 LOCKS: dict[str, tuple[str, ...]] = {
     "build": (),
     "wheels": (),
+    "site": (),
     "base": (),
     "server": ("server",),
     "image-server": ("server", "postgres"),
@@ -94,7 +99,6 @@ def write() -> None:
                 "--universal",
                 "--python-version",
                 "3.11",
-                "--generate-hashes",
             ]
             command += ["--constraint", str(ROOT / "constraints.txt"), "--no-emit-index-url", "--no-annotate"]
             command += ["--generate-hashes", "--no-header", "--quiet", "--no-config"]
