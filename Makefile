@@ -32,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native web wasm clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native web wasm site clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -98,6 +98,9 @@ web: ## build the page from clients/web into the server's package, where it is c
 wasm: ## build the decoder that the page runs, from native/, where it is committed; then run `make web` (needs clang, lld and wasi-libc)
 	@sh tools/build-wasm.sh
 
+site: $(STAMPS)/site ## build the site of the documents into build/site; build/site/index.html opens in a browser
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict $(ARGS)
+
 clean: ## remove the environment and every build
 	rm -rf $(VENV) build lidarcodec/_native*.so clients/*/node_modules clients/typescript/dist
 
@@ -126,6 +129,11 @@ $(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt
 	@echo "Installing what its tests need ..."
 	@$(LOCKED)/dev.txt
 	@$(PIP) -c constraints.txt 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (docs/development.md says where it is): tests of training are skipped"
+	@touch $@
+
+$(STAMPS)/site: $(STAMPS)/build requirements/site.txt
+	@echo "Installing what the site needs ..."
+	@$(LOCKED)/site.txt
 	@touch $@
 
 # What the page's own tests need. Without node and npm, or a registry, they are skipped by name: the built page is committed.

@@ -46,7 +46,7 @@ def test_all_that_make_and_the_images_download_has_a_hash():
         line for line in calls if "--no-deps" not in line and "$(EDITABLE)" not in line and "torch" not in line
     ] == []
     assert "EDITABLE := --no-deps " in text
-    assert text.count("$(LOCKED)/") == 4
+    assert text.count("$(LOCKED)/") == 5
 
 
 def test_the_bill_of_materials_is_current_and_whole():

@@ -16,13 +16,18 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-TOOLS = {"build": ("cmake", "ninja", "nanobind", "scikit-build-core"), "wheels": ("build", "cibuildwheel")}
+TOOLS = {
+    "build": ("cmake", "ninja", "nanobind", "scikit-build-core"),
+    "wheels": ("build", "cibuildwheel"),
+    "site": ("mkdocs", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"),
+}
 """Locks of tools, which are no dependency of the package."""
 FORMATS = ("images", "video", "las")
 """Extras that `make` and the images always install: whoever sends chooses the codec."""
 LOCKS: dict[str, tuple[str, ...]] = {
     "build": (),
     "wheels": (),
+    "site": (),
     "base": FORMATS,
     "server": (*FORMATS, "server"),
     "image-server": (*FORMATS, "server", "postgres"),
@@ -96,7 +101,6 @@ def write() -> None:
                 "--universal",
                 "--python-version",
                 "3.11",
-                "--generate-hashes",
             ]
             command += ["--constraint", str(ROOT / "constraints.txt"), "--no-emit-index-url", "--no-annotate"]
             command += ["--no-header", "--quiet", "--no-config"]
