@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from itertools import islice
+from typing import Any
+
+import numpy.typing as npt
 
 from lidarcodec.api import read_frames
 from lidarcodec.sources.base import PacketSource
+
+
+def digest_of(arrays: Iterable[npt.NDArray[Any]]) -> str:
+    """A digest of what a network is trained on; 16 hexadecimal digits."""
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(array.tobytes())
+    return found.hexdigest()[:16]
 
 
 def identity(source: PacketSource) -> str:

@@ -21,6 +21,7 @@ from torch.nn import functional
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.frame import Frame
 from lidarcodec.training.annotation_folder import Labels
+from lidarcodec.training.identity import digest_of
 from lidarcodec.training.nets.poconet import CLASSES, PocoNet
 from lidarcodec.training.poco_data import CPU_POINTS, LEAST_POINTS, PAPER_POINTS, PocoScan, levels_of, poco_scan
 from lidarcodec.training.runs import (
@@ -80,6 +81,8 @@ def train_poconet(
     frames = [pair for pair in labelled(drives, every) if pair[0].points]
     if not frames:
         raise SourceError("no labelled frame to train on")
+    parts = ((frame.range, labels.labels) for frame, labels in frames)
+    settings = settings | {"examples": digest_of(part for pair in parts for part in pair)}
     weights = class_weights(frames).to(target)
     seed_torch(run.seed)
     net: PocoNet = PocoNet().to(target)

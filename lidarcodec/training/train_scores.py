@@ -18,6 +18,7 @@ from torch.nn import functional
 
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.reduction.score_image import score_image
+from lidarcodec.training.identity import digest_of
 from lidarcodec.training.nets.score_net import GROUND, HIGH, LOW, RANK, SELDOM, ScoreNet, in_place
 from lidarcodec.training.runs import (
     Checkpoint,
@@ -74,8 +75,9 @@ def train_scores(
     seed_torch(run.seed)
     net: ScoreNet = ScoreNet().to(target)
     optimiser = torch.optim.AdamW(net.parameters(), run.rate, weight_decay=1e-3)
-    state = load_checkpoint(out, target) or Checkpoint(0, dict(asdict(run)), {}, {})
-    state.require(asdict(run))
+    settings = asdict(run) | {"examples": digest_of(part for example in examples for part in example)}
+    state = load_checkpoint(out, target) or Checkpoint(0, settings, {}, {})
+    state.require(settings)
     if state.step:
         net.load_state_dict(state.model)
         optimiser.load_state_dict(state.optimiser)

@@ -10,6 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
 from lidarcodec.api import read_frames  # noqa: E402
+from lidarcodec.errors import SettingsError  # noqa: E402
 from lidarcodec.reduction.score_image import score_image, unpatched  # noqa: E402
 from lidarcodec.sources.simulator import SimulatorSource  # noqa: E402
 from lidarcodec.training.annotation_folder import Labels  # noqa: E402
@@ -44,6 +45,13 @@ def test_a_short_training_learns_and_goes_on_as_if_it_had_not_been_stopped(examp
     parts = train_scores([example], tmp_path / "parts.pt", RUN, "cpu")
     for name, value in whole.state_dict().items():
         assert torch.equal(value, parts.state_dict()[name]), name
+
+
+def test_a_run_is_not_resumed_with_another_drive(example: Example, tmp_path: Path) -> None:
+    """The old network came out, and said that it was trained on the other one."""
+    train_scores([example], tmp_path / "run.pt", RUN, "cpu", seconds=0.0)
+    with pytest.raises(SettingsError, match="examples"):
+        train_scores([example, example], tmp_path / "run.pt", RUN, "cpu")
 
 
 def test_the_file_that_ships_computes_what_the_network_does(tmp_path: Path) -> None:

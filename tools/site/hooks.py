@@ -55,8 +55,8 @@ def reference() -> str:
     return "\n\n".join(
         [
             "# Python names",
-            "Every public name of `import lidarcodec`, from its docstring. [Python](python-api.md) has examples that run;"
-            " all errors are in [Errors](errors.md).",
+            "Every public name of `import lidarcodec`, from its docstring."
+            " [Python](python-api.md) has examples that run; all errors are in [Errors](errors.md).",
             *entries,
             "",
         ]
