@@ -227,7 +227,7 @@ def test_a_narrow_screen_shows_everything_without_scrolling_sideways(fleet, page
 def test_a_stream_that_nobody_ever_saw_is_no_lost_connection(fleet, page_of):
     page = page_of(f"{fleet.url}/#/car-8/roof")
     expect(page.locator(".notice")).to_contain_text("The server does not know car-8/roof. It appears")
-    expect(page.get_by_text("The server does not know car-8/roof.")).to_be_visible()
+    expect(page.get_by_text("The server does not know car-8/roof.", exact=True)).to_be_visible()
     row_of(page).click()
     expect(page).to_have_title(POINTS)
     page.complaints.clear()  # the browser tells of every 404

@@ -57,7 +57,7 @@ def test_a_viewer_sees_everything_and_changes_nothing(secured, tokens, page_of):
     page = page_of(secured.url)
     sign_in(page, tokens["viewer"])
     expect(page).to_have_title(POINTS)
-    expect(page.get_by_text("changing needs an operator's token")).to_be_visible()
+    expect(page.get_by_text("sign in with an operator's token")).to_be_visible()
     expect(page.get_by_label("Codec", exact=True)).to_be_disabled()
     expect(page.get_by_role("button", name="Key frame")).to_be_disabled()
     page.get_by_role("tab", name="Recordings").click()
