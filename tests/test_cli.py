@@ -355,7 +355,7 @@ def test_verify_fails_when_a_part_of_the_recording_is_missing(tmp_path):
     whole = out.read_bytes()
     half = len(whole) // 2  # within the second message
     flipped = whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :]
-    for damaged, says in ((whole[:half], "cut"), (flipped, "damaged")):
+    for damaged, says in ((whole[:half], "the end of the recording is missing"), (flipped, "damaged")):
         out.write_bytes(damaged)
         result = run_here("verify", out, capture)
         assert result.returncode == 1
@@ -373,7 +373,7 @@ def test_output_that_cannot_be_printed_is_an_error_of_its_own(tmp_path, words, w
             timeout=100, check=False,
         )  # fmt: skip
     assert done.returncode == 1
-    assert "cannot write to standard output: No space left on device: what the command printed is lost" in done.stderr
+    assert "cannot write to standard output: No space left on device: the printed output is lost" in done.stderr
     assert done.stderr.count("lidarcodec: cannot") == 1
     assert (tmp_path / "out.mcap").exists() == whole
     if whole:

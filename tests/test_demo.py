@@ -124,7 +124,7 @@ def test_on_a_terminal_it_goes_on_until_it_is_interrupted(demo):
     os.close(theirs)
     said = b""
     with os.fdopen(screen, "rb", buffering=0) as terminal:
-        while b"Ctrl-C ends" not in said:
+        while b"Press Ctrl-C" not in said:
             said += terminal.read(4096)
         url = address_in(said.decode(errors="replace"))
         assert eventually(lambda: alive(url), LIMIT_S)

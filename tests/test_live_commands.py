@@ -133,7 +133,7 @@ def test_a_signal_ends_both_sides_with_code_0_and_a_summary(number, endpoint, su
     [
         (("publish", "sim:city", "--rate", "fast"), 2, "--rate fast"),
         (("publish", "sim:city", "--link", "fast"), 2, "--link must be one of 1mbit, 2mbit, 5mbit, lan"),
-        (("publish", "--config", "cars.yaml", "--link", "lan"), 2, "--link stands in the file"),
+        (("publish", "--config", "cars.yaml", "--link", "lan"), 2, "--link cannot be combined with --config"),
         (("publish", "sim:city", "--record", "kept", "--record-gb", "nan"), 2, "--record-gb"),
         (("publish", "sim:city", "--record-as", "lossless"), 2, "--record DIR"),
         (("serve", "--recordings-gb", "inf"), 2, "--recordings-gb"),

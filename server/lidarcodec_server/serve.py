@@ -54,7 +54,7 @@ class Listening(uvicorn.Server):
         if not self.started:
             return
         self._acceptor = self._accept(self._protocol)
-        print(f"Serving on {self._address}. Press Ctrl-C to stop.", flush=True)
+        print(f"Serving on {self._address} until you press Ctrl-C", flush=True)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Take no more connections, and end."""

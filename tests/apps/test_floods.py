@@ -58,5 +58,5 @@ def test_a_question_of_megabytes_is_not_even_read(network):
     with publisher(network) as car:
         end = network.end()
         assert end.ask(KEYS.control_set, b"[" * (2 << 20), 1.0) is None
-        assert "refused" in json.loads(end.ask(KEYS.control_set, b"[" * (1 << 19), 10.0))["error"]
+        assert "at most 65,536 are allowed" in json.loads(end.ask(KEYS.control_set, b"[" * (1 << 19), 10.0))["error"]
         assert car.status()["errors"] == {}

@@ -206,7 +206,7 @@ def test_a_second_signal_ends_it_at_once_with_nothing_to_be_seen(tmp_path: Path)
 
     words = [COMMAND[0], "-c", program, "encode", "sim:city?frames=3", str(tmp_path / "out.mcap")]
     done = subprocess.run(words, capture_output=True, text=True, env=environment(), timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (130, "lidarcodec: stopped before it was done\n")
+    assert (done.returncode, done.stderr) == (130, "lidarcodec: stopped before it was finished\n")
     assert list(tmp_path.iterdir()) == []
 
 

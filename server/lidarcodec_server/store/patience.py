@@ -87,7 +87,7 @@ class Patience:
     >>> try:
     ...     with patience.asking(OSError): pass
     ... except OSError as error: print(error)
-    it did not answer just now, and is asked again soon
+    it did not answer and will be asked again soon
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
