@@ -53,8 +53,8 @@ def test_the_index_names_every_page_but_those_of_an_index_of_their_own():
 def test_links_that_leave_docs_lead_to_the_repository(caplog):
     hooks = loaded("hooks")
     out = hooks.links_out(
-        "[a](../README.md#use) [b](../clients/python) [c](live.md#keys) [d](https://example.org/x) [e](../no.md)"
-        " [f](#here)",
+        "[a](../README.md#use) [b](../clients/python) [c](live.md#keys) [d](https://example.org/x) "
+        "[e](../no.md) [f](#here)",
         DOCS / "index.md",
         REPOSITORY,
     )
@@ -79,6 +79,8 @@ def test_fields_of_docstrings_become_lists():
     assert doctest.testmod(loaded("docstrings")).failed == 0
 
 
+@pytest.mark.sweep
+@pytest.mark.timeout(600)
 def test_the_site_builds_without_a_warning(tmp_path):
     pytest.importorskip("mkdocs", reason="needs the packages of requirements/site.txt: `make site` installs them")
     done = subprocess.run(
@@ -88,7 +90,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=110,
+        timeout=580,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert "packets_of" in Path(tmp_path / "python-reference" / "index.html").read_text()

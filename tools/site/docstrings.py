@@ -7,7 +7,7 @@ from typing import Any
 
 import griffe
 
-FIELD = re.compile(r"^(\w+):\s+(?=\S)")
+FIELD = re.compile(r"^[a-z]\w*(, [a-z]\w*)*:\s+(?=\S)")
 
 
 def as_markdown(text: str) -> str:
@@ -46,7 +46,7 @@ def _fields(line: str) -> list[tuple[str, str]]:
     found = []
     for part in re.split(r";  (?=\w+: )", line):
         name, _, rest = part.partition(":")
-        found.append((name.strip(), rest.strip()))
+        found.append((name.strip().replace(", ", "`, `"), rest.strip()))
     return found
 
 

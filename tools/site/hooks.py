@@ -1,4 +1,4 @@
-"""What the site needs beyond docs/: links that leave it, anchors as GitHub has them, a page of the public names."""
+"""What the site (mkdocs.yml) needs beyond docs/: links that leave it, anchors like GitHub's, a page of public names."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def reference() -> str:
     return "\n\n".join(
         [
             "# Python names",
-            "Every public name of `import lidarcodec`, from its docstring."
-            " [Python](python-api.md) has examples that run; all errors are in [Errors](errors.md).",
+            "Every public name of `import lidarcodec`, from its docstring. [Python](python-api.md) has examples that "
+            "run; all errors are in [Errors](errors.md).",
             *entries,
             "",
         ]
