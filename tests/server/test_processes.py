@@ -286,5 +286,5 @@ def test_without_the_extra_the_command_says_how_to_get_it(command):
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), timeout=60, check=False
     )
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "pip install 'lidarcodec[server]'" in the_one_line(result)
