@@ -39,7 +39,7 @@ def bare(*commands):
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     path = tmp_path_factory.mktemp("core") / "town.pcap"
-    assert run_here("simulate", "sim:city", path, "--frames", 2).returncode == 0
+    assert run_here("simulate", "sim:city", path, "--frames", 1).returncode == 0
     return path
 
 
