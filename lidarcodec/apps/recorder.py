@@ -43,8 +43,9 @@ class Cloud(NamedTuple):
 class BackgroundRecorder:
     """Records messages as they are, packets as they are, frames as a lossless stream, or their points. Thread-safe.
 
-    counts: `dropped` (the disk, or the processor, was too slow), `errors`, `recorded checked` and `recorded wrong` of a
-    lossless stream, `sent checked` and `sent wrong` of messages given to `sent`, and those of the RotatingRecorder
+    counts: `dropped` (the disk, or the processor, was too slow), `unwritten` (what still waited at `close`), `errors`,
+            `recorded checked` and `recorded wrong` of a lossless stream, `sent checked` and `sent wrong` of messages
+            given to `sent`, and those of the RotatingRecorder
     """
 
     def __init__(self, folder: Path, keys: StreamKeys, settings: StreamSettings | None = None, **limits: int) -> None:
@@ -104,7 +105,11 @@ class BackgroundRecorder:
         if self._thread.is_alive():
             self._thread.join(CLOSE_LIMIT_S)
         if self._thread.is_alive():
+            with self._condition:
+                self._own["unwritten"] = len(self._queue) + 1
             logger.error("recording: the disk did not take the remaining data within %g s", CLOSE_LIMIT_S)
+        else:
+            self._own.pop("unwritten", None)
         self._recorded.close()
         self._sent.close()
 

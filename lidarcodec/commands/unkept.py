@@ -27,17 +27,14 @@ def check_recorded(recordings: dict[str, dict[str, Any] | None]) -> None:
     """Say what live recordings left out. recordings: their last state (`BackgroundRecorder.state`) by stream, None for
     a stream that was not recorded.
 
-    Raises SourceError, behind all warnings, where one stopped before its stream did or files of it were lost.
+    Raises SourceError where one stopped before its stream did, the disk was too slow, or files of it were lost.
     """
     lacking = []
     for stream, state in recordings.items():
         if state is None:
             continue
-        dropped = state["counts"].get("dropped", 0)
-        if dropped:
-            log.warning(
-                "%s: %d messages or batches of packets were not recorded because the disk was too slow", stream, dropped
-            )
+        if late := state["counts"].get("dropped", 0) + state["counts"].get("unwritten", 0):
+            lacking.append(f"{stream}: the disk was too slow for {late} messages or batches of packets")
         if state["stopped"]:
             lacking.append(f"{stream}: {state['stopped']}")
         if lost := state["counts"].get("lost files", 0):

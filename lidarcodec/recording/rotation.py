@@ -108,6 +108,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
 
     def write_cloud(self, frame: Frame) -> bool:
         """Records the points of a decoded frame in the file that is being written; whether it did."""
+        self._look_after_file()
         size = frame.points * POINT_DTYPE.itemsize + _POSE_BYTES
         if self._writer is None and self.stopped is None:
             self.counts["waiting for a key message"] += 1
@@ -128,7 +129,8 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         """Files of this sensor in the folder, oldest first."""
         name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
         found = [path for path in self.folder.iterdir() if name.fullmatch(path.name) and self._is_ours(path)]
-        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+        times = {path: _changed_ns(path) for path in found}
+        return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
 
     def _is_ours(self, path: Path) -> bool:
         """Whether a file of that name is of this sensor: `car_1`, `roof` and `car`, `1_roof` make the same names."""
@@ -218,14 +220,14 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         order = {name: number for number, name in enumerate(self._made)}
         found = sorted(self.files(), key=lambda path: order.get(path.name, -1))
         self._made = [path.name for path in found if path.name in order]
-        files = [(path, path.stat().st_size) for path in found if path != self.path]
+        files = [(path, _size_of(path)) for path in found if path != self.path]
         total = sum(size for _, size in files)
         for path, size in files:
             if total + needed <= self.max_total_bytes:
                 return
             if _is_written(path):
                 continue
-            path.unlink()
+            path.unlink(missing_ok=True)
             total -= size
             self.counts["deleted files"] += 1
         if needed + total > self.max_total_bytes and total:
@@ -271,6 +273,21 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             self._end()
         except (OSError, MemoryError):
             log.debug("the last file in %s has no index", self.folder)
+
+
+def _changed_ns(path: Path) -> int | None:
+    """When a file was changed; None if it is gone meanwhile, or a link to nothing."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return None
+
+
+def _size_of(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # gone meanwhile
+        return 0
 
 
 def _lost(file: IO[bytes]) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,10 @@ from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import subscribe
 from lidarcodec.apps.recorder import WAITING, BackgroundRecorder
 from lidarcodec.assembly import packets_of
-from lidarcodec.errors import SettingsError
+from lidarcodec.commands.unkept import check_recorded
+from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.pipeline import StreamDecoder
-from lidarcodec.recording import RecordingReader
+from lidarcodec.recording import RecordingReader, RotatingRecorder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.transport.memory import MemoryNetwork
@@ -114,6 +116,23 @@ def test_what_the_disk_cannot_take_is_dropped_and_counted(tmp_path):
     recorder.close()
     assert recorder.state()["counts"]["dropped"] == 7
     assert len(payloads_of(tmp_path)) == 2 * WAITING
+
+
+def test_what_still_waits_for_the_disk_at_the_end_is_an_error(tmp_path, monkeypatch):
+    """The exit code said that all was recorded."""
+    monkeypatch.setattr("lidarcodec.apps.recorder.CLOSE_LIMIT_S", 0.2)
+    written, going = RotatingRecorder.write_packets, threading.Event()
+    monkeypatch.setattr(RotatingRecorder, "write_packets", lambda *given: going.wait(30) and written(*given))
+    recorder = BackgroundRecorder(tmp_path, StreamKeys())
+    for packet in list(Loop(1).packets())[:5]:
+        recorder.packets([packet])
+    recorder.start()
+    recorder.close()
+    with pytest.raises(SourceError, match="the disk was too slow"):
+        check_recorded({"car/roof": recorder.state()})
+    going.set()
+    recorder.close()
+    check_recorded({"car/roof": recorder.state()})
 
 
 def test_a_folder_that_cannot_be_written_is_said_in_the_status_and_the_stream_goes_on(tmp_path):

@@ -111,6 +111,22 @@ def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
     assert recorder.counts["deleted files"] > 0
 
 
+def test_old_files_that_somebody_takes_away_end_no_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "truck_roof_20200101T000000Z_0000.mcap").symlink_to(tmp_path / "nowhere")
+    taken = Path.unlink
+
+    def gone(path: Path, missing_ok: bool = False) -> None:
+        taken(path)
+        taken(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", gone)
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=2 * MIB)
+    assert all(recorder.write(big(index, True)) for index in range(60))
+    recorder.close()
+    assert recorder.stopped is None
+    assert recorder.counts["deleted files"] > 0
+
+
 def test_files_of_another_sensor_are_left_alone_though_their_names_are_alike(tmp_path: Path) -> None:
     for vehicle, sensor in (("car", "1_roof"), ("car_1", "roof")):
         recorder = RotatingRecorder(tmp_path, vehicle, sensor, max_file_bytes=MIB, max_total_bytes=2 * MIB)

@@ -230,9 +230,12 @@ def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_pat
         made_here.commit()
         for ending in ("", "-wal"):
             shutil.copy(f"{path}{ending}", tmp_path / f"killed.db3{ending}")
-    with open_source(tmp_path / "killed.db3") as source:
-        assert list(source.packets()) == PACKETS[:60]
-        assert source.counts == {"damaged": 1}
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "link.db3").symlink_to(tmp_path / "killed.db3")
+    for name in ("killed.db3", "elsewhere/link.db3"):
+        with open_source(tmp_path / name) as source:
+            assert list(source.packets()) == PACKETS[:60]
+            assert source.counts == {"damaged": 1}
     assert "its newest messages are in killed.db3-wal" in caplog.text
 
 

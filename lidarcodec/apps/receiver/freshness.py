@@ -5,6 +5,8 @@
 [True, False, False, True]
 >>> [fresh.shows(3000, 10.0 + second) for second in range(3)]  # a path that is always so slow is shown none the less
 [False, True, True]
+>>> [fresh.shows(age_ms, 14.0) for age_ms in (80, None)]  # of an earlier run, sent once more
+[True, False]
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ class Freshness:
     def __init__(self, max_age_s: float | None, *, patient: bool = False) -> None:
         self.max_age_s, self._patient = max_age_s, patient
         self._old_since: float | None = None
+        self._fresh_at: float | None = None
 
     @classmethod
     def of(cls, max_age_s: MaxAge, *, newest: bool) -> Freshness:
@@ -36,9 +39,16 @@ class Freshness:
         return cls(max_age_s)
 
     def shows(self, age_ms: float | None, now_s: float) -> bool:
-        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time."""
-        if self.max_age_s is None or age_ms is None or age_ms <= 1e3 * self.max_age_s:
-            self._old_since = None
+        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time.
+
+        Where frames of a known age have just come, one of an unknown age is of minutes ago.
+        """
+        if self.max_age_s is None:
+            return True
+        if age_ms is None:
+            return self._fresh_at is None or now_s - self._fresh_at > LIVE_S
+        if age_ms <= 1e3 * self.max_age_s:
+            self._old_since, self._fresh_at = None, now_s
             return True
         if self._old_since is None:
             self._old_since = now_s

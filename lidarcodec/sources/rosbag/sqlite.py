@@ -136,11 +136,12 @@ class _Lost:
         self._counts["damaged"] += 1
         if self._warns:
             self._warns = False
-            log.warning("%s is damaged and a part of it left out: %s", self._path, why)
+            log.warning("%s is damaged, and a part of it was left out: %s", self._path, why)
 
 
 def _not_read(path: Path) -> str | None:
     """The file beside a database in which a recorder that was killed left its newest messages, if there is one."""
+    path = path.resolve()  # SQLite looks beside what a link names
     for ending, head_bytes in (("-wal", 32), ("-journal", 512)):
         beside = path.with_name(path.name + ending)
         with contextlib.suppress(OSError):
