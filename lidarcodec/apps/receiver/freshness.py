@@ -46,7 +46,7 @@ class Freshness:
         if self.max_age_s is None:
             return True
         if age_ms is None:
-            return self._fresh_at is None or now_s - self._fresh_at > LIVE_S
+            return self._fresh_at is None or now_s - self._fresh_at > PATIENCE_S
         if age_ms <= 1e3 * self.max_age_s:
             self._old_since, self._fresh_at = None, now_s
             return True
