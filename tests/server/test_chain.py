@@ -61,7 +61,7 @@ def test_a_viewer_that_keeps_up_misses_nothing(frames):
 
 
 def message(first, *, key=False, needs=None, codec=1, stream_id=1, calibration=b"c"):
-    return Coded(b"", stream_id, codec, key, first, 1, needs, calibration)
+    return Coded(b"", stream_id, codec, key, first, 1, needs, calibration, first)
 
 
 def test_who_falls_behind_a_chain_waits_for_the_next_key_and_says_so():

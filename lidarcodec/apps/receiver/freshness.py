@@ -5,8 +5,6 @@
 [True, False, False, True]
 >>> [fresh.shows(3000, 10.0 + second) for second in range(3)]  # a path that is always so slow is shown none the less
 [False, True, True]
->>> [fresh.shows(age_ms, 14.0) for age_ms in (80, None)]  # of an earlier run, sent once more
-[True, False]
 """
 
 from __future__ import annotations
@@ -29,7 +27,6 @@ class Freshness:
     def __init__(self, max_age_s: float | None, *, patient: bool = False) -> None:
         self.max_age_s, self._patient = max_age_s, patient
         self._old_since: float | None = None
-        self._fresh_at: float | None = None
 
     @classmethod
     def of(cls, max_age_s: MaxAge, *, newest: bool) -> Freshness:
@@ -39,16 +36,9 @@ class Freshness:
         return cls(max_age_s)
 
     def shows(self, age_ms: float | None, now_s: float) -> bool:
-        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time.
-
-        Where frames of a known age have just come, one of an unknown age is of minutes ago.
-        """
-        if self.max_age_s is None:
-            return True
-        if age_ms is None:
-            return self._fresh_at is None or now_s - self._fresh_at > PATIENCE_S
-        if age_ms <= 1e3 * self.max_age_s:
-            self._old_since, self._fresh_at = None, now_s
+        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time."""
+        if self.max_age_s is None or age_ms is None or age_ms <= 1e3 * self.max_age_s:
+            self._old_since = None
             return True
         if self._old_since is None:
             self._old_since = now_s
@@ -87,22 +77,31 @@ class OnlyBehind:
 class Forward:
     """Keeps a live view from going back: a path may send a message once more, or change the order of messages.
 
-    >>> view = Forward()
-    >>> [view.goes_back(stream_id, index, 0.0) for stream_id, index in ((7, 10), (7, 11), (7, 3), (7, 12), (8, 0))]
-    [False, False, True, False, False]
+    >>> view, s = Forward(), 10**9
+    >>> came = ((7, 10, 30 * s), (7, 11, 31 * s), (7, 3, 23 * s), (7, 12, 32 * s))
+    >>> [view.goes_back(*frame, 0.0) for frame in came]
+    [False, False, True, False]
+    >>> view.goes_back(6, 99, 2 * s, 0.5), view.goes_back(8, 0, 33 * s, 0.5)  # an earlier run; the next one
+    (True, False)
     """
 
     def __init__(self) -> None:
-        self._newest: tuple[int | None, int] = None, 0
+        self._stream_id: int | None = None
+        self._index = self._stamp_ns = 0
+        self._shown_s = float("-inf")
         self._behind = OnlyBehind()
 
-    def goes_back(self, stream_id: int | None, index: int, now_s: float) -> bool:
-        """Whether a later frame of the same stream came before this one, which must not be shown then.
+    def goes_back(self, stream_id: int | None, index: int, stamp_ns: int, now_s: float) -> bool:
+        """Whether a frame must not be shown: a later one of its stream was, or it is of an earlier run.
 
-        now_s: monotonic time. A view that would show nothing any more believes what comes.
+        stamp_ns: when it was taken; now_s: monotonic time. A view that would show nothing any more believes what comes.
         """
-        if stream_id == self._newest[0] and index < self._newest[1] and not self._behind.lasts(index, now_s):
+        if stream_id == self._stream_id:
+            back = index < self._index and not self._behind.lasts(index, now_s)
+        else:
+            back = now_s - self._shown_s < PATIENCE_S and self._stamp_ns - stamp_ns > LIVE_S * 1e9
+        if back:
             return True
-        self._newest = stream_id, index
+        self._stream_id, self._index, self._stamp_ns, self._shown_s = stream_id, index, stamp_ns, now_s
         self._behind.over()
         return False

@@ -281,9 +281,8 @@ class LiveStream:
     def _goes_back(self, frame: Frame) -> bool:
         """Whether a later frame of the same stream was shown before: a path may mix up what it carries."""
         message = self._receiver.decoded
-        return self._forward.goes_back(
-            None if message is None else message.stream_id, frame.index, self._clock.monotonic_s()
-        )
+        stream_id = None if message is None else message.stream_id
+        return self._forward.goes_back(stream_id, frame.index, frame.stamp_ns, self._clock.monotonic_s())
 
     def _keep(self, data: bytes) -> None:
         if self._recorder is not None:

@@ -33,6 +33,7 @@ class Coded(NamedTuple):
     frames: int
     needs: int | None
     calibration: bytes
+    stamp_ns: int
 
 
 def coded(data: bytes) -> Coded:
@@ -51,9 +52,8 @@ def coded(data: bytes) -> Coded:
             calibration = data[at + _HASH_AT : at + _HASH_AT + _HASH_BYTES]
             break
         at += length
-    return Coded(
-        data, head.stream_id, head.codec, head.key, head.frame_index, head.frame_count, head.needs, calibration
-    )
+    frames = (head.frame_index, head.frame_count)
+    return Coded(data, head.stream_id, head.codec, head.key, *frames, head.needs, calibration, head.stamp_ns)
 
 
 class KeyChain:

@@ -185,7 +185,7 @@ class Watch:
         stats, message, now_ns = self.receiver.stats, self.receiver.decoded, time.time_ns()
         latency_ms = stats.decoded(frame, now_ns)
         stream_id = None if message is None else message.stream_id
-        if self._decoded_forward.goes_back(stream_id, frame.index, time.monotonic()):
+        if self._decoded_forward.goes_back(stream_id, frame.index, frame.stamp_ns, time.monotonic()):
             stats.count("stale")
             return
         codec = 0 if message is None else message.codec
@@ -252,7 +252,7 @@ class Watch:
         except DecodeError as error:  # the receiver has checked it: only a header of a kind that is not known here
             logger.debug("a message could not be forwarded: %s", error)
             return
-        if self._passed_forward.goes_back(message.stream_id, message.first, time.monotonic()):
+        if self._passed_forward.goes_back(message.stream_id, message.first, message.stamp_ns, time.monotonic()):
             self.receiver.stats.count("stale")
             return
         going_on = [viewer.offer(message) for viewer in viewers]
