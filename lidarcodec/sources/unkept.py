@@ -46,26 +46,6 @@ CAUSES: Final[dict[str, str]] = {
 }
 """Cause in the counts -> what was not kept. Other counts tell of what was noticed, or lost before it came here."""
 
-NOTICED: Final = frozenset(
-    (
-        "truncated",
-        "damaged",
-        "cut",
-        "bytes lost",
-        "mixed streams",
-        "packets",
-        "position packets",
-        "frames",
-        "irregular blocks",
-        "lost packets",
-        "repeated packets",
-        "time jumps",
-        "impossible time stamp",
-        "without time stamp",
-    )
-)
-"""Counts of what was kept, and of what was noticed or lost before it came here, which is said elsewhere."""
-
 OF_THE_SENSOR: Final = (
     "other stream",
     UNKEPT_POSITIONS,

@@ -5,9 +5,26 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from lidarcodec.sources.unkept import CAUSES, NOTICED, OF_THE_SENSOR
+from lidarcodec.sources.unkept import CAUSES, OF_THE_SENSOR
 
 ROOT = Path(__file__).resolve().parents[2] / "lidarcodec"
+NOTICED = {
+    "truncated",
+    "damaged",
+    "cut",
+    "bytes lost",
+    "mixed streams",
+    "packets",
+    "position packets",
+    "frames",
+    "irregular blocks",
+    "lost packets",
+    "repeated packets",
+    "time jumps",
+    "impossible time stamp",
+    "without time stamp",
+}
+"""Counts of what was kept, and of what was noticed or lost before it came here, which is said elsewhere."""
 
 
 def counted(folder: str) -> set[str]:
