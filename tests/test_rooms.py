@@ -15,8 +15,6 @@ from tests.conftest import ROOT
 
 PARTS = ("lidarcodec", "server", "native", "clients")
 SIDE_BY_SIDE = 25
-LARGER = {"lidarcodec/commands": 35}
-"""Of commands there are many, a file each."""
 
 
 def files_of(*parts: str) -> list[Path]:
@@ -30,7 +28,7 @@ def files_of(*parts: str) -> list[Path]:
 
 def test_no_folder_has_more_files_side_by_side_than_a_reader_looks_over() -> None:
     beside = Counter(path.parent.as_posix() for path in files_of(*PARTS))
-    crowded = {folder: count for folder, count in beside.items() if count > LARGER.get(folder, SIDE_BY_SIDE)}
+    crowded = {folder: count for folder, count in beside.items() if count > SIDE_BY_SIDE}
     assert crowded == {}
 
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Protocol
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import AsJson, Connect, Listen, ZenohConfig
 from lidarcodec.commands.endpoints import endpoints_of
 from lidarcodec.commands.running.run import keep_standard_output
 from lidarcodec.commands.running.stopping import stoppable
+from lidarcodec.commands.signatures.common import AsJson, Connect, Listen, ZenohConfig
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import is_number
 

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import DatabasePassword
 from lidarcodec.commands.server_extra import server_config, server_module
+from lidarcodec.commands.signatures.common import DatabasePassword
 from lidarcodec.errors import SettingsError, SourceError
 
 app = typer.Typer(help="Create, list and revoke the tokens of a server.", no_args_is_help=True, rich_markup_mode=None)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import Force
+from lidarcodec.commands.signatures.common import Force
 
 app = typer.Typer(help="Measure what a stream is good for.", no_args_is_help=True, rich_markup_mode=None)
 

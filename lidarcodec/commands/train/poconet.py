@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import Force
 from lidarcodec.commands.progress import progress
+from lidarcodec.commands.signatures.common import Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.training import training_module

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import Force
+from lidarcodec.commands.signatures.common import Force
 from lidarcodec.errors import SettingsError
 from lidarcodec.files.whole import check_free
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from lidarcodec.commands.arguments import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
 from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.signatures.common import CodecName, Connect, DatabasePassword, Listen, Pairs, ZenohConfig
 
 
 def swarm(

@@ -1,0 +1,216 @@
+"""Commands that work on files: info, encode, decode, verify, annotate, bench and simulate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from lidarcodec.commands.running.ending import FAILED
+from lidarcodec.commands.signatures.common import (
+    MAX_FRAMES,
+    AllowMissed,
+    AsJson,
+    CalibrationFile,
+    CodecName,
+    Force,
+    FrameCount,
+    LearnSteps,
+    Pairs,
+    PosesFile,
+    SkipCount,
+    Source,
+    WithClouds,
+)
+from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
+
+
+def info(
+    source: Annotated[
+        str | None, typer.Argument(metavar="[SOURCE]", show_default=False, help="A source or a recording.")
+    ] = None,
+    message: Annotated[
+        int | None,
+        Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Show message N of a recording, byte by byte."),
+    ] = None,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Describe a source or a recording. Without SOURCE: show versions, extras, ports, clock and settings."""
+    from lidarcodec.commands.info import command
+
+    command.run(source, message, calibration, as_json)
+
+
+def encode(
+    source: Source,
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap", show_default=False)],
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    poses: PosesFile = None,
+    with_clouds: WithClouds = False,
+    learn: LearnSteps = 0,
+    allow_missed: AllowMissed = False,
+    force: Force = False,
+) -> None:
+    """Encode a source into a recording."""
+    from lidarcodec.commands import encode as command
+
+    pairs = reduced(pairs, reduction, keep_points, keep_fraction)
+    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force, allow_missed)
+
+
+def decode(
+    recording: Annotated[Path, typer.Argument(metavar="IN.mcap", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT", show_default=False, help="A file that ends in .pcap .npz .ply or .las, or a folder."
+        ),
+    ],
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    force: Force = False,
+) -> None:
+    """Decode a recording into packets (.pcap), images (.npz), points (.ply .las) or a folder of KITTI .bin files."""
+    from lidarcodec.commands import decode as command
+
+    command.run(recording, out, frames, skip, force)
+
+
+def verify(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
+    source: Source,
+    calibration: CalibrationFile = None,
+    allow_part: Annotated[
+        bool,
+        Option(
+            "--allow-part", help="Accept a recording that holds only a part of the source. The report names the part."
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare a recording with its source. The exit code is 1 if an error is larger than allowed, or if packets are
+    missing."""
+    from lidarcodec.commands import verify as command
+
+    if not command.run(recording, source, calibration, as_json, allow_part):
+        raise typer.Exit(FAILED)
+
+
+def annotate(
+    source: Source,
+    out: Annotated[
+        Path, Option("--out", metavar="DIR", show_default=False, help="Output folder. An unfinished run is continued.")
+    ],
+    poses: PosesFile = None,
+    refine: Annotated[
+        bool | None,
+        Option(
+            "--refine/--no-refine",
+            show_default=False,
+            help="Align the poses with the map. Default: only for poses from a file.",
+        ),
+    ] = None,
+    odometry: Annotated[
+        str | None,
+        Option("--odometry", metavar="NAME", help="Find the poses by odometry: auto, small_gicp or kiss-icp."),
+    ] = None,
+    ground: Annotated[
+        str, Option("--ground", metavar="NAME", help="How ground is found: ransac or patchwork.")
+    ] = "ransac",
+    share: Annotated[float, Option("--share", help="Share of all returns that are labelled high.")] = 1 / 12,
+    every: Annotated[int, Option("--every", metavar="N", help="Build the map from every N-th scan.")] = 5,
+    travel: Annotated[
+        float, Option("--travel", metavar="M", help="Least distance between poses that count, in metres.")
+    ] = 0.5,
+    label_every: Annotated[int, Option("--label-every", metavar="N", help="Label every N-th scan.")] = 1,
+    workers: Annotated[int, Option("--workers", min=1, metavar="N", help="Number of processes.")] = 1,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Label each return of a drive as high, low or ground. High: it was seen from many places. Continues an
+    unfinished run."""
+    from lidarcodec.commands import annotate as command
+
+    command.run(source, out, frames, skip, calibration, poses, workers, as_json, refine=refine, odometry=odometry,
+                ground=ground, share=share, every=every, travel_m=travel, label_every=label_every)  # fmt: skip
+
+
+def bench(
+    source: Source,
+    codec: Annotated[
+        str | None, Option("--codec", metavar="NAME[,NAME...]", help="Codecs to measure. Default: pcodec.")
+    ] = None,
+    pairs: Annotated[
+        list[str] | None,
+        Option(
+            "--set", metavar="KEY=A[,B,C]", help="A setting and its values. Repeatable. All combinations are measured."
+        ),
+    ] = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    calibration: CalibrationFile = None,
+    poses: PosesFile = None,
+    plot: Annotated[
+        Path | None, Option("--plot", metavar="FILE", help="Also draw the results into FILE (extra `plot`).")
+    ] = None,
+    metrics: Annotated[
+        str,
+        Option(
+            "--metrics",
+            metavar="usual|all",
+            help="`all` adds errors by range, Chamfer distance, D1 and D2. It is slower.",
+        ),
+    ] = "usual",
+    curve: Annotated[
+        bool,
+        Option(
+            "--curve",
+            help="Measure each codec over a range of its quality setting. With --metrics all: over target bitrates.",
+        ),
+    ] = False,
+    peers: Annotated[
+        bool,
+        Option(
+            "--peers",
+            help="Also measure compressors of other projects (extra `peers`). For one only: --codec peer:NAME.",
+        ),
+    ] = False,
+    learn: LearnSteps = 0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure codecs on a source: bits, errors and times. Every message is decoded and compared."""
+    from lidarcodec.commands.bench import command
+
+    pairs = reduced(pairs, reduction, keep_points, keep_fraction)
+    command.run(
+        source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers, learn, force
+    )
+
+
+def simulate(
+    source: Annotated[str, typer.Argument(metavar="sim:SCENE", show_default=False)],
+    out: Annotated[Path, typer.Argument(metavar="OUT.pcap", show_default=False)],
+    frames: FrameCount = None,
+    skip: SkipCount = 0,
+    force: Force = False,
+) -> None:
+    """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?seed=1&frames=100."""
+    from lidarcodec.commands import simulate as command
+
+    command.run(source, out, frames, skip, force)

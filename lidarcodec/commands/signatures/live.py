@@ -1,0 +1,209 @@
+"""Commands of a live stream: publish, subscribe and demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from lidarcodec.commands.running.run import keep_standard_output
+from lidarcodec.commands.signatures.common import (
+    AsJson,
+    CalibrationFile,
+    CodecName,
+    Connect,
+    FrameCount,
+    Listen,
+    Pairs,
+    WithClouds,
+    ZenohConfig,
+)
+from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
+from lidarcodec.errors import SettingsError
+
+
+def publish(
+    source: Annotated[
+        str | None,
+        typer.Argument(metavar="[SOURCE]", show_default=False, help="A path, udp://HOST:PORT, or sim:SCENE."),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        Option(
+            "--vehicle",
+            metavar="NAME",
+            help="Name of the vehicle. Default: the name in --zenoh-config, otherwise `vehicle`.",
+        ),
+    ] = None,
+    sensor: Annotated[
+        str | None, Option("--sensor", metavar="NAME", help="Name of the sensor. Default: lidar.")
+    ] = None,
+    link: Annotated[
+        str | None,
+        Option(
+            "--link",
+            metavar="1mbit|2mbit|5mbit|lan",
+            help="Choose purpose, codec and target bitrate for this link. Other options take precedence.",
+        ),
+    ] = None,
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    reduction: ReductionName = None,
+    keep_points: KeepPoints = None,
+    keep_fraction: KeepFraction = None,
+    rate: Annotated[
+        str | None,
+        Option(
+            "--rate",
+            metavar="HZ|max",
+            help="Play a recorded source at HZ frames a second (default: 10). max: do not skip any frame.",
+        ),
+    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    record: Annotated[
+        Path | None, Option("--record", metavar="DIR", help="Also record the whole stream into DIR, whatever is sent.")
+    ] = None,
+    record_as: Annotated[
+        str | None, Option("--record-as", metavar="packets|lossless", help="Form of that recording. Default: packets.")
+    ] = None,
+    record_gb: Annotated[
+        float | None,
+        Option(
+            "--record-gb",
+            min=0.001,
+            max=1e6,
+            metavar="N",
+            help="Size limit of DIR in GB (default: 8). The oldest files are removed first.",
+        ),
+    ] = None,
+    calibration: CalibrationFile = None,
+    poses: Annotated[
+        Path | None,
+        Option(
+            "--poses",
+            metavar="FILE|source",
+            help="Poses to send: a file (.npz, TUM or KITTI), or `source` for those of the source itself.",
+        ),
+    ] = None,
+    original: Annotated[
+        bool, Option("--original", help="Also send uncompressed frames to local viewers that use Compare.")
+    ] = False,
+    config: Annotated[
+        Path | None,
+        Option(
+            "--config",
+            metavar="FILE",
+            help="Publish several sensors as described in a YAML file. It replaces most other options.",
+        ),
+    ] = None,
+    health_file: Annotated[
+        Path | None,
+        Option(
+            "--health-file", metavar="FILE", help="Write the state to FILE once a second. `lidarcodec health` reads it."
+        ),
+    ] = None,
+    weights_dir: Annotated[
+        Path | None,
+        Option(
+            "--weights-dir",
+            metavar="DIR",
+            help="Folder with your own weights for `riddle`. The setting `weights` can name them.",
+        ),
+    ] = None,
+) -> None:
+    """Publish a source over Zenoh. The newest frame is sent first. Stops when the source ends, or with Ctrl-C."""
+    from lidarcodec.commands.publish import command
+
+    keep_standard_output()
+    if config is not None:
+        from lidarcodec.commands.publish import config as publish_config
+
+        command.check_alone(
+            {
+                "SOURCE": source, "--sensor": sensor, "--link": link, "--codec": codec, "--set": pairs,
+                "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
+                "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
+                "--calibration": calibration, "--poses": poses, "--original": original,
+            }
+        )  # fmt: skip
+        publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
+        return
+    if source is None:
+        raise SettingsError("nothing to publish: give a SOURCE, or --config FILE", "source")
+    if record is None and (record_as is not None or record_gb is not None):
+        raise SettingsError("--record-as and --record-gb need --record DIR", "record")
+    command.run(
+        source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
+        (connect or [], listen or [], zenoh_config),
+        record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
+        health_file, original, weights_dir, link,
+    )  # fmt: skip
+
+
+def subscribe(
+    key: Annotated[
+        str, typer.Argument(metavar="[KEY]", help="lidarcodec/v1/VEHICLE/SENSOR, or VEHICLE/SENSOR.")
+    ] = "lidarcodec/v1/vehicle/lidar",
+    udp: Annotated[
+        str | None,
+        Option("--udp", metavar="HOST:PORT", help="Send the decoded packets to this address, as the sensor would."),
+    ] = None,
+    record: Annotated[
+        Path | None, Option("--record", metavar="DIR", help="Record the received messages into DIR.")
+    ] = None,
+    with_clouds: WithClouds = False,
+    frames: FrameCount = None,
+    until_end: Annotated[bool, Option("--until-end", help="Stop when the publisher stops.")] = False,
+    receiver: Annotated[
+        str | None,
+        Option(
+            "--receiver", metavar="NAME", help="Name in reports to the vehicle. Default: the name in --zenoh-config."
+        ),
+    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: AsJson = False,
+) -> None:
+    """Receive and decode a stream. Ctrl-C stops it and prints a summary."""
+    from lidarcodec.commands import subscribe as command
+
+    if with_clouds and record is None:
+        raise SettingsError("--with-clouds needs --record DIR: points are kept in recordings", "record")
+    keep_standard_output()
+    given = (connect or [], listen or [], zenoh_config)
+    command.run(key, udp, record, frames, until_end, receiver, given, as_json, with_clouds)
+
+
+def demo(
+    seconds: Annotated[
+        float | None,
+        Option("--seconds", min=1, metavar="N", help="Duration. Default: 20 s; on a terminal until Ctrl-C."),
+    ] = None,
+    source: Annotated[str, Option("--source", metavar="SOURCE", help="What the vehicle publishes.")] = "sim:city",
+    codec: CodecName = None,
+    pairs: Pairs = None,
+    calibration: CalibrationFile = None,
+    no_browser: Annotated[
+        bool, Option("--no-browser", help="Print the address of the page, but do not open a browser.")
+    ] = False,
+    port: Annotated[
+        int | None,
+        Option(
+            "--port",
+            min=1,
+            max=65535,
+            metavar="P",
+            help="Port of the page. Default: 8080, or a free port if it is taken.",
+        ),
+    ] = None,
+) -> None:
+    """Show a simulated drive live in the browser. Runs a vehicle and a server, and prints a summary at the end."""
+    from lidarcodec.commands import demo as command
+
+    keep_standard_output()
+    command.run(seconds, source, codec, pairs or [], calibration, port=port, browser=not no_browser)
