@@ -80,7 +80,7 @@ faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a runni
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
 
-sweeps: $(STAMPS)/dev $(NATIVE) ## the tests that take long beside what they show more than those of `make test` (3 min)
+sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them (2 min)
 	$(BIN)/python -m pytest -n $(JOBS) -m sweep $(ARGS)
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)

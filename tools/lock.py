@@ -23,7 +23,7 @@ TOOLS = {
 }
 """Locks of tools, which are no dependency of the package."""
 FORMATS = ("images", "video", "las")
-"""Extras that `make` and the images always install: whoever sends chooses the codec."""
+"""Extras that `make` and the images always install, because a sender may choose any codec."""
 LOCKS: dict[str, tuple[str, ...]] = {
     "build": (),
     "wheels": (),

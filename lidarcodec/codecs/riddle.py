@@ -155,7 +155,7 @@ class RiddleEncoder(ExpectingEncoder):
 
     @property
     def learn_ms(self) -> float:
-        """Milliseconds a frame that whoever runs this live may have it learn."""
+        """Milliseconds a frame that may be spent on learning where this runs live."""
         return 0.0 if self._weights is None else self._own.learn_ms
 
     @property

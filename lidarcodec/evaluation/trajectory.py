@@ -1,6 +1,6 @@
 """Where the sensor was in each frame, to a centimetre: registered, because GPS and inertia are not that good.
 
-KITTI's positions slide sideways by 0.13-0.16 m in a second, so whoever counts on centimetres must register the scans.
+KITTI's positions slide sideways by 0.13-0.16 m in a second, so scans have to be registered where centimetres count.
 `odometry` chains them (scan to map by small_gicp, or kiss-icp); `refine` aligns every scan with
 one map of all, which takes out what the chain had gathered. Both deskew: a return is moved to where the sensor saw it
 from at the scan's stamp, by the time at which its own column fired and the sensor's speed. No direction of rotation is

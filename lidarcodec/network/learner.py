@@ -1,7 +1,7 @@
 """What goes on learning while a stream is coded: a network of `riddle`, trained on returns of frames just coded.
 
-The encoder leaves samples of each frame, and asks before each frame whether there are better weights; whoever has a
-spare core calls `learn`, from another thread if he likes. Of every eighth frame no sample is learned from: on those
+The encoder leaves samples of each frame, and asks before each frame whether there are better weights. Where a core is
+spare, `learn` is called, from any thread. Of every eighth frame no sample is learned from: on those
 it is measured what weights would save, and they are offered only when that is more than they cost to send. All is
 drawn from the frames and counted in steps, so the same frames and the same calls give the same weights.
 """
@@ -104,7 +104,7 @@ class Learner:
         return number % HELD_EVERY == 0
 
     def offer(self, offer: Offer) -> None:
-        """Weights for whoever asks next."""
+        """Weights for the next that asks."""
         self._offered.append(offer)
 
     def offered(self) -> Offer | None:

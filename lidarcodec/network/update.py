@@ -1,9 +1,9 @@
 """Updates of weights: what networks became that were trained in a stream, as differences to weights known before.
 
-An update names the weights that it begins with and those that it gives; both are files (networks.py), and a name
-is the hash of its file, so whoever has applied an update knows that he has what the encoder has. Differences are whole
-numbers of 2^grain steps of a weight, a grain for each layer; small ones, and entropy-coded: 3 to 30 kB where a file of
-the same networks takes up to 105. docs/wire-format-riddle-weights.md has the format.
+An update names the weights that it begins with and those that it gives. Both are files (networks.py), and a name is
+the hash of its file, so a decoder that has applied an update knows that it has what the encoder has. Differences are
+whole numbers of 2^grain steps of a weight, a grain for each layer. They are small, and entropy-coded: 3 to 30 kB, where
+a file of the same networks takes up to 105. docs/wire-format-riddle-weights.md has the format.
 
 >>> from lidarcodec.network.networks import quantised
 >>> rng = np.random.default_rng(1)

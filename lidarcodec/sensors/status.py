@@ -163,7 +163,7 @@ def status_bytes(
 ) -> npt.NDArray[np.uint8]:
     """(packets, 2) uint8, status type and value of consecutive packets, from place `start` of the 4160 on.
 
-    The clock stands still: whoever plays a stream writes the values of types H M S D N Y over it.
+    The clock stands still: players of a stream write the values of types H M S D N Y over it.
     Raises CalibrationError if the calibration does not fit the form.
     """
     places = (start + np.arange(packets)) % STATUS_PACKETS

@@ -27,7 +27,7 @@ _BY_TYPER = 130
 _GO_ON = ("annotate", "train")
 """Commands that keep their work as they go."""
 _USAGE = (SettingsError, UnknownNameError, MissingExtraError)
-"""What whoever called has to put right before anything can be done."""
+"""Errors of usage: the caller has to change the command, or install an extra."""
 
 
 def _one_line(error: BaseException) -> str:
