@@ -81,8 +81,8 @@ def train_poconet(
     frames = [pair for pair in labelled(drives, every) if pair[0].points]
     if not frames:
         raise SourceError("no labelled frame to train on")
-    parts = ((frame.range, labels.labels) for frame, labels in frames)
-    settings = settings | {"examples": digest_of(part for pair in parts for part in pair)}
+    parts = (part for frame, labels in frames for part in (frame.range, labels.labels))
+    settings = settings | {"examples": digest_of(parts)}
     weights = class_weights(frames).to(target)
     seed_torch(run.seed)
     net: PocoNet = PocoNet().to(target)

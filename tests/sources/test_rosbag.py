@@ -236,7 +236,7 @@ def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_pat
         with open_source(tmp_path / name) as source:
             assert list(source.packets()) == PACKETS[:60]
             assert source.counts == {"damaged": 1}
-    assert "its newest messages are in killed.db3-wal" in caplog.text
+    assert "killed.db3-wal beside it was not read" in caplog.text
 
 
 def test_every_prefix_gives_what_is_whole(tmp_path):

@@ -71,7 +71,7 @@ def messages(path: Path, topic: str, counts: Counter[str], warn: bool = True) ->
     """Messages of a topic by time. Of a damaged database as many as can be had; what cannot is counted and said."""
     lost = _Lost(path, counts, warn)
     if (beside := _not_read(path)) is not None:
-        lost.add(f"its newest messages are in {beside}, which was not read: `sqlite3 {path} 'PRAGMA wal_checkpoint'`")
+        lost.add(f"{beside} beside it was not read; `sqlite3 {path} 'PRAGMA wal_checkpoint'` puts it in")
     try:
         left = path.stat().st_size
         with closing(_open(path)) as database:
@@ -140,7 +140,7 @@ class _Lost:
 
 
 def _not_read(path: Path) -> str | None:
-    """The file beside a database in which a recorder that was killed left its newest messages, if there is one."""
+    """The file beside a database in which a recorder that was killed left its last changes, if there is one."""
     path = path.resolve()  # SQLite looks beside what a link names
     for ending, head_bytes in (("-wal", 32), ("-journal", 512)):
         beside = path.with_name(path.name + ending)
