@@ -25,7 +25,7 @@ from lidarcodec.transport.config_file import check_config_file
 from tests.command_line import run_here, the_one_line
 
 ROOT = Path(__file__).resolve().parents[2]
-WAIT_S = 5.0
+WAIT_S = 60.0
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "capture": ("drive.pcap", open_source),
     "recording": ("drive.mcap", RecordingSource),
@@ -43,8 +43,8 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _nobody_waits() -> Iterator[None]:
+@pytest.fixture
+def nobody_waits() -> Iterator[None]:
     """A read that waits for a writer fails the test, instead of standing still with it."""
 
     def ask(_number: int, _frame: object) -> None:
@@ -57,6 +57,7 @@ def _nobody_waits() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.usefixtures("nobody_waits")
 @pytest.mark.parametrize("name", READERS)
 def test_a_pipe_is_refused_by_every_reader(tmp_path: Path, name: str) -> None:
     file, read = READERS[name]
@@ -65,6 +66,7 @@ def test_a_pipe_is_refused_by_every_reader(tmp_path: Path, name: str) -> None:
         read(tmp_path / file)
 
 
+@pytest.mark.usefixtures("nobody_waits")
 @pytest.mark.parametrize(
     "words",
     [
@@ -90,6 +92,7 @@ def test_a_command_says_which_file_is_a_pipe(tmp_path: Path, words: tuple[str, .
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
+@pytest.mark.usefixtures("nobody_waits")
 def test_each_kind_is_named_and_a_link_to_a_file_is_one(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"bytes")
     (tmp_path / "link").symlink_to(tmp_path / "file")
