@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidarcodec import api
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs import table
 from lidarcodec.errors import DecodeError, LidarCodecError, SectionError
@@ -195,6 +196,13 @@ def test_beside_a_hole_a_return_stands_for_half_of_the_gap() -> None:
     assert np.all(back.intensity[:, : last + 4] == 40)
     assert not back.range[:, last + 4 :].any()
     assert not back.intensity[:, last + 4 :].any()
+
+
+def test_packets_hold_nothing_that_a_receiver_made_up() -> None:
+    frame = api.read_frames("sim:city?frames=1")
+    (message,) = StreamEncoder(StreamSettings(reduction="lattice:8"), 1).encode(next(frame))
+    (back,) = StreamDecoder().decode(message)
+    assert packets_of(filled(back)) == packets_of(back)
 
 
 def test_a_filled_frame_is_sent_as_it_was_measured() -> None:

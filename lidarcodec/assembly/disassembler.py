@@ -6,6 +6,7 @@ import numpy as np
 
 from lidarcodec import _native
 from lidarcodec.errors import SectionError
+from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.units import PACKET_BYTES
@@ -14,13 +15,14 @@ from lidarcodec.units import PACKET_BYTES
 def packets_of(frame: Frame) -> list[Packet]:
     """The packets of a frame, in order, with their host times: data packets, and position packets at their places.
 
-    Returns dropped by a reducer are sent as no return.
+    Returns dropped by a reducer are sent as no return, and so are those that a receiver made up.
 
     Raises SectionError when the frame never was packets, or its side information does not fit its images.
     """
     side = frame.side
     if side is None:
         raise SectionError("this frame has no side information, so it cannot be turned back into packets")
+    frame = measured_only(frame)
     range_, intensity = frame.range, frame.intensity
     if frame.keep is not None:
         range_ = np.where(frame.keep, range_, np.uint16(0))

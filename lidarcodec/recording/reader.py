@@ -13,6 +13,7 @@ from lidarcodec.errors import DecodeError, SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.recording import records
 from lidarcodec.recording.layout import MESSAGE_ENCODING, METADATA_NAME, PACKET_ENCODING, unpack_batch
+from lidarcodec.recording.order import in_sent_order
 from lidarcodec.recording.records import Channel, DamagedError, Record, Stored, Work
 
 log = logging.getLogger(__name__)
@@ -66,11 +67,14 @@ class RecordingReader:
         self._read_beginning()
 
     def messages(self, start_ns: int | None = None, topic: str | None = None) -> Iterator[tuple[int, bytes]]:
-        """(stamp in ns, bytes) of each message, in the order in which they were recorded.
+        """(stamp in ns, bytes) of each message, in the order in which they were sent (`order.in_sent_order`).
 
         start_ns: begins at the last key message at or before it, or at the first message if there is none before it
         topic: of the channels to read; by default that of the first one that holds messages
         """
+        return in_sent_order(self._as_recorded(start_ns, topic))
+
+    def _as_recorded(self, start_ns: int | None, topic: str | None) -> Iterator[tuple[int, bytes]]:
         streams: dict[int, None] = {}
         last: int | None = None
         for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key):

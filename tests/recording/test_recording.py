@@ -135,6 +135,21 @@ def test_seeking_with_a_damaged_index_still_works() -> None:
     assert came == data[10:]
 
 
+def test_messages_that_came_late_are_read_in_the_order_in_which_they_were_sent() -> None:
+    """A codec that predicts decodes no frame before the one that it needs."""
+    sent = drive(20)
+    for late, by in ((3, 3), (10, 8), (19, 8)):
+        came = sent[: late - by] + sent[late - by + 1 : late + 1] + [sent[late - by]] + sent[late + 1 :]
+        assert [data for _, data in read_recording(io.BytesIO(recorded(came)))] == sent
+
+
+def test_a_stream_that_begins_again_stays_behind_its_earlier_run() -> None:
+    runs = [message(index, index == 0, stream=9) for index in range(300, 310)]
+    runs += [message(index, index == 0, stream=9) for index in range(5)]
+    runs += [message(index, index == 0, stream=10) for index in range(3)]
+    assert [data for _, data in read_recording(io.BytesIO(recorded(runs)))] == runs
+
+
 def test_raw_packets_come_back_with_their_stamps() -> None:
     sent = [packet(number) for number in range(100)]
     file = io.BytesIO()

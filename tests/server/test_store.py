@@ -7,9 +7,11 @@ import pwd
 import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import tempfile
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from alembic.runtime.migration import MigrationContext
 from lidarcodec.errors import SettingsError
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.migrations import NEWEST, StoreError, configuration, upgrade
+from lidarcodec_server.store import store as store_module
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.store.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
@@ -263,6 +266,67 @@ def test_a_database_that_is_removed_under_a_server_keeps_nothing_in_silence(tmp_
     assert store.ready()
     assert store.desired(CAR) == {}
     assert "another database is now at" in caplog.text
+    store.close()
+
+
+def test_a_backup_that_is_put_in_place_under_a_server_is_what_is_used(tmp_path):
+    """Pages in the write-ahead log of the old database would be read as those of the backup, and ruin it."""
+    file, backup = tmp_path / "server.db", tmp_path / "backup.db"
+    store = Store(f"sqlite:///{file}")
+    store.open()
+    create_token(store, "mal", "viewer")
+    for _ in range(1200):  # more than one checkpoint
+        store.note(CAR, "first", "settings", {"codec": "raw"}, result="applied")
+    with closing(sqlite3.connect(file)) as copy:
+        copy.execute("VACUUM INTO ?", (str(backup),))
+    for _ in range(100):
+        store.note(CAR, "second", "settings", {"codec": "raw"}, result="applied")
+    assert store.revoke_token("mal")
+    backup.rename(file)
+    store.note(CAR, "third", "settings", {"codec": "raw"}, result="applied")
+    assert [token.revoked_ns for token in store.tokens()] == [None]
+    assert [entry.who for entry in store.audit(CAR, 2)] == ["third", "first"]
+    with closing(sqlite3.connect(file)) as looked_at:
+        assert looked_at.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+    store.close()
+
+
+def test_an_empty_file_in_the_place_of_the_database_gets_its_schema(tmp_path):
+    file = tmp_path / "server.db"
+    store = Store(f"sqlite:///{file}")
+    store.open()
+    (tmp_path / "empty.db").touch()
+    (tmp_path / "empty.db").rename(file)
+    store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+    assert store.desired(CAR) == {"codec": "raw"}
+    store.close()
+
+
+def test_a_database_that_is_none_is_not_ready(tmp_path):
+    file = tmp_path / "server.db"
+    store = Store(f"sqlite:///{file}")
+    store.open()
+    (tmp_path / "other.db").write_bytes(b"no database " * 1000)
+    (tmp_path / "other.db").rename(file)
+    with pytest.raises(StoreError, match="not a database"):
+        store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+    assert not store.ready()
+    store.close()
+
+
+def test_a_database_that_takes_no_changes_is_not_ready(tmp_path, monkeypatch):
+    monkeypatch.setattr(store_module, "BUSY_S", 0.2)
+    file = tmp_path / "server.db"
+    store = Store(f"sqlite:///{file}")
+    store.open()
+    with closing(sqlite3.connect(file, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(StoreError, match="locked"):
+            store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+        assert not store.ready()
+        other.execute("ROLLBACK")
+    assert store.ready()
+    assert store.ready()
     store.close()
 
 

@@ -10,7 +10,7 @@ import contextlib
 import logging
 import os
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import sqlalchemy as sa
 
@@ -47,8 +47,35 @@ def make(file: Path) -> None:
         close_to_others(Path(f"{file}{name}"))
 
 
-def identity(file: Path) -> tuple[int, int] | None:
-    """Device and inode of the file, which tell it from another one of the same name; None if it is not there."""
+class Opened(NamedTuple):
+    """Device and inode of a database, and of the write-ahead log beside it, which tell them from others of the same
+    names. log: None where there is no log."""
+
+    database: tuple[int, int]
+    log: tuple[int, int] | None
+
+
+def opened(file: Path) -> Opened | None:
+    """What has the database's name now; None if nothing has."""
+    database = _identity(file)
+    return None if database is None else Opened(database, _identity(_log_of(file)))
+
+
+def remove_log(file: Path, of: Opened) -> None:
+    """Remove the write-ahead log of a database that has gone, before SQLite reads its pages as those of the new one.
+
+    of: what had the names before. The log of the new database, which came with it, stays.
+    """
+    if of.log is not None and _identity(_log_of(file)) == of.log:
+        for name in ("-wal", "-shm"):
+            Path(f"{file}{name}").unlink(missing_ok=True)
+
+
+def _log_of(file: Path) -> Path:
+    return Path(f"{file}-wal")
+
+
+def _identity(file: Path) -> tuple[int, int] | None:
     try:
         found = file.stat()
     except OSError:

@@ -7,6 +7,7 @@ StoreError, whose text names no password.
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -78,7 +79,9 @@ class Store:
             self._engine = _engine(parsed)
             self._patience = None if parsed.get_backend_name() == "sqlite" else Patience()
             self._file = database_file.file_of(parsed)
-            self._identity: tuple[int, int] | None = None
+            self._opened: database_file.Opened | None = None
+            self._following = threading.Lock()
+            self._write_failed = False
         except ArgumentError:  # its text may hold the password
             raise SettingsError(
                 "the database URL is not valid: write for example sqlite:///server.db", "database_url"
@@ -96,18 +99,18 @@ class Store:
             if not create and not file.exists():
                 raise StoreError(f"there is no database {file}: `serve` and `token create` create one")
             database_file.make(file)
-            self._identity = database_file.identity(file)
-        with self._writing() as connection:
-            upgrade(connection)
+        self._upgrade()
+        if file is not None:
+            self._opened = database_file.opened(file)
 
     def close(self) -> None:
         """Give back all connections."""
         self._engine.dispose()
 
     def ready(self) -> bool:
-        """Whether the database answers."""
+        """Whether the database answers; after a change that failed, whether it takes changes again."""
         try:
-            with self._reading() as connection:
+            with self._writing() if self._write_failed else self._reading() as connection:
                 connection.execute(sa.select(sa.literal(1)))
         except StoreError:
             return False
@@ -316,34 +319,54 @@ class Store:
 
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
+        self._follow_file()
         with self._errors(), self._engine.begin() as connection:
             yield connection
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
+        try:
+            self._follow_file()
+            with self._transaction() as connection:
+                yield connection
+        except StoreError as error:
+            self._write_failed = not isinstance(error, _TakenError)
+            raise
+        self._write_failed = False
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Connection]:
         with self._errors(), self._engine.connect() as connected:
             connection = connected.execution_options(writes=True)
             with connection.begin():
                 yield connection
 
+    def _upgrade(self) -> None:
+        with self._transaction() as connection:
+            upgrade(connection)
+
     def _follow_file(self) -> None:
         """Use the file that has the database's name now: connections to one that was removed would keep nothing.
 
-        Raises StoreError if there is none.
+        Raises StoreError if there is none, or none that can be used.
         """
-        if self._file is None or self._identity is None:
+        if self._file is None or self._opened is None:
             return
-        found = database_file.identity(self._file)
-        if found is None:
-            raise StoreError(f"the database {self._file} was removed: restore it, or restart to create a new one")
-        if found != self._identity:
-            logger.warning("another database is now at %s and is used from here on", self._file)
+        with self._following:
+            found = database_file.opened(self._file)
+            if found is None:
+                raise StoreError(f"the database {self._file} was removed: restore it, or restart to create a new one")
+            if found.database == self._opened.database:
+                self._opened = found
+                return
             self._engine.dispose()
-            self._identity = found
+            database_file.remove_log(self._file, self._opened)
+            self._upgrade()
+            self._opened = database_file.opened(self._file)
+            logger.warning("another database is now at %s and is used from here on", self._file)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        self._follow_file()
         try:
             with nullcontext() if self._patience is None else self._patience.asking(_RestsError):
                 yield

@@ -1,0 +1,65 @@
+"""in_sent_order: the messages of a recording in the order of their frames, where the network delivered some late.
+
+>>> waiting = _Waiting()
+>>> [index for number in (5, 7, 6, 8) for index, _ in waiting.take(1, number, 1, (number, b""))]
+[]
+>>> [index for index, _ in waiting.rest()]
+[5, 6, 7, 8]
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from lidarcodec import wire
+from lidarcodec.errors import DecodeError
+
+REACH: Final = 8
+"""By how many messages one may be late and still be put in its place: no more than these are held in memory."""
+
+Stamped = tuple[int, bytes]
+
+
+def in_sent_order(messages: Iterable[Stamped]) -> Iterator[Stamped]:
+    """Each message of a stream behind those of lower frame numbers, if it is at most REACH messages late.
+
+    A recorder writes messages as they come in. Decoders need them in the order in which they were sent.
+    messages: of one channel, each with its time in ns. A message that cannot be read stays where it is.
+    """
+    waiting = _Waiting()
+    for stamped in messages:
+        try:
+            header = wire.peek(stamped[1])
+        except DecodeError:
+            yield from waiting.rest()
+            yield stamped
+        else:
+            yield from waiting.take(header.stream_id, header.frame_index, header.frame_count, stamped)
+    yield from waiting.rest()
+
+
+class _Waiting:
+    """The newest messages of one run of a stream, sorted by frame number."""
+
+    def __init__(self) -> None:
+        self._stream: int | None = None
+        self._messages: list[tuple[int, int, Stamped]] = []
+        self._taken = 0
+
+    def take(self, stream: int, index: int, frames: int, stamped: Stamped) -> Iterator[Stamped]:
+        """Takes a message of so many frames; gives those behind which it belongs."""
+        newest = self._messages[-1][0] if self._messages else index
+        if stream != self._stream or newest - index > REACH * frames:  # another run of the publisher
+            yield from self.rest()
+        self._stream = stream
+        self._taken += 1
+        insort(self._messages, (index, self._taken, stamped))
+        if len(self._messages) > REACH:
+            yield self._messages.pop(0)[2]
+
+    def rest(self) -> Iterator[Stamped]:
+        """Gives all that wait."""
+        yield from (stamped for _, _, stamped in self._messages)
+        self._messages.clear()
