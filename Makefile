@@ -14,6 +14,9 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-inp
 LOCKED := $(PIP) --require-hashes -r requirements
 # The package is used from this folder: the native module is built into it, so that an edit is seen at once.
 EDITABLE := --no-deps --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
+# The build for processors alone. Some registries call it +cpu; PyTorch's own has it by the plain name. The plain name on PyPI
+# brings gigabytes for graphics cards on Linux with x86-64, so it is not taken there.
+TORCH := torch==2.13.0
 NATIVE := build/native/.built
 WEB := $(STAMPS)/web
 # By the lock file, with the hashes in it. `npm ci` refuses that of the page, in which Biome's builds for other systems are
@@ -128,7 +131,10 @@ $(STAMPS)/server: $(STAMPS)/base requirements/server.txt
 $(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt
 	@echo "Installing what its tests need ..."
 	@$(LOCKED)/dev.txt
-	@$(PIP) -c constraints.txt 'torch==2.13.0+cpu' 2>/dev/null || echo "No CPU build of torch here (docs/development.md says where it is): tests of training are skipped"
+	@$(PIP) -c constraints.txt '$(TORCH)+cpu' 2>/dev/null \
+	  || $(PIP) -c constraints.txt --index-url https://download.pytorch.org/whl/cpu '$(TORCH)' 2>/dev/null \
+	  || { [ "$$(uname -sm)" != "Linux x86_64" ] && $(PIP) -c constraints.txt '$(TORCH)' 2>/dev/null; } \
+	  || echo "No CPU build of torch here (docs/development.md says where it is): tests of training are skipped"
 	@touch $@
 
 $(STAMPS)/site: $(STAMPS)/build requirements/site.txt
