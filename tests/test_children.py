@@ -77,7 +77,7 @@ def ran(words, folder):
 @pytest.mark.parametrize(
     "words",
     [
-        ["demo", "--no-browser", "--seconds", "2"],
+        pytest.param(["demo", "--no-browser", "--seconds", "2"], marks=pytest.mark.sweep),
         ["swarm", "2", "sim:city", "--frames", "1", "--processes", "2", "--seconds", "1"],
     ],
     ids=lambda words: words[0],

@@ -111,7 +111,7 @@ def test_a_late_subscriber_sees_a_frame_within_a_second(ends):
     assert first.all("summary")[0]["errors"] == late.all("summary")[0]["errors"] == {}
 
 
-@pytest.mark.parametrize("first", ["publish", "subscribe"])
+@pytest.mark.parametrize("first", sampled(["publish", "subscribe"], ["subscribe"]))
 def test_each_side_picks_up_after_the_other_was_killed(ends, first):
     """`first` keeps the meeting point, so each side is once the one whose death has to be survived there."""
     port = free_port()

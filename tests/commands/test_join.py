@@ -36,10 +36,15 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     "words",
-    [("encode", "--codec", "zstd"), ("encode", "--codec", "predictive", "--set", "motion=true"),
-     ("encode", "--set", "framing=revolution"), ("encode", "--set", "framing=packets:100", "--with-clouds"),
-     ("convert", "--to", "packets"), ("convert", "--to", "recording", "--set", "framing=revolution")],
-)  # fmt: skip
+    [
+        pytest.param(("encode", "--codec", "zstd"), marks=pytest.mark.sweep),
+        ("encode", "--codec", "predictive", "--set", "motion=true"),
+        pytest.param(("encode", "--set", "framing=revolution"), marks=pytest.mark.sweep),
+        ("encode", "--set", "framing=packets:100", "--with-clouds"),
+        ("convert", "--to", "packets"),
+        pytest.param(("convert", "--to", "recording", "--set", "framing=revolution"), marks=pytest.mark.sweep),
+    ],
+)
 def test_parts_joined_are_the_whole(drive: Path, tmp_path: Path, words: tuple[str, ...]) -> None:
     command, *options = words
     first, second, third = (tmp_path / f"{number}.mcap" for number in range(3))

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(shim.compiler() is None, reason="no C++ compiler
 
 OUTPUTS = [row.name for row in rows() if row.name not in (*STREAMS, NETWORKS, "encode, points beside")]
 
-SAMPLE = ["encode", "convert over an old file", "decode to a capture", "live recorder"]
+SAMPLE = ["encode", "convert over an old file", "live recorder"]
 
 
 @pytest.mark.parametrize("name", sampled(OUTPUTS, SAMPLE))
@@ -28,7 +28,7 @@ def test_a_disk_that_fails_leaves_no_output_or_a_whole_one(name: str) -> None:
         assert found["tries"] == found["calls"] > 5
 
 
-@pytest.mark.parametrize("name", ["encode", "convert to a recording"])
+@pytest.mark.parametrize("name", sampled(["encode", "convert to a recording"], ["encode"]))
 @pytest.mark.parametrize("kind", [shim.Kind.CORE, shim.Kind.LARGE], ids=["core", "large"])
 def test_memory_that_is_short_is_said_in_a_line(name: str, kind: shim.Kind) -> None:
     (found,) = swept(name, kind, at_most=12)

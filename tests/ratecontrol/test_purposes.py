@@ -16,6 +16,7 @@ from lidarcodec.ratecontrol.curve import Pins, operating_curve
 from lidarcodec.ratecontrol.reach import reach_warning
 from lidarcodec.settings import StreamSettings, settings_from
 from lidarcodec.wire import size_of
+from tests.sweeps import sampled
 
 PURPOSES = ("localise", "detect")
 STEERED = [name for name in table.names() if table.codec(name).knob is not None]
@@ -62,7 +63,10 @@ def test_a_weak_mobile_link_carries_every_frame_and_there_is_no_gap(codec, purpo
     assert reach_warning(StreamSettings(codec=codec, target_kbps=300, purpose=purpose)) is None
 
 
-@pytest.mark.parametrize(("codec", "target"), [("riddle", 500), ("predictive", 400), ("pcodec", 800), ("zstd", 1000)])
+@pytest.mark.parametrize(
+    ("codec", "target"),
+    sampled([("riddle", 500), ("pcodec", 800), ("predictive", 400), ("zstd", 1000)], [("riddle", 500)]),
+)
 @pytest.mark.parametrize("purpose", PURPOSES)
 def test_the_target_is_kept_and_every_return_is_measured(town, purpose, codec, target):
     frames = [frame for frame, _ in town]

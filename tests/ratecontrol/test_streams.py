@@ -41,19 +41,19 @@ def kept(sent: Sent, target: float) -> None:
     assert one.max() < 1.2 * target, one.max()
 
 
-@pytest.mark.parametrize("codec", ["pcodec", "zstd"])
-@pytest.mark.parametrize("target", [600, 1200, 2000, 3500, 5000])
+@pytest.mark.parametrize("codec", sampled(["pcodec", "zstd"], ["pcodec"]))
+@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [600, 2000]))
 def test_the_simulator_keeps_to_the_target(city: list[Frame], codec: str, target: float) -> None:
     kept(run(city, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
 
 
 @pytest.mark.parametrize("name", sampled([SFND, VEGETATION], [VEGETATION]))
-def test_a_drive_keeps_to_the_target(drive, name: str) -> None:
-    frames = long_enough(drive(name), 6.5)
-    for codec in ("pcodec", "zstd"):
-        for target in (600, 1200, 2000, 3500, 5000):
-            kept(run(frames, StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
-    kept(run(frames, StreamSettings(codec="jpeg-layered", target_kbps=1500, intensity="off")), 1500)
+@pytest.mark.parametrize("codec", sampled(["pcodec", "zstd", "jpeg-layered"], ["pcodec"]))
+@pytest.mark.parametrize("target", sampled([600, 1200, 2000, 3500, 5000], [600, 2000]))
+def test_a_drive_keeps_to_the_target(drive, name: str, codec: str, target: float) -> None:
+    if codec == "jpeg-layered" and not 1000 < target < 2500:
+        pytest.skip("jpeg-layered carries another range of bitrates")
+    kept(run(long_enough(drive(name), 6.5), StreamSettings(codec=codec, target_kbps=target, intensity="off")), target)
 
 
 @pytest.mark.parametrize("target", [500, 1200, 3500])

@@ -91,9 +91,9 @@ def test_it_is_said_when_it_comes_to_its_end_and_once_a_day(caplog):
     "command",
     [
         ("publish", "sim:street?frames=100000"),
-        ("subscribe", "car-7/lidar"),
+        pytest.param(("subscribe", "car-7/lidar"), marks=pytest.mark.sweep),
         ("serve", "--port", 0, "--database-url", "sqlite:///{folder}/server.db", "--recordings", "{folder}/recordings"),
-        ("bridge", "foxglove", "car-7/lidar", "--port", 0),
+        pytest.param(("bridge", "foxglove", "car-7/lidar", "--port", 0), marks=pytest.mark.sweep),
     ],
     ids=lambda words: words[0],
 )
