@@ -37,8 +37,8 @@ STOPWATCHES = {
     "decode side": ("lidarcodec.entropy", "decode_side"),
     "encode intensity": ("lidarcodec.planes.sections", "encode_intensity"),
     "decode intensity": ("lidarcodec.planes.sections", "decode_intensity"),
-    "encode range": ("lidarcodec.codecs.pcodec.PcodecEncoder", "_range"),
-    "decode range": ("lidarcodec.codecs.pcodec.PcodecDecoder", "_returns"),
+    "encode range": ("lidarcodec.codecs.frame_encoder.Independent", "_ranges"),
+    "decode range": ("lidarcodec.codecs.frame_decoder.IndependentDecoder", "_ranges"),
 }
 """Stage: module or class, and the name under which the path calls it there."""
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from lidarcodec.api import decode, encode, read_frames
     from lidarcodec.apps.publisher.publisher import Publisher
     from lidarcodec.apps.receiver.live_stream import LiveStream, subscribe
+    from lidarcodec.apps.recorder import Record
     from lidarcodec.assembly import packets_of
     from lidarcodec.filling import filled
     from lidarcodec.frame import Frame
@@ -30,6 +31,7 @@ _HOME = {
     "Message": "message",
     "Packet": "packet",
     "Publisher": "apps.publisher.publisher",
+    "Record": "apps.recorder",
     "SensorModel": "sensor_model",
     "StreamDecoder": "pipeline",
     "StreamEncoder": "pipeline",
@@ -55,6 +57,7 @@ __all__ = [
     "Message",
     "Packet",
     "Publisher",
+    "Record",
     "SensorModel",
     "StreamDecoder",
     "StreamEncoder",

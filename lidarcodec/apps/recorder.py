@@ -9,7 +9,8 @@ from __future__ import annotations
 import logging
 import threading
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -32,6 +33,24 @@ WAITING = 20
 """Frames that wait for the disk: two seconds, 9 MB."""
 CLOSE_LIMIT_S = 10.0
 LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a publisher keeps of all that its sensor sends, whatever goes over the network.
+
+    folder: where its files are; form: raw `packets`, or a `lossless` stream
+    limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of `recording.RotatingRecorder`
+    """
+
+    folder: Path
+    form: RecordAs = "packets"
+    limits: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, given: Record | str | Path | None) -> Record | None:
+        """The value itself, or that of a folder."""
+        return cls(Path(given)) if isinstance(given, str | Path) else given
 
 
 class Cloud(NamedTuple):

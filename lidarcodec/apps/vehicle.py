@@ -12,15 +12,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from lidarcodec.apps.ending import ended
 from lidarcodec.apps.health import SensorState
 from lidarcodec.apps.publisher.originals import check_local
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
-from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.apps.recorder import Record
 from lidarcodec.errors import LidarCodecError, TransportError
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import PacketSource
@@ -48,9 +47,7 @@ class SensorPlan:
     live: bool = True
     rate: Rate | None = None
     with_poses: bool = False
-    record: Path | None = None
-    record_as: RecordAs = "packets"
-    record_limits: dict[str, int] = field(default_factory=dict)
+    record: Record | None = None
     original: bool = False
 
 
@@ -189,8 +186,6 @@ class _Sensor:
                 endpoints=self._endpoints,
                 transport=self._network,
                 record=plan.record,
-                record_as=plan.record_as,
-                record_limits=plan.record_limits,
                 poses=source.poses if plan.with_poses else None,
                 original=plan.original,
             )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -98,6 +99,24 @@ def own_settings(model: type[Own], settings: StreamSettings) -> Own:
             its = f"its settings are {known}" if known else "it has no settings"
             raise SettingsError(f"codec {settings.codec} has no setting '{key}': {its}", field) from None
         raise SettingsError(f"{field} of codec {settings.codec}: {first['msg']}", field) from None
+
+
+@dataclass(frozen=True)
+class InForce(Generic[Own]):
+    """The settings that an encoder follows, checked: those of the stream, and the codec's own."""
+
+    stream: StreamSettings
+    own: Own
+
+    @classmethod
+    def of(cls, model: type[Own], settings: StreamSettings, before: InForce[Own] | None = None) -> InForce[Own]:
+        """The settings in force once `settings` are taken. before: those in force now, for the same codec.
+
+        Raises SettingsError naming the key.
+        """
+        if before is not None and settings.codec_settings == before.stream.codec_settings:
+            return cls(settings, before.own)
+        return cls(settings, own_settings(model, settings))
 
 
 class Codec(NamedTuple):

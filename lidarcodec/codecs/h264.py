@@ -6,7 +6,7 @@ from typing import Literal
 
 from lidarcodec.codecs.base import Codec
 from lidarcodec.codecs.rate_knob import crf_knob
-from lidarcodec.codecs.video import VideoDecoder, VideoEncoder, VideoSettings
+from lidarcodec.codecs.video import VideoDecoder, VideoSettings, video_encoder
 
 
 class H264Settings(VideoSettings):
@@ -16,13 +16,13 @@ class H264Settings(VideoSettings):
     """How ranges are mapped to samples. `sqrt` and `log` give near ranges finer steps."""
 
 
-class H264Encoder(VideoEncoder):
-    """Encoder of `h264`."""
-
-    model = H264Settings
-
-
-KNOB = crf_knob(renewal=1.15, mapping="log")
-"""Chamfer distances are shorter with logarithms, root mean square errors are smaller without."""
-
-CODEC = Codec(H264Settings, H264Encoder, VideoDecoder, bounded=False, knob=KNOB, isolated=True, rolling=False)
+CODEC = Codec(
+    H264Settings,
+    video_encoder(H264Settings),
+    VideoDecoder,
+    bounded=False,
+    # Chamfer distances are shorter with logarithms, root mean square errors are smaller without.
+    knob=crf_knob(renewal=1.15, mapping="log"),
+    isolated=True,
+    rolling=False,
+)

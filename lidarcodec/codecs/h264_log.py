@@ -6,7 +6,7 @@ from typing import Literal
 
 from lidarcodec.codecs.base import Codec
 from lidarcodec.codecs.rate_knob import crf_knob
-from lidarcodec.codecs.video import VideoDecoder, VideoEncoder, VideoSettings
+from lidarcodec.codecs.video import VideoDecoder, VideoSettings, video_encoder
 
 
 class H264LogSettings(VideoSettings):
@@ -16,12 +16,12 @@ class H264LogSettings(VideoSettings):
     """How ranges are mapped to samples. `log` uses the whole sample range. `paper` is the equation of Tu 2016."""
 
 
-class H264LogEncoder(VideoEncoder):
-    """Encoder of `h264-log`."""
-
-    model = H264LogSettings
-
-
-KNOB = crf_knob(renewal=1.15)
-
-CODEC = Codec(H264LogSettings, H264LogEncoder, VideoDecoder, bounded=False, knob=KNOB, isolated=True, rolling=False)
+CODEC = Codec(
+    H264LogSettings,
+    video_encoder(H264LogSettings),
+    VideoDecoder,
+    bounded=False,
+    knob=crf_knob(renewal=1.15),
+    isolated=True,
+    rolling=False,
+)

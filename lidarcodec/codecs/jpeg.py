@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.base import Codec, own_settings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, InForce
+from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.rate_knob import quality_knob
 from lidarcodec.errors import SectionError
@@ -25,34 +26,34 @@ Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
 
-class JpegEncoder(IntraEncoder):
-    """Encoder of `jpeg`."""
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        if not valid.any():
-            return b""
-        own = own_settings(JpegSettings, self.settings)
-        head, canvas = canvas_of_frame(frame, valid, BLOCK)
-        values = np.where(valid, frame.range + level_offsets(frame.sensor)[:, None], np.int32(0)).astype(np.int32)
-        samples, jpeg = with_samples(own, canvas.spread(values), canvas.spread(valid))
-        return samples + head + jpeg
+def code_ranges(frame: Frame, settings: InForce[JpegSettings]) -> bytes:
+    """The RANGE section of a frame."""
+    valid = frame.valid
+    if not valid.any():
+        return b""
+    head, canvas = canvas_of_frame(frame, valid, BLOCK)
+    values = np.where(valid, frame.range + level_offsets(frame.sensor)[:, None], np.int32(0)).astype(np.int32)
+    samples, jpeg = with_samples(settings.own, canvas.spread(values), canvas.spread(valid))
+    return samples + head + jpeg
 
 
-class JpegDecoder(ReturnsDecoder):
-    """Decoder of `jpeg`."""
-
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        if not valid.any():
-            if data:
-                raise SectionError(f"{len(data)} bytes of ranges for no return")
-            return np.zeros(0, np.uint16)
-        bits, value_of, rest = split_samples(data)
-        canvas, jpeg = split_canvas(rest, valid, sensor, BLOCK)
-        values = canvas.gather(value_of[read_jpeg(jpeg, LASERS, canvas.width, bits)])
-        return ranges_of(values, level_offsets(sensor), valid)
+def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
+    if not valid.any():
+        if data:
+            raise SectionError(f"{len(data)} bytes of ranges for no return")
+        return np.zeros(0, np.uint16)
+    bits, value_of, rest = split_samples(data)
+    canvas, jpeg = split_canvas(rest, valid, sensor, BLOCK)
+    values = canvas.gather(value_of[read_jpeg(jpeg, LASERS, canvas.width, bits)])
+    return ranges_of(values, level_offsets(sensor), valid)
 
 
-KNOB = quality_knob(mapping="log")
-"""Chamfer distances are shorter with logarithms, root mean square errors are smaller without."""
-
-CODEC = Codec(JpegSettings, JpegEncoder, JpegDecoder, bounded=False, knob=KNOB)
+CODEC = Codec(
+    JpegSettings,
+    independent_encoder(JpegSettings, code_ranges),
+    independent_decoder(decode_ranges),
+    bounded=False,
+    # Chamfer distances are shorter with logarithms, root mean square errors are smaller without.
+    knob=quality_knob(mapping="log"),
+)

@@ -18,11 +18,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, Steering, own_settings
-from lidarcodec.codecs.intra import frame_of
+from lidarcodec.codecs.base import Codec, InForce, Steering
+from lidarcodec.codecs.frame_decoder import frame_of
+from lidarcodec.codecs.frame_encoder import check_same_codec
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.rate_knob import quality_knob
-from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.errors import SectionError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.history import MaskHistory
@@ -60,8 +61,8 @@ class LayeredEncoder:
     """Encoder of `jpeg-layered`."""
 
     def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
-        self.codec_id, self.stream_id, self.settings = codec_id, stream_id, settings
-        self._own = own_settings(LayeredSettings, settings)
+        self.codec_id, self.stream_id = codec_id, stream_id
+        self._settings = InForce.of(LayeredSettings, settings)
         self._members: list[_Member] = []
         self._ready: list[Message] = []
         self._key = False
@@ -81,10 +82,8 @@ class LayeredEncoder:
 
         Raises SettingsError for another codec: that takes another encoder.
         """
-        if settings.codec != self.settings.codec:
-            raise SettingsError(f"an encoder of {self.settings.codec} cannot become {settings.codec}", "codec")
-        self._own = own_settings(LayeredSettings, settings)
-        self.settings = settings
+        check_same_codec(self._settings.stream, settings)
+        self._settings = InForce.of(LayeredSettings, settings, self._settings)
         return self._key if self._members else self._key_is_due()
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
@@ -97,14 +96,14 @@ class LayeredEncoder:
         if not self._members:
             self._history = MaskHistory()
         previous = self._history.before(frame.azimuth, frame.sensor) if self._members else None
-        planes = encode_planes(frame, Quality.of(self.settings), previous)
+        planes = encode_planes(frame, Quality.of(self._settings.stream), previous)
         self._history.remember(frame.valid, frame.azimuth, frame.sensor)
         if not self._members:
             sensor = (frame.sensor.hash, frame.sensor.convention)
             self._key = key or sensor != self._sensor or self._key_is_due()
             self._sensor = sensor
         self._members.append(_Member(frame, frame.valid, planes))
-        if len(self._members) >= self._own.group:
+        if len(self._members) >= self._settings.own.group:
             self._close()
         return self._taken()
 
@@ -144,17 +143,19 @@ class LayeredEncoder:
             )
 
         steered = None if self._steering is None else self._steering.range_of(frames, message(b""), code)
-        self._ready.append(message(code(self.settings) if steered is None else steered))
+        self._ready.append(message(code(self._settings.stream) if steered is None else steered))
         self._since_key = len(frames) if self._key else (self._since_key or 0) + len(frames)
 
     def _key_is_due(self) -> bool:
         """Whether a group that begins now is to be a key message: the next one would come too late."""
-        return self._since_key is None or self._since_key + self._own.group > self.settings.key_interval
+        return (
+            self._since_key is None or self._since_key + self._settings.own.group > self._settings.stream.key_interval
+        )
 
     def _ends_before(self, frame: Frame) -> bool:
         last, widest = self._members[-1].frame, max(member.frame.width for member in self._members)
         return (
-            len(self._members) >= self._own.group
+            len(self._members) >= self._settings.own.group
             or (frame.sensor.hash, frame.sensor.convention) != self._sensor
             or not 0 < frame.index - last.index < 2**16
             or not group_fits(len(self._members) + 1, max(widest, frame.width))
@@ -162,7 +163,7 @@ class LayeredEncoder:
 
     def _coder(self, members: list[_Member]) -> Callable[[StreamSettings], bytes]:
         """The RANGE section by settings, of which only those of JPEGs are looked at."""
-        frames = [member.frame for member in members]
+        frames, in_force = [member.frame for member in members], self._settings
         layers = layers_of([frame.azimuth[0] for frame in frames])
         head = pack_group(frames, layers)
         known = layers.spread([member.valid for member in members]) if layers.samples else np.zeros((0, 0), np.bool_)
@@ -171,7 +172,8 @@ class LayeredEncoder:
         values = layers.spread([np.where(member.valid, member.frame.range, 0) for member in members]).astype(np.int32)
 
         def code(settings: StreamSettings) -> bytes:
-            samples, jpeg = with_samples(own_settings(LayeredSettings, settings), values, known)
+            own = InForce.of(LayeredSettings, settings, in_force).own
+            samples, jpeg = with_samples(own, values, known)
             return head + samples + jpeg
 
         return code
@@ -217,6 +219,4 @@ class LayeredDecoder:
         return []
 
 
-KNOB = quality_knob()
-
-CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False, knob=KNOB, rolling=False)
+CODEC = Codec(LayeredSettings, LayeredEncoder, LayeredDecoder, bounded=False, knob=quality_knob(), rolling=False)

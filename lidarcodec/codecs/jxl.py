@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, CodecSettings, InForce
+from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
@@ -41,33 +42,29 @@ def _indices_added(sensor: SensorModel, step: int) -> Ranges:
     return added.astype(np.uint16)[:, None]
 
 
-class JxlEncoder(IntraEncoder):
-    """Encoder of `jxl`."""
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        step = self.settings.step
-        if not valid.any():
-            return with_step(step, b"")
-        head, canvas = canvas_of_frame(frame, valid)
-        levelled = quantise(frame.range, step) + _indices_added(frame.sensor, step)
-        filled = filled_predicted(canvas.spread(levelled), canvas.spread(valid))
-        return with_step(step, head + write_jxl(filled, own_settings(JxlSettings, self.settings).effort))
+def code_ranges(frame: Frame, settings: InForce[JxlSettings]) -> bytes:
+    """The RANGE section of a frame."""
+    step = settings.stream.step
+    if not frame.valid.any():
+        return with_step(step, b"")
+    head, canvas = canvas_of_frame(frame, frame.valid)
+    levelled = quantise(frame.range, step) + _indices_added(frame.sensor, step)
+    filled = filled_predicted(canvas.spread(levelled), canvas.spread(frame.valid))
+    return with_step(step, head + write_jxl(filled, settings.own.effort))
 
 
-class JxlDecoder(ReturnsDecoder):
-    """Decoder of `jxl`."""
-
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        step, rest = split_step(data)
-        if not valid.any():
-            if rest:
-                raise SectionError(f"{len(rest)} bytes of ranges for no return")
-            return np.zeros(0, np.uint16)
-        canvas, codestream = split_canvas(rest, valid, sensor)
-        levelled = canvas.gather(read_jxl(codestream, LASERS, canvas.width))
-        return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
+def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
+    step, rest = split_step(data)
+    if not valid.any():
+        if rest:
+            raise SectionError(f"{len(rest)} bytes of ranges for no return")
+        return np.zeros(0, np.uint16)
+    canvas, codestream = split_canvas(rest, valid, sensor)
+    levelled = canvas.gather(read_jxl(codestream, LASERS, canvas.width))
+    return reconstruct((levelled - _indices_added(sensor, step))[valid], step)
 
 
-KNOB = bound_knob()
-
-CODEC = Codec(JxlSettings, JxlEncoder, JxlDecoder, knob=KNOB)
+CODEC = Codec(
+    JxlSettings, independent_encoder(JxlSettings, code_ranges), independent_decoder(decode_ranges), knob=bound_knob()
+)

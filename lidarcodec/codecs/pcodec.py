@@ -17,8 +17,9 @@ import numpy.typing as npt
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, CodecSettings, InForce
+from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
@@ -109,32 +110,27 @@ def decompress_groups(data: bytes, size: int) -> Ranges:
     return groups.join(differences.view(np.uint16))
 
 
-class PcodecEncoder(IntraEncoder):
-    """Encoder of `pcodec`."""
-
-    def _mask_history(self) -> bool:
-        return own_settings(PcodecSettings, self.settings).mask_history
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        step = self.settings.step
-        returns = quantise(frame.range[valid], step)
-        level = own_settings(PcodecSettings, self.settings).level
-        return with_step(step, compress_groups(returns, level) if len(returns) else b"")
+def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:
+    """The RANGE section of a frame."""
+    step = settings.stream.step
+    returns = quantise(frame.range[frame.valid], step)
+    return with_step(step, compress_groups(returns, settings.own.level) if len(returns) else b"")
 
 
-class PcodecDecoder(ReturnsDecoder):
-    """Decoder of `pcodec`."""
-
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        step, coded = split_step(data)
-        size = int(np.count_nonzero(valid))
-        if not size:
-            if coded:
-                raise SectionError(f"{len(coded)} bytes of ranges for no return")
-            return np.zeros(0, np.uint16)
-        return reconstruct(decompress_groups(coded, size), step)
+def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
+    step, coded = split_step(data)
+    size = int(np.count_nonzero(valid))
+    if not size:
+        if coded:
+            raise SectionError(f"{len(coded)} bytes of ranges for no return")
+        return np.zeros(0, np.uint16)
+    return reconstruct(decompress_groups(coded, size), step)
 
 
-KNOB = bound_knob()
-
-CODEC = Codec(PcodecSettings, PcodecEncoder, PcodecDecoder, knob=KNOB)
+CODEC = Codec(
+    PcodecSettings,
+    independent_encoder(PcodecSettings, code_ranges, mask_history=lambda own: own.mask_history),
+    independent_decoder(decode_ranges),
+    knob=bound_knob(),
+)

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, CodecSettings, InForce
+from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
@@ -109,30 +110,25 @@ def read_png(data: bytes, rows: int, width: int) -> Ranges:
     return image.view(">u2")[..., 0].astype(np.uint16)
 
 
-class PngEncoder(IntraEncoder):
-    """Encoder of `png`."""
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        step = self.settings.step
-        if not valid.any():
-            return with_step(step, b"")
-        filled = filled_left(quantise(frame.range, step), valid)
-        level = own_settings(PngSettings, self.settings).level
-        return with_step(step, write_png(filled, level))
+def code_ranges(frame: Frame, settings: InForce[PngSettings]) -> bytes:
+    """The RANGE section of a frame."""
+    step = settings.stream.step
+    if not frame.valid.any():
+        return with_step(step, b"")
+    filled = filled_left(quantise(frame.range, step), frame.valid)
+    return with_step(step, write_png(filled, settings.own.level))
 
 
-class PngDecoder(ReturnsDecoder):
-    """Decoder of `png`."""
-
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        step, png = split_step(data)
-        if not valid.any():
-            if png:
-                raise SectionError(f"{len(png)} bytes of ranges for no return")
-            return np.zeros(0, np.uint16)
-        return reconstruct(read_png(png, *valid.shape)[valid], step)
+def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
+    step, png = split_step(data)
+    if not valid.any():
+        if png:
+            raise SectionError(f"{len(png)} bytes of ranges for no return")
+        return np.zeros(0, np.uint16)
+    return reconstruct(read_png(png, *valid.shape)[valid], step)
 
 
-KNOB = bound_knob()
-
-CODEC = Codec(PngSettings, PngEncoder, PngDecoder, knob=KNOB)
+CODEC = Codec(
+    PngSettings, independent_encoder(PngSettings, code_ranges), independent_decoder(decode_ranges), knob=bound_knob()
+)

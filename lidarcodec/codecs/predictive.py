@@ -23,11 +23,14 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec import entropy
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
+from lidarcodec.codecs.base import Codec, Encoder, InForce
+from lidarcodec.codecs.frame_encoder import FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
+from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings
+from lidarcodec.codecs.referring_decoder import ReferringDecoder
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.frame import Frame
+from lidarcodec.message import Message
 from lidarcodec.planes.sections import Planes
 from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.ranges.steps import split_step, with_step
@@ -35,78 +38,88 @@ from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 
 Ranges = npt.NDArray[np.uint16]
-Mask = npt.NDArray[np.bool_]
 
 
-class PredictiveSettings(CodecSettings):
+class PredictiveSettings(ReferringSettings):
     """Settings of `predictive`."""
 
     effort: int = Field(1, ge=1, le=2)
     """1: the best contexts only. 2: all contexts. 2 saves up to 0.05 bit a return and takes an eighth to a third more
     time."""
-
-    memory: bool = True
-    """Whether a frame uses statistics of all frames since the last key frame. Frames get smaller, but need those
-    frames to be decoded."""
     motion: bool = False
     """Whether frames are predicted from the previous turn, with the motion of the sensor. Needs `memory`."""
 
-    @property
-    def expects(self) -> bool:
-        """Whether frames are told what to expect."""
-        return self.memory and self.motion
 
+class PredictiveRanges:
+    """Writes ranges by what is learned while coding."""
 
-class PredictiveEncoder(ExpectingEncoder):
-    """Encoder of `predictive`."""
+    _settings: InForce[PredictiveSettings]
 
-    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+    def __init__(self) -> None:
         self._coder = entropy.PredictiveCoder()
-        super().__init__(codec_id, settings, stream_id, self._coder)
 
-    def _remembers(self) -> bool:
-        return own_settings(PredictiveSettings, self.settings).memory
+    def take(self, settings: InForce[PredictiveSettings]) -> bool:
+        """Takes settings; no frame needs a key message for them."""
+        self._settings = settings
+        return False
 
-    def _expects(self) -> bool:
-        return own_settings(PredictiveSettings, self.settings).expects
+    def reset(self) -> None:
+        """Forgets what was learned."""
+        self._coder.reset()
 
-    def _coded(
-        self,
-        frame: Frame,
-        valid: Mask,
-        expected: Ranges | None,
-        edge: KnownColumns | None,
-        firing: int,
-        sent: Ranges | None,
-    ) -> bytes:
-        step = self.settings.step
-        turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
-        given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
-        quick = own_settings(PredictiveSettings, self.settings).effort == 1
+    def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
+        """The RANGE section of a frame."""
+        stream = self._settings.stream
+        free = np.zeros(frame.range.shape, np.uint16) if stream.is_free else None
         coded = self._coder.encode(
-            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, quick=quick, sent=sent
+            frame.range,
+            frame.valid,
+            frame.fired,
+            frame.sensor,
+            stream.step,
+            level_offsets(frame.sensor),
+            turn=entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None,
+            firing=reference.firing,
+            expected=reference.expected,
+            slab_after=reference.edge,
+            quick=self._settings.own.effort == 1,
+            sent=free,
         )
-        return with_step(step, coded)
+        return CodedRanges(with_step(stream.step, coded), free)
 
 
-class PredictiveDecoder(ExpectingDecoder):
-    """Decoder of `predictive`."""
+class PredictiveRangeDecoder:
+    """Reads ranges by what is learned while decoding."""
 
-    def __init__(self, codec_id: int) -> None:
+    def __init__(self) -> None:
         self._coder = entropy.PredictiveCoder()
-        super().__init__(codec_id, self._coder)
 
-    def _columns_before(self, data: bytes) -> int | None:
+    def reset(self) -> None:
+        """Forgets what was learned."""
+        self._coder.reset()
+
+    def begin(self, message: Message, planes: Planes) -> None:
+        """Nothing: ranges need nothing else of a message."""
+
+    def columns_before(self, data: bytes) -> int | None:
+        """How many columns before it a RANGE section refers to. Raises SectionError or TruncatedError."""
         return entropy.known_columns(split_step(data)[1])
 
-    def _decoded(
+    def decode(
         self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
     ) -> Ranges:
+        """(64, W) uint16 of a RANGE section. Raises SectionError or TruncatedError."""
         step, coded = split_step(data)
         given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
         return self._coder.decode(coded, *given, expected=expected, slab_after=edge)
 
 
-KNOB = bound_knob()
+def _encoder(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
+    return FrameEncoder(codec_id, settings, stream_id, PredictiveSettings, Referring(PredictiveRanges()))
 
-CODEC = Codec(PredictiveSettings, PredictiveEncoder, PredictiveDecoder, knob=KNOB)
+
+def _decoder(codec_id: int) -> ReferringDecoder:
+    return ReferringDecoder(codec_id, PredictiveRangeDecoder())
+
+
+CODEC = Codec(PredictiveSettings, _encoder, _decoder, knob=bound_knob())

@@ -11,11 +11,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.base import Codec, CodecSettings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, CodecSettings, Encoder, InForce
+from lidarcodec.codecs.frame_decoder import check_single, frame_of
+from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.planes.calibrations import SensorBook
 from lidarcodec.planes.intensity import Quality, reduced
 from lidarcodec.planes.sections import (
     Planes,
@@ -27,11 +29,11 @@ from lidarcodec.planes.sections import (
     side_of,
 )
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
 from lidarcodec.units import AZIMUTH_TURN, BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS, LASERS_PER_BLOCK
 
 Ranges = npt.NDArray[np.uint16]
-Mask = npt.NDArray[np.bool_]
 
 _SIDE_HEAD: Final = struct.Struct("<HII")
 
@@ -90,19 +92,25 @@ def _decode_side(data: bytes, packets: int) -> SideInfo:
     )
 
 
-class RawEncoder(IntraEncoder):
-    """Encoder of `raw`."""
+class RawContent:
+    """What `raw` sends of a frame."""
 
-    plain_calibration = True
+    _settings: InForce[RawSettings]
 
-    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
+    def take(self, settings: InForce[RawSettings]) -> bool:
+        """Takes settings; no frame needs a key message for them."""
+        self._settings = settings
+        return False
+
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """All planes of a frame, which refer to no other frame."""
         check_unfired(frame, fired_cells(frame.fired, frame.sensor))
         if int(frame.azimuth.max(initial=0)) >= AZIMUTH_TURN:
             raise SectionError("a rotation of a full turn or more")
-        valid, quality = frame.valid, Quality.of(self.settings)
+        valid, quality = frame.valid, Quality.of(self._settings.stream)
         halves = frame.fired[0] | frame.fired[1] << np.uint8(1)
         sections = [
-            Section(SectionType.RANGE, self._range(frame, valid)),
+            Section(SectionType.RANGE, np.where(valid, frame.range, np.uint16(0)).astype("<u2").tobytes()),
             Section(SectionType.AZIMUTH, frame.azimuth.astype("<u2").tobytes() + halves.tobytes()),
         ]
         if quality.levels:
@@ -114,36 +122,53 @@ class RawEncoder(IntraEncoder):
             sections.append(Section(SectionType.INTENSITY, intensity.tobytes()))
         if frame.side is not None:
             sections.append(Section(SectionType.SIDE, _encode_side(frame.side)))
-        return sections + position_sections(frame) + pose_sections(frame), None
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        return np.where(valid, frame.range, np.uint16(0)).astype("<u2").tobytes()
+        return Coded(sections + position_sections(frame) + pose_sections(frame), None)
 
 
-class RawDecoder(ReturnsDecoder):
+def _encoder(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
+    return FrameEncoder(codec_id, settings, stream_id, RawSettings, RawContent(), plain_calibration=True)
+
+
+class RawDecoder:
     """Decoder of `raw`."""
 
-    def _planes(self, message: Message, sensor: SensorModel) -> Planes:
-        width = message.width
-        ranges = _image(message.section(SectionType.RANGE), "<u2", LASERS, width, "range")
-        angles = message.section(SectionType.AZIMUTH)
-        azimuth = _image(angles[: 4 * width], "<u2", 2, width, "azimuth").astype(np.uint16)
-        halves = _image(angles[4 * width :], "u1", 1, width, "azimuth")[0].astype(np.uint8)
-        if width and (int(azimuth.max()) >= AZIMUTH_TURN or int(halves.max()) > 3):
-            raise SectionError("a raw azimuth section with an azimuth beyond 35999 or an unknown half")
-        fired = np.stack([halves & 1, halves >> 1]).astype(np.bool_)
-        intensity = np.zeros((LASERS, width), np.uint8)
-        if message.has(SectionType.INTENSITY):
-            coded = message.section(SectionType.INTENSITY)
-            intensity = _image(coded, "u1", LASERS, width, "intensity").astype(np.uint8)
-        valid = ranges.astype(np.bool_)
-        unfired = ~fired_cells(fired, sensor)
-        if (valid & unfired).any() or intensity[unfired].any():
-            raise SectionError("a raw message with returns in cells that were not fired")
-        return Planes(valid, intensity, azimuth, fired, side_of(message, _decode_side), decode_pose(message))
+    def __init__(self, codec_id: int) -> None:
+        self.codec_id = codec_id
+        self._sensors = SensorBook()
 
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        return np.frombuffer(data, "<u2").reshape(valid.shape)[valid].astype(np.uint16)
+    def decode(self, message: Message) -> list[Frame]:
+        """The message's frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        check_single(message, self.codec_id)
+        sensor = self._sensors.sensor_of(message)
+        planes, ranges = _decode_planes(message, sensor)
+        return [frame_of(message, sensor, planes, ranges)]
+
+    def flush(self) -> list[Frame]:
+        """Nothing: no frame is held back."""
+        return []
 
 
-CODEC = Codec(RawSettings, RawEncoder, RawDecoder)
+def _decode_planes(message: Message, sensor: SensorModel) -> tuple[Planes, Ranges]:
+    width = message.width
+    ranges = _image(message.section(SectionType.RANGE), "<u2", LASERS, width, "range").astype(np.uint16)
+    angles = message.section(SectionType.AZIMUTH)
+    azimuth = _image(angles[: 4 * width], "<u2", 2, width, "azimuth").astype(np.uint16)
+    halves = _image(angles[4 * width :], "u1", 1, width, "azimuth")[0].astype(np.uint8)
+    if width and (int(azimuth.max()) >= AZIMUTH_TURN or int(halves.max()) > 3):
+        raise SectionError("a raw azimuth section with an azimuth beyond 35999 or an unknown half")
+    fired = np.stack([halves & 1, halves >> 1]).astype(np.bool_)
+    intensity = np.zeros((LASERS, width), np.uint8)
+    if message.has(SectionType.INTENSITY):
+        coded = message.section(SectionType.INTENSITY)
+        intensity = _image(coded, "u1", LASERS, width, "intensity").astype(np.uint8)
+    valid = ranges.astype(np.bool_)
+    unfired = ~fired_cells(fired, sensor)
+    if (valid & unfired).any() or intensity[unfired].any():
+        raise SectionError("a raw message with returns in cells that were not fired")
+    return Planes(valid, intensity, azimuth, fired, side_of(message, _decode_side), decode_pose(message)), ranges
+
+
+CODEC = Codec(RawSettings, _encoder, RawDecoder)

@@ -29,9 +29,11 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec import entropy
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.expecting import ExpectingDecoder, ExpectingEncoder
+from lidarcodec.codecs.base import Codec, InForce, own_settings
+from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
+from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings
+from lidarcodec.codecs.referring_decoder import ReferringDecoder
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
 from lidarcodec.frame import Frame
@@ -55,27 +57,17 @@ RETURNS_PER_BYTE: Final = 128
 MOST_LEARN_MS: Final = 1000
 
 
-class RiddleSettings(CodecSettings):
+class RiddleSettings(ReferringSettings):
     """Settings of `riddle`."""
 
     effort: int = Field(2, ge=EFFORTS[0], le=EFFORTS[-1])
     """1: no network. 2: a small network. 3: a large network. 4: the largest network."""
-    memory: bool = True
-    """Whether a frame uses statistics of all frames since the last key frame. Frames get smaller, but need those
-    frames to be decoded."""
-    motion: bool = True
-    """Whether frames are predicted from the previous turn, with the motion of the sensor. Needs `memory`."""
     weights: str = ""
     """Name of a weight file in the package or in the folder of `--weights-dir`. On the command line of the encoder
     also a path."""
     learn_ms: float = Field(0, ge=0, le=MOST_LEARN_MS)
     """Milliseconds a frame for training. A live publisher then trains the network on its stream, on a spare core. 0:
     no training."""
-
-    @property
-    def expects(self) -> bool:
-        """Whether frames are told what to expect."""
-        return self.memory and self.motion
 
 
 class LearnedCoder:
@@ -113,49 +105,101 @@ class LearnedCoder:
         return self._coder
 
 
-class RiddleEncoder(ExpectingEncoder):
-    """Encoder of `riddle`. Raises SettingsError for weights that cannot be used."""
+class NetworkRanges:
+    """Writes ranges with networks, which can learn from what is coded. Raises SettingsError for weights that cannot be
+    used."""
 
-    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+    _settings: InForce[RiddleSettings]
+
+    def __init__(self, own: RiddleSettings) -> None:
         self._memory = LearnedCoder()
-        super().__init__(codec_id, settings, stream_id, self._memory)
-        self._own = own_settings(RiddleSettings, settings)
-        self._weights = _weights_for(self._own)
-        self._memory.use(self._weights, self._own.effort)
+        self._own = own
+        self._weights = _weights_for(own)
+        self._memory.use(self._weights, own.effort)
         self._learner: Learner | None = None
         self._update: Update | None = None
         self._untold = False
 
-    def apply(self, settings: StreamSettings) -> bool:
-        """Takes new settings; other weights, or another effort, begin with a key message. What was learned in the
-        stream is kept as long as the same network is in use."""
-        own = own_settings(RiddleSettings, settings)
+    def take(self, settings: InForce[RiddleSettings]) -> bool:
+        """Takes new settings; other weights, or another effort, need a key message. What was learned in the stream is
+        kept as long as the same network is in use."""
+        own, before = settings.own, self._own
         weights, begins = self._weights, False
-        if (own.weights, own.effort) != (self._own.weights, self._own.effort):
+        if (own.weights, own.effort) != (before.weights, before.effort):
             weights = _weights_for(own)
             begins = self._memory.use(weights, own.effort)
-        if begins or own.expects != self._own.expects:
+        if begins or own.expects != before.expects:
             self._learner, self._update, self._untold = None, None, False
             self._memory.use(weights, own.effort, goes_on=True)
-        self._weights, self._own = weights, own
-        if begins:
-            self._since_key = None
-        return super().apply(settings)
+        self._weights, self._own, self._settings = weights, own, settings
+        return begins
 
-    def learn(self, steps: int, budget_ms: float | None = None) -> int:
-        """Train the network on the frames that were coded since this was called first; steps taken. One other thread
-        may call it. None without a network, and while there are too few samples."""
+    def reset(self) -> None:
+        """Forgets what contexts learned; networks stay."""
+        self._memory.reset()
+
+    def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
+        """The RANGE section of a frame. Some of its returns go to the learner, if there is one."""
+        stream, learner = self._settings.stream, self._learner
+        free = np.zeros(frame.range.shape, np.uint16) if stream.is_free else None
+        samples = None if learner is None else learner.samples_of(frame, expects=reference.expected is not None)
+        coded = self._memory.coder.encode(
+            frame.range,
+            frame.valid,
+            frame.fired,
+            frame.sensor,
+            stream.step,
+            level_offsets(frame.sensor),
+            turn=entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None,
+            firing=reference.firing,
+            expected=reference.expected,
+            slab_after=reference.edge,
+            samples=samples,
+            quick=True,
+            sent=free,
+        )
+        if learner is not None and samples is not None:
+            learner.take(samples, frame.points)
+        name = bytes(_NAME_BYTES)
+        if self._weights is not None:
+            name = bytes.fromhex((self._weights if self._update is None else self._update.weights).name)
+        return CodedRanges(with_step(stream.step, bytes([self._own.effort]) + name + coded), free)
+
+    def take_offer(self) -> None:
+        """Code with what was learned from now on, if the learner offers it."""
+        learner, weights, own = self._learner, self._weights, self._own
+        if learner is None or weights is None:
+            return
+        if learner.of != (weights.name, networks_of(weights, own.effort)[0].size, own.expects):
+            self._learner = None  # another thread made it while settings changed: it learns something else
+            return
+        if (offer := learner.offered()) is not None:
+            self._memory.use(offer.weights, own.effort, goes_on=True)
+            self._update, self._untold = offer.update, True
+
+    def weight_sections(self, *, key: bool) -> list[Section]:
+        """WEIGHTS sections of the message of the frame that was coded last: what its decoder lacks."""
+        sections = []
+        if key and self._weights is not None and self._weights.name not in shipped():
+            sections.append(Section(SectionType.WEIGHTS, self._weights.data))
+        if (key or self._untold) and self._update is not None:
+            sections.append(Section(SectionType.WEIGHTS, self._update.data))
+        self._untold = False
+        return sections
+
+    def learn(self, steps: int, budget_ms: float | None) -> int:
+        """Train the network on the frames that were coded since this was called first; steps taken."""
         weights, own, learner = self._weights, self._own, self._learner
         if weights is None:
             return 0
         if learner is None:
             learner = self._learner = Learner(weights, networks_of(weights, own.effort), expects=own.expects)
-        learner.key_interval = self.settings.key_interval
+        learner.key_interval = self._settings.stream.key_interval
         return learner.learn(steps, budget_ms)
 
     @property
     def learn_ms(self) -> float:
-        """Milliseconds a frame that may be spent on learning where this runs live."""
+        """Milliseconds a frame for training, by the settings."""
         return 0.0 if self._weights is None else self._own.learn_ms
 
     @property
@@ -164,58 +208,61 @@ class RiddleEncoder(ExpectingEncoder):
         learner = self._learner
         return None if learner is None else learner.report()
 
-    def _remembers(self) -> bool:
-        return self._own.memory
 
-    def _expects(self) -> bool:
-        return self._own.expects
+class RiddleContent:
+    """What `riddle` sends of a frame: planes and ranges with their reference, weights, and a filler."""
 
-    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
-        self._take_offer()
-        sections, needs = super()._sections(frame, key)
-        if key and self._weights is not None and self._weights.name not in shipped():
-            sections.append(Section(SectionType.WEIGHTS, self._weights.data))
-        if (key or self._untold) and self._update is not None:
-            sections.append(Section(SectionType.WEIGHTS, self._update.data))
-        self._untold = False
+    def __init__(self, ranges: NetworkRanges) -> None:
+        self._ranges, self._referring = ranges, Referring(ranges)
+
+    def take(self, settings: InForce[RiddleSettings]) -> bool:
+        """Takes settings; True: the next message must be a key message."""
+        return self._referring.take(settings)
+
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """All sections of a frame but the calibration."""
+        self._ranges.take_offer()
+        sections, needs = self._referring.code(frame, key=key)
+        sections += self._ranges.weight_sections(key=key)
         missing = _least_bytes(frame.valid) - _bytes_of(sections)
         if missing > 0:
             sections.append(Section(SectionType.FILLER, bytes(missing)))
-        return sections, needs
+        return Coded(sections, needs)
 
-    def _take_offer(self) -> None:
-        learner, weights, own = self._learner, self._weights, self._own
-        if learner is None or weights is None:
-            return
-        if learner.of != (weights.name, networks_of(weights, own.effort)[0].size, own.expects):
-            self._learner = None  # another thread made it while settings changed: it learns something else
-            return
-        if (offer := learner.offered()) is not None:
-            self._memory.use(offer.weights, self._own.effort, goes_on=True)
-            self._update, self._untold = offer.update, True
 
-    def _coded(
-        self,
-        frame: Frame,
-        valid: Mask,
-        expected: Ranges | None,
-        edge: KnownColumns | None,
-        firing: int,
-        sent: Ranges | None,
-    ) -> bytes:
-        step, learner = self.settings.step, self._learner
-        turn = entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None
-        given = (frame.range, valid, frame.fired, frame.sensor, step, level_offsets(frame.sensor))
-        samples = None if learner is None else learner.samples_of(frame, expects=expected is not None)
-        coded = self._memory.coder.encode(
-            *given, turn=turn, firing=firing, expected=expected, slab_after=edge, samples=samples, quick=True, sent=sent
-        )
-        if learner is not None and samples is not None:
-            learner.take(samples, frame.points)
-        name = bytes(_NAME_BYTES)
-        if self._weights is not None:
-            name = bytes.fromhex((self._weights if self._update is None else self._update.weights).name)
-        return with_step(step, bytes([self._own.effort]) + name + coded)
+class RiddleEncoder:
+    """Encoder of `riddle`. Raises SettingsError for weights that cannot be used."""
+
+    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
+        self._ranges = NetworkRanges(own_settings(RiddleSettings, settings))
+        self._frames = FrameEncoder(codec_id, settings, stream_id, RiddleSettings, RiddleContent(self._ranges))
+
+    def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
+        """The frame's message. Raises LidarCodecError for a frame that contradicts itself."""
+        return self._frames.encode(frame, key=key)
+
+    def apply(self, settings: StreamSettings) -> bool:
+        """Takes new settings; other weights, or another effort, begin with a key message."""
+        return self._frames.apply(settings)
+
+    def flush(self) -> list[Message]:
+        """Nothing: no frame is held back."""
+        return self._frames.flush()
+
+    def learn(self, steps: int, budget_ms: float | None = None) -> int:
+        """Train the network on the frames that were coded since this was called first; steps taken. One other thread
+        may call it. None without a network, and while there are too few samples."""
+        return self._ranges.learn(steps, budget_ms)
+
+    @property
+    def learn_ms(self) -> float:
+        """Milliseconds a frame that may be spent on learning where this runs live."""
+        return self._ranges.learn_ms
+
+    @property
+    def learned(self) -> dict[str, Any] | None:
+        """What was learned in the stream; None before `learn` is called."""
+        return self._ranges.learned
 
 
 def _least_bytes(valid: Mask) -> int:
@@ -240,30 +287,34 @@ def _weights_for(own: RiddleSettings) -> Weights | None:
     return weights if weights.name in shipped() else weights_with(nets)
 
 
-class RiddleDecoder(ExpectingDecoder):
-    """Decoder of `riddle`."""
+class NetworkRangeDecoder:
+    """Reads ranges with networks that the package or the stream brings."""
 
-    def __init__(self, codec_id: int) -> None:
-        self._memory = LearnedCoder()
-        super().__init__(codec_id, self._memory)
-        self._shelf = Shelf()
+    def __init__(self) -> None:
+        self._memory, self._shelf = LearnedCoder(), Shelf()
         self._begins, self._frame = False, 0
 
-    def _ranges(self, message: Message, planes: Planes, sensor: SensorModel) -> Ranges:
+    def reset(self) -> None:
+        """Forgets what contexts learned; networks stay."""
+        self._memory.reset()
+
+    def begin(self, message: Message, planes: Planes) -> None:
+        """Takes weights that a message brings. Raises SectionError for a message too small for its returns."""
         held, least = _bytes_of(message.sections), _least_bytes(planes.valid)
         if held < least:
             raise SectionError(f"sections of {held} bytes for so many returns: {least} are the least")
         brought = [section.data for section in message.sections if section.type == SectionType.WEIGHTS]
         self._shelf.take_all(brought, message.frame_index)
         self._begins, self._frame = message.needs is None, message.frame_index
-        return super()._ranges(message, planes, sensor)
 
-    def _columns_before(self, data: bytes) -> int | None:
+    def columns_before(self, data: bytes) -> int | None:
+        """How many columns before it a RANGE section refers to. Raises SectionError or TruncatedError."""
         return entropy.known_columns(_split(data)[3])
 
-    def _decoded(
+    def decode(
         self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
     ) -> Ranges:
+        """(64, W) uint16 of a RANGE section. Raises SectionError or TruncatedError."""
         step, effort, name, coded = _split(data)
         weights = None if effort == EFFORTS[0] else self._shelf.find(name, self._frame)
         try:
@@ -286,11 +337,12 @@ def _split(data: bytes) -> tuple[int, int, str, bytes]:
     return step, rest[0], rest[1 : 1 + _NAME_BYTES].hex(), rest[1 + _NAME_BYTES :]
 
 
-KNOB = bound_knob()
-
-
 def _read_weights(settings: StreamSettings) -> Weights | None:
     return _weights_for(own_settings(RiddleSettings, settings))
 
 
-CODEC = Codec(RiddleSettings, RiddleEncoder, RiddleDecoder, knob=KNOB, files=_read_weights)
+def _decoder(codec_id: int) -> ReferringDecoder:
+    return ReferringDecoder(codec_id, NetworkRangeDecoder())
+
+
+CODEC = Codec(RiddleSettings, RiddleEncoder, _decoder, knob=bound_knob(), files=_read_weights)

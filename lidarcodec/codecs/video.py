@@ -9,15 +9,17 @@ pictures name the frame that the picture before belongs to: FFmpeg would not not
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import CodecSettings, own_settings
-from lidarcodec.codecs.intra import FrameEncoder, frame_of
-from lidarcodec.errors import MissingReferenceError, SectionError, UnsupportedVersionError
+from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
+from lidarcodec.codecs.frame_decoder import check_single, frame_of, missing_reference
+from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
+from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.planes.calibrations import SensorBook
@@ -90,37 +92,31 @@ def _ranges(
     return near
 
 
-class VideoEncoder(FrameEncoder):
-    """Frames to messages, one each."""
+class VideoContent:
+    """What a video codec sends of a frame: planes, and a picture of its ranges."""
 
-    model: type[VideoSettings]
+    _settings: InForce[VideoSettings]
 
-    def __init__(self, codec_id: int, settings: StreamSettings, stream_id: int) -> None:
-        super().__init__(codec_id, settings, stream_id)
-        self._own = own_settings(self.model, settings)
+    def __init__(self) -> None:
         self._stream: _Stream | None = None
         self._writer: PictureWriter | None = None
-        self._made_for = self._own
+        self._made_for: VideoSettings | None = None
         self._written: int | None = None
         self._farthest = 0
 
-    def apply(self, settings: StreamSettings) -> bool:
-        """Takes new settings from the next frame on. True: the next message will be a key message.
+    def take(self, settings: InForce[VideoSettings]) -> bool:
+        """Takes settings. Other settings of the codec begin the pictures anew, without a key message."""
+        self._settings = settings
+        return False
 
-        Other settings of the codec begin the pictures anew, without a key message.
-        """
-        own = own_settings(self.model, settings)
-        key = super().apply(settings)
-        self._own = own
-        return key
-
-    def _sections(self, frame: Frame, key: bool) -> tuple[list[Section], int | None]:
-        planes = encode_planes(frame, Quality.of(self.settings))
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """Picture and planes of a frame."""
+        planes = encode_planes(frame, Quality.of(self._settings.stream))
         valid = frame.valid
         data, needs = self._picture(frame, valid, key) if valid.any() else (b"", None)
         if key and not data:
             self._writer = None
-        return [Section(SectionType.RANGE, data), *planes], needs
+        return Coded([Section(SectionType.RANGE, data), *planes], needs)
 
     def _picture(self, frame: Frame, valid: Mask, key: bool) -> tuple[bytes, int | None]:
         """The RANGE section, and the index of the frame that it refers to."""
@@ -146,7 +142,8 @@ class VideoEncoder(FrameEncoder):
     def _writer_for(self, frame: Frame, farthest: int, key: bool) -> tuple[PictureWriter, _Stream]:
         """The writer that goes on, or a new one if this frame does not fit what it began with."""
         self._farthest = max(farthest, 0 if key else self._farthest)
-        writer, stream = self._writer if self._own == self._made_for else None, self._stream
+        own = self._settings.own
+        writer, stream = self._writer if own == self._made_for else None, self._stream
         if writer is None or stream is None or not stream.layout.holds(frame.azimuth, frame.fired):
             layout = TurnLayout.fitting(frame.azimuth, frame.fired)
         else:
@@ -154,11 +151,16 @@ class VideoEncoder(FrameEncoder):
         top = min(-(-self._farthest // TOP_STEP) * TOP_STEP, MAX_VALUE)
         if stream is not None and not key and self._farthest <= stream.top:
             top = stream.top
-        fresh = _Stream(self._own.bits, self._own.mapping, top, layout)
+        fresh = _Stream(own.bits, own.mapping, top, layout)
         if writer is None or fresh != stream:
-            writer = PictureWriter(*layout.shape, self._own.bits, self._own.crf, self._own.preset)
-            self._writer, self._made_for, self._stream, self._written = writer, self._own, fresh, None
+            writer = PictureWriter(*layout.shape, own.bits, own.crf, own.preset)
+            self._writer, self._made_for, self._stream, self._written = writer, own, fresh, None
         return writer, fresh
+
+
+def video_encoder(model: type[VideoSettings]) -> Callable[[int, StreamSettings, int], Encoder]:
+    """Makes the encoders of a video codec. model: of its own settings."""
+    return lambda codec_id, settings, stream_id: FrameEncoder(codec_id, settings, stream_id, model, VideoContent())
 
 
 class VideoDecoder:
@@ -176,15 +178,9 @@ class VideoDecoder:
 
         Raises DecodeError; MissingReferenceError when a key message, or one with an IDR picture, has to come first.
         """
-        if message.codec != self.codec_id:
-            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
-        if message.frame_count != 1:
-            raise SectionError(f"a message of {message.frame_count} frames of a codec that sends one each")
+        check_single(message, self.codec_id)
         if message.needs is not None and self._read != (message.stream_id, message.needs):
-            raise MissingReferenceError(
-                f"frame {message.frame_index} needs frame {message.needs}, which was not decoded: ask for a key frame",
-                message.needs,
-            )
+            raise missing_reference(message, message.needs)
         sensor = self._sensors.sensor_of(message)
         planes = decode_planes(message, sensor)
         ranges = np.zeros(planes.valid.shape, np.uint16)

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from lidarcodec.codecs.base import Codec, CodecSettings, own_settings
-from lidarcodec.codecs.intra import IntraEncoder, ReturnsDecoder
+from lidarcodec.codecs.base import Codec, CodecSettings, InForce
+from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.frame import Frame
@@ -44,26 +45,22 @@ def summed_differences(planes: bytes) -> Ranges:
     return np.cumsum(change, dtype=np.uint16)
 
 
-class ZstdEncoder(IntraEncoder):
-    """Encoder of `zstd`."""
-
-    grouped_intensity = True
-
-    def _range(self, frame: Frame, valid: Mask) -> bytes:
-        step = self.settings.step
-        level = own_settings(ZstdSettings, self.settings).level
-        return with_step(step, compress(folded_differences(quantise(frame.range[valid], step)), level))
+def code_ranges(frame: Frame, settings: InForce[ZstdSettings]) -> bytes:
+    """The RANGE section of a frame."""
+    step = settings.stream.step
+    return with_step(step, compress(folded_differences(quantise(frame.range[frame.valid], step)), settings.own.level))
 
 
-class ZstdDecoder(ReturnsDecoder):
-    """Decoder of `zstd`."""
-
-    def _returns(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        step, coded = split_step(data)
-        planes = decompress(coded, 2 * int(np.count_nonzero(valid)))
-        return reconstruct(summed_differences(planes), step)
+def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
+    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
+    step, coded = split_step(data)
+    planes = decompress(coded, 2 * int(np.count_nonzero(valid)))
+    return reconstruct(summed_differences(planes), step)
 
 
-KNOB = bound_knob()
-
-CODEC = Codec(ZstdSettings, ZstdEncoder, ZstdDecoder, knob=KNOB)
+CODEC = Codec(
+    ZstdSettings,
+    independent_encoder(ZstdSettings, code_ranges, grouped_intensity=True),
+    independent_decoder(decode_ranges),
+    knob=bound_knob(),
+)

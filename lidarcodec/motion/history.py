@@ -8,7 +8,7 @@ Rows of the two blocks are looked up by the azimuth of their own block. `StreamH
 from __future__ import annotations
 
 from collections import deque
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -72,13 +72,6 @@ def _together(rows: npt.NDArray[np.intp]) -> slice | npt.NDArray[np.intp]:
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
 
-class Memory(Protocol):
-    """What a coder of ranges learns from frame to frame."""
-
-    def reset(self) -> None:
-        """Forget it, as before a key frame."""
-
-
 class _Sent(NamedTuple):
     ranges: Ranges
     azimuth: Ranges
@@ -88,13 +81,9 @@ class _Sent(NamedTuple):
 
 
 class StreamHistory:
-    """What ranges refer to: what their coder has learned, the ranges of the last turn, and the columns before a slab.
+    """What ranges refer to: the ranges of the last turn, and the columns before a slab."""
 
-    memory: of the codec; it learns by itself, and is reset here
-    """
-
-    def __init__(self, memory: Memory) -> None:
-        self._memory = memory
+    def __init__(self) -> None:
         self._seen = RangeHistory()
         self._edge = KnownColumns.none()  # the last columns, up to EDGE_COLUMNS, if slabs were sent last
         self._edge_azimuth: int | None = None
@@ -102,7 +91,6 @@ class StreamHistory:
 
     def forget(self) -> None:
         """Forgets everything, before a message that needs no other."""
-        self._memory.reset()
         self._seen.forget()
         self._waiting.clear()
         self.forget_edge()

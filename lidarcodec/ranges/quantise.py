@@ -59,3 +59,17 @@ def reconstruct(indices: npt.NDArray[np.uint16], step: int) -> npt.NDArray[np.ui
     ranges: npt.NDArray[np.uint16] = np.minimum(exact, MAX_RANGE).astype(np.uint16)
     ranges[indices == 0] = (step // 2 + 1) // 2
     return ranges
+
+
+def as_decoded(
+    ranges: npt.NDArray[np.uint16], valid: npt.NDArray[np.bool_], step: int, levels: npt.NDArray[np.int32]
+) -> npt.NDArray[np.uint16]:
+    """(64, W) uint16, the ranges that a decoder gets of ones that were rounded on a common scale; 0 outside of `valid`.
+
+    ranges: (64, W) uint16; valid: (64, W) bool; step: odd; levels: (64,) int32, what is added to each row
+    """
+    if step == 1:
+        return np.where(valid, ranges, np.uint16(0))
+    added = levels[:, None]
+    cells = (ranges.astype(np.int32) + (added + step // 2)) // np.int32(step)
+    return np.where(valid, (cells * np.int32(step) - added).clip(1, 65535), 0).astype(np.uint16)

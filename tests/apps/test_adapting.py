@@ -8,7 +8,7 @@ import pytest
 
 from lidarcodec.api import read_frames
 from lidarcodec.apps.publisher.adapting import Adapting
-from lidarcodec.apps.publisher.flight import LIMIT_S
+from lidarcodec.apps.publisher.path_times import LIMIT_S
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.adaptive import SHARE, START_KBPS
 from lidarcodec.settings import StreamSettings

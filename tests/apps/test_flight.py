@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcodec.apps.publisher.flight import LIMIT_S, NEW_CODEC_MESSAGES, REMEMBERED
+from lidarcodec.apps.publisher.path_times import LIMIT_S, NEW_CODEC_MESSAGES
+from lidarcodec.apps.publisher.under_way import REMEMBERED
 from tests.apps.flights import Clock, Path
 
 

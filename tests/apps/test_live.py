@@ -192,7 +192,7 @@ def test_a_change_that_is_not_allowed_is_refused_by_name_and_changes_nothing(net
 def test_a_frame_that_cannot_be_encoded_costs_that_frame_only(network, monkeypatch, caplog):
     with publisher(network) as car, live(network) as stream:
         assert stream.next(30)
-        encode, left = car._encoder.encode, [3]
+        encode, left = car._coding.encoder.encode, [3]
 
         def failing(frame, *, key=False):
             if left[0]:
@@ -200,7 +200,7 @@ def test_a_frame_that_cannot_be_encoded_costs_that_frame_only(network, monkeypat
                 raise LidarCodecError("no such luck")
             return encode(frame, key=key)
 
-        monkeypatch.setattr(car._encoder, "encode", failing)
+        monkeypatch.setattr(car._coding.encoder, "encode", failing)
         assert eventually(lambda: left == [0])
         index = stream.next(30).index
         assert eventually(lambda: (frame := stream.next(30)) is not None and frame.index > index)

@@ -8,7 +8,6 @@ import threading
 import numpy as np
 
 from lidarcodec.apps.clocks import Clock
-from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.publisher.source import FrameFeed
 from tests.apps.streams import START_NS, Loop
 
@@ -33,12 +32,12 @@ def test_a_replay_that_is_held_up_in_mid_frame_has_the_poses_of_its_first_packet
     held_up = {300: 200_000_000, 2 * 348: 300_000_000}
     steps = (288_000 + held_up.get(number, 0) for number in itertools.count())
     clock = Clock(wall_ns=itertools.accumulate(steps, initial=10**18).__next__)
-    poses, mailbox, frames = Along(), Mailbox(), []
-    feed = FrameFeed(Loop(3), mailbox, "packets", 1e6, None, "packets", poses, clock)
+    poses, frames = Along(), []
+    feed = FrameFeed(Loop(3), "packets", 1e6, poses=poses, clock=clock)
     thread = threading.Thread(target=feed.run, kwargs={"wait": True})
     thread.start()
     while len(frames) < 3:
-        frames.append(mailbox.take(60.0))
+        frames.append(feed.mailbox.take(60.0))
     thread.join()
     assert poses.asked == [START_NS + number * TURN_NS for number in range(3)]
     assert [frame.pose[0, 3] for frame in frames] == [0.0, 1.0, 2.0]

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import subscribe
-from lidarcodec.apps.recorder import WAITING, BackgroundRecorder
+from lidarcodec.apps.recorder import WAITING, BackgroundRecorder, Record
 from lidarcodec.assembly import packets_of
 from lidarcodec.commands.unkept import check_recorded
 from lidarcodec.errors import SettingsError, SourceError
@@ -45,7 +45,7 @@ def test_the_vehicle_keeps_every_packet_while_another_quality_is_sent(tmp_path, 
         network.transport() as far,
         subscribe("vehicle/lidar", transport=far, newest=False, until_end=True) as stream,
     ):
-        car = Publisher(Loop(6), settings, transport=near, rate="max", record=tmp_path / "kept", record_as=record_as)
+        car = Publisher(Loop(6), settings, transport=near, rate="max", record=Record(tmp_path / "kept", record_as))
         with car:
             sent = sum(1 for _ in stream)
         state = car.status()["recording"]
@@ -151,7 +151,7 @@ def test_a_folder_that_cannot_be_written_is_said_in_the_status_and_the_stream_go
 
 def test_limits_that_cannot_be_kept_are_refused_before_anything_starts(tmp_path):
     with MemoryNetwork().transport() as near, pytest.raises(SettingsError):
-        Publisher(Loop(1), transport=near, record=tmp_path, record_limits={"max_file_bytes": 1})
+        Publisher(Loop(1), transport=near, record=Record(tmp_path, limits={"max_file_bytes": 1}))
 
 
 def test_nothing_that_is_no_message_gets_into_a_recording(tmp_path, caplog):

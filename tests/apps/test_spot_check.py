@@ -10,6 +10,7 @@ import pytest
 from lidarcodec.apps import spot_check
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.receiver.live_stream import subscribe
+from lidarcodec.apps.recorder import Record
 from lidarcodec.apps.spot_check import WAITING, SpotCheck
 from lidarcodec.codecs import pcodec
 from lidarcodec.frame import Frame
@@ -110,7 +111,7 @@ def test_a_publisher_that_records_checks_what_it_records_and_what_it_sends(tmp_p
         subscribe("vehicle/lidar", transport=far, newest=False, until_end=True) as stream,
     ):
         settings = StreamSettings(max_error_m=0.1, intensity="off")
-        car = Publisher(Loop(6), settings, transport=near, rate="max", record=tmp_path, record_as="lossless")
+        car = Publisher(Loop(6), settings, transport=near, rate="max", record=Record(tmp_path, "lossless"))
         with car:
             assert sum(1 for _ in stream) == 6
         counts = car.status()["recording"]["counts"]

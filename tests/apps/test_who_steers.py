@@ -7,10 +7,12 @@ import time
 
 import pytest
 
-from lidarcodec.apps.publisher.flight import LIMIT_S, PROOFS, REFUSED, REMEMBERED
 from lidarcodec.apps.publisher.followed import FORGET_S, LISTED, MAX_RECEIVERS, UNPROVED_S
+from lidarcodec.apps.publisher.path_times import LIMIT_S
+from lidarcodec.apps.publisher.proofs import PROOFS, REFUSED
 from lidarcodec.apps.publisher.publisher import Publisher
 from lidarcodec.apps.publisher.status import MAX_REPORTS
+from lidarcodec.apps.publisher.under_way import REMEMBERED
 from lidarcodec.apps.reports import Arrival, pack_arrival
 from lidarcodec.transport.base import Priority
 from lidarcodec.transport.keys import StreamKeys

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcodec import wire
 from lidarcodec.codecs import table
-from lidarcodec.entropy import PredictiveCoder, known_columns
+from lidarcodec.entropy import known_columns
 from lidarcodec.errors import MissingReferenceError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
@@ -148,7 +148,7 @@ def test_whole_frames_are_written_as_ever() -> None:
 
 def test_a_stream_that_never_turns_does_not_pile_up_slabs() -> None:
     """Slabs wait to be remembered as the last turn; those of a sensor that stands must not wait for ever."""
-    history = StreamHistory(PredictiveCoder())
+    history = StreamHistory()
     slab = frames.scene(10)
     still = np.zeros_like(slab.azimuth)
     for _ in range(200):

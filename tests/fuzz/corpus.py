@@ -171,7 +171,7 @@ def _with_updates(settings: dict[str, Any], made: list[Frame]) -> tuple[bytes, .
     update = update_of(base, _other_nets(), (5, 6, 6, 5))
     offer = Offer(update.weights, native_nets(networks_of(update.weights, 2)), update, 0.0)
     encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
-    encoder._encoder._learner = _Taught(offer, (base.name, 0, True))  # type: ignore[attr-defined]
+    encoder._encoder._ranges._learner = _Taught(offer, (base.name, 0, True))  # type: ignore[attr-defined]
     messages = [message for frame in made for message in encoder.encode(frame, key=frame.index == made[0].index)]
     again = made[-1].with_(index=made[-1].index + 1)
     return tuple(map(pack, messages + encoder.encode(again, key=True)))

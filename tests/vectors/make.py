@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from lidarcodec import StreamDecoder, StreamEncoder, wire
-from lidarcodec.codecs import table
-from lidarcodec.codecs.zstd import ZstdEncoder
+from lidarcodec.codecs import table, zstd
+from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -30,13 +30,8 @@ GOLDEN_CODECS = ("raw", "zstd", "predictive", "riddle", "png")
 STREAM = 0x1234_5678_9ABC_DEF0
 
 
-class ModelledZstd(ZstdEncoder):
-    """`zstd` as no encoder writes it, and every decoder must read it: modelled intensities, masks with history."""
-
-    grouped_intensity = False
-
-    def _mask_history(self) -> bool:
-        return True
+modelled_zstd = independent_encoder(zstd.ZstdSettings, zstd.code_ranges, mask_history=lambda _: True)
+"""`zstd` as no encoder writes it, and every decoder must read it: modelled intensities, masks with history."""
 
 
 def varied() -> list[Frame]:
@@ -101,7 +96,7 @@ def streams() -> dict[str, list[Message]]:
         made[name] = [one for frame in varied() for one in encoder.encode(frame)]
     for name, levels in {"zstd_modelled": "lossless", "zstd_modelled_levels": "levels=7"}.items():
         settings = StreamSettings(codec="zstd", max_error_m=0.01, intensity=levels, key_interval=20)
-        modelled = ModelledZstd(table.codec_id("zstd"), settings, STREAM)
+        modelled = modelled_zstd(table.codec_id("zstd"), settings, STREAM)
         made[name] = [one for frame in varied() for one in modelled.encode(frame)]
     return made
 

@@ -6,7 +6,8 @@ import logging
 import threading
 from typing import Any, Protocol
 
-from lidarcodec.apps.publisher.flight import LIMIT_S, Flight
+from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.path_times import LIMIT_S
 from lidarcodec.ratecontrol.adaptive import (
     CAUTION_S,
     Landing,

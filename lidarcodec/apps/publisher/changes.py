@@ -9,13 +9,11 @@ from collections.abc import Callable
 from typing import Any
 
 from lidarcodec.apps.control import Applied, settings_with
-from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.sending import Sending
-from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.apps.worker.process import START_S as WORKER_START_S
 from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
-from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.choosing import with_codec
 from lidarcodec.settings import StreamSettings
 
@@ -33,20 +31,19 @@ class Changes:
     def __init__(
         self,
         asked: StreamSettings,
-        encoder: StreamEncoder,
+        coding: Coding,
         sending: Sending,
-        isolation: Isolation,
-        choosing: CodecChooser,
         running: Callable[[], bool],
         tell: Callable[[], None],
     ) -> None:
         self.asked = asked
         self.preparing: str | None = None
         """The codec whose process a change waits for."""
-        self._encoder, self._sending, self._isolation, self._choosing = encoder, sending, isolation, choosing
+        self._encoder, self._isolation, self._choosing = coding.encoder, coding.isolation, coding.choosing
+        self._sending = sending
         self._running, self._tell = running, tell
         self._lock = threading.Lock()
-        choosing.when_chosen(self._chosen)
+        coding.choosing.when_chosen(self._chosen)
 
     def change(self, changes: dict[str, Any]) -> Applied:
         """Change some settings. The old codec goes on until the process of the new one is ready, if it needs one.

@@ -13,40 +13,37 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
 from lidarcodec.apps.control import Applied
 from lidarcodec.apps.ending import ended
-from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.changes import Changes
-from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.desk import Desk
-from lidarcodec.apps.publisher.flight import LIMIT_S, Flight
-from lidarcodec.apps.publisher.learning import SpareLearning
+from lidarcodec.apps.publisher.flight import Flight
+from lidarcodec.apps.publisher.network import Network, OpenTransport
 from lidarcodec.apps.publisher.originals import Originals, check_local
-from lidarcodec.apps.publisher.sending import Sending
-from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed
+from lidarcodec.apps.publisher.path_times import LIMIT_S
+from lidarcodec.apps.publisher.sending import Beside, Sending, Told
+from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed, Rate
 from lidarcodec.apps.publisher.status import StatusBoard
-from lidarcodec.apps.recorder import BackgroundRecorder, RecordAs
-from lidarcodec.apps.worker.isolation import Isolate, Isolation
+from lidarcodec.apps.recorder import BackgroundRecorder, Record
+from lidarcodec.apps.worker.isolation import Isolate
 from lidarcodec.errors import TransportError, WorkerError
-from lidarcodec.frame import Frame
-from lidarcodec.pipeline import StreamEncoder, check
+from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
 from lidarcodec.sources.poses import Poses
-from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
+from lidarcodec.transport import Endpoints, Transport
 from lidarcodec.transport.base import Closeable, Priority, Sender
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec.units import FRAME_PACKETS
 
 logger = logging.getLogger(__name__)
 
-Rate = float | Literal["max"]
 PATIENT_S = 30.0
 """With rate `max` no frame is to be lost: a receiver that is there may take so long for each."""
 TICK_S = 0.2
@@ -72,7 +69,7 @@ class Publisher:
                endpoints then only say where it leads
     poses:     where the sensor was, sent with each frame
     original:  send frames as they were before coding, too, to who compares on this machine and only while somebody does
-    record:    folder that keeps everything, as raw `packets` or as a `lossless` stream, whatever is sent
+    record:    what keeps everything, whatever is sent: a `Record`, or a folder for raw packets
     isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
     clock:     tells the time
@@ -87,10 +84,8 @@ class Publisher:
         sensor: str = "lidar",
         rate: Rate | None = None,
         endpoints: Endpoints | None = None,
-        transport: Transport | Callable[[threading.Event], Transport] | None = None,
-        record: str | Path | None = None,
-        record_as: RecordAs = "packets",
-        record_limits: dict[str, int] | None = None,
+        transport: Transport | OpenTransport | None = None,
+        record: Record | str | Path | None = None,
         poses: Poses | None = None,
         original: bool = False,
         isolate: Isolate | None = None,
@@ -101,74 +96,33 @@ class Publisher:
         """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
-        self._isolation = Isolation(isolate, self._worker_failed)
         asked = check(settings or StreamSettings())
         live_rate = rate if isinstance(rate, int | float) and not source.live else NOMINAL_HZ
-        self._choosing = CodecChooser(1.0 / (live_rate * FRAME_PACKETS))
-        self._encoder = StreamEncoder(self._choosing.codec_for(asked), make_encoder=self._isolation.make_encoder)
-        self._own_transport = transport is None
-        self._certificates = certificates_of(endpoints)
-        self._transport: Transport | None = None
-        self._open: Callable[[threading.Event], Transport] = lambda stop: open_transport(endpoints, stop=stop)
-        if callable(transport):
-            self._open = transport
-        else:
-            self._transport = transport
+        self._coding = Coding(asked, 1.0 / (live_rate * FRAME_PACKETS), isolate, self._worker_failed, self._once)
+        self._network = Network(endpoints, transport)
         self._every = rate == "max" and not source.live
-        self._recorder = None
-        if record is not None:
-            self._recorder = BackgroundRecorder(Path(record), self.keys, None, **(record_limits or {}))
-        self._stop = threading.Event()
-        self._done = threading.Event()
-        self._opened = threading.Event()
+        kept = Record.of(record)
+        self._recorder = None if kept is None else BackgroundRecorder(kept.folder, self.keys, None, **kept.limits)
+        self._stop, self._done, self._opened = threading.Event(), threading.Event(), threading.Event()
         self._interrupted = self._begun = False
         self._declared: list[Closeable] = []
         self._failure: BaseException | None = None
-        self._mailbox: Mailbox[Frame] = Mailbox()
-        self._feed = FrameFeed(
-            source,
-            self._mailbox,
-            asked.framing,
-            10.0 if rate is None else rate,
-            self._recorder,
-            record_as,
-            poses,
-            clock,
-        )
-        one_machine = (endpoints or Endpoints()).local and (endpoints is not None or transport is None)
-        self._flight = Flight(asked.follow, limit_s=PATIENT_S if self._every else LIMIT_S, slow_server=not one_machine)
+        keep = None if kept is None or self._recorder is None else (self._recorder, kept.form)
+        self._feed = FrameFeed(source, asked.framing, 10.0 if rate is None else rate, keep, poses, clock)
+        limit_s = PATIENT_S if self._every else LIMIT_S
+        self._flight = Flight(asked.follow, limit_s=limit_s, slow_server=not self._network.one_machine)
         self._originals: Originals | None = None
         if original:
-            check_local(endpoints or Endpoints())
-            self._originals = Originals(self.keys, self._encoder.stream_id, self._once)
-        self._board = StatusBoard(self.keys, self._encoder.stream_id, clock)
-        self._learning = SpareLearning(self._encoder, self._once)
+            check_local(self._network.endpoints)
+            self._originals = Originals(self.keys, self.stream_id, self._once)
+        self._board = StatusBoard(self.keys, self.stream_id, clock)
+        told, beside = Told(self._board, self._once), Beside(self._originals, self._recorder)
         self._sending = Sending(
-            self._encoder,
-            self._mailbox,
-            self._feed,
-            self._flight,
-            self._isolation,
-            self._board,
-            self._once,
-            self._stop,
-            self._learning,
-            self._choosing,
-            every=self._every,
-            originals=self._originals,
-            recorder=self._recorder,
+            self._coding, self._feed, self._flight, told, self._stop, every=self._every, beside=beside
         )
         self._desk = Desk(self, self.keys, self._flight, self._board, clock, self._once)
         self._tell_now = threading.Event()
-        self._changes = Changes(
-            asked,
-            self._encoder,
-            self._sending,
-            self._isolation,
-            self._choosing,
-            running=lambda: self._begun and not self._done.is_set(),
-            tell=self._tell_now.set,
-        )
+        self._changes = Changes(asked, self._coding, self._sending, self._runs, self._tell_now.set)
         self._threads = [
             threading.Thread(target=self._feed_frames, name="lidarcodec source", daemon=True),
             threading.Thread(target=self._encode_frames, name="lidarcodec encoder", daemon=True),
@@ -193,7 +147,7 @@ class Publisher:
     @property
     def stream_id(self) -> int:
         """Random number of this start."""
-        return self._encoder.stream_id
+        return self._coding.encoder.stream_id
 
     def start(self) -> Self:
         """Open the network and begin. A router that cannot be reached is tried again while the source runs.
@@ -205,7 +159,7 @@ class Publisher:
         self._begun = True
         if self._recorder is not None:
             self._recorder.start()
-        self._isolation.start(self._encoder.settings.codec)
+        self._coding.start()
         for thread in self._threads:
             thread.start()
         self._opened.wait(START_S)
@@ -242,7 +196,7 @@ class Publisher:
         """End everything: threads, network, recording, source. Harmless when called twice."""
         self._stop.set()
         self._end()
-        self._mailbox.close()
+        self._feed.mailbox.close()
         if self._recorder is not None:
             self._feed.finish()
             ended(self._threads[:1], LAST_READ_S)
@@ -252,15 +206,12 @@ class Publisher:
         waiting = [thread for thread in self._threads if thread.is_alive() and thread is not current]
         for thread in waiting:
             thread.join(LAST_FRAME_S)
-        self._choosing.close()
-        self._learning.close()
-        self._isolation.close()
+        self._coding.close()
         for thread in waiting:
             thread.join(JOIN_S)
         if self._recorder is not None:
             self._recorder.close()
-        if self._own_transport and self._transport is not None:
-            self._transport.close()
+        self._network.close()
 
     def __enter__(self) -> Self:
         return self.start()
@@ -270,25 +221,18 @@ class Publisher:
 
     def status(self) -> dict[str, Any]:
         """What is told once a second on the status key (docs/live.md lists the fields)."""
-        return self._board.status(
-            settings=self.settings,
-            codec=(codec := self._encoder.settings.codec),
-            codec_choice=self._choosing.state(codec),
-            rate=self._encoder.rate,
-            reduction=self._encoder.reduction,
-            learning=self._learning.state(),
-            path=self._sending.adapting.report(),
-            feed=self._feed,
-            flight=self._flight.state(),
-            errors=self._once.counts,
-            preparing=self._changes.preparing,
-            worker=self._isolation.state(),
-            worker_restarts=self._isolation.restarts,
-            recording=None if self._recorder is None else self._recorder.state(),
-            certificate=None if self._certificates is None else self._certificates.told(),
-            matching=self._sending.matching,
-            ended=self._done.is_set(),
-        )
+        parts = {
+            **self._coding.state(),
+            "path": self._sending.adapting.report(),
+            "flight": self._flight.state(),
+            "errors": dict(self._once.counts),
+            "preparing": self._changes.preparing,
+            "recording": None if self._recorder is None else self._recorder.state(),
+            "certificate": self._network.certificate(),
+            "matching": self._sending.matching,
+            "ended": self._done.is_set(),
+        }
+        return self._board.status(self.settings, self._feed, parts)
 
     def change(self, /, **changes: Any) -> Applied:
         """Change settings between two frames, as a whole or not at all. The old codec goes on until the process of the
@@ -301,6 +245,9 @@ class Publisher:
     def request_key(self) -> bool:
         """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
         return self._sending.request_key()
+
+    def _runs(self) -> bool:
+        return self._begun and not self._done.is_set()
 
     def _end(self) -> None:
         self._done.set()
@@ -316,15 +263,13 @@ class Publisher:
                 logger.warning("the source ended: %s", error)
                 self._failure = self._failure or error
         finally:
-            self._mailbox.close()
+            self._feed.mailbox.close()
 
     # --- the encode thread ------------------------------------------------------------------------------------------
 
     def _encode_frames(self) -> None:
         try:
-            if self._transport is None:
-                self._transport = self._open(self._stop)
-            sender = self._declare(self._transport)
+            sender = self._declare(self._network.open(self._stop))
             self._opened.set()
             self._sending.run(sender)
         except Exception as error:
@@ -353,10 +298,11 @@ class Publisher:
     def _tell_status(self) -> None:
         while not self._opened.wait(1.0):
             pass
-        if self._transport is None or self._failure is not None:
+        transport = self._network.transport
+        if transport is None or self._failure is not None:
             return
         try:
-            sender = self._transport.sender(self.keys.status, Priority.STATUS)
+            sender = transport.sender(self.keys.status, Priority.STATUS)
             while True:
                 self._tell_now.wait(STATUS_S)
                 self._tell_now.clear()

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import NamedTuple
 
-from lidarcodec.apps.mailbox import Mailbox
 from lidarcodec.apps.once import Once
 from lidarcodec.apps.publisher.adapting import Adapting
-from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.flight import Flight
-from lidarcodec.apps.publisher.learning import SpareLearning
 from lidarcodec.apps.publisher.originals import Originals
 from lidarcodec.apps.publisher.source import TICK_S, FrameFeed
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder
-from lidarcodec.apps.worker.isolation import Isolation
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
-from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Sender
 from lidarcodec.wire import checksum_of, pack
@@ -29,36 +26,42 @@ KEY_INTERVAL_S = 0.5
 LAST_ARRIVAL_S = 2.0
 
 
+class Told(NamedTuple):
+    """Where a publisher counts what happens: what was sent, and what went wrong."""
+
+    board: StatusBoard
+    once: Once
+
+
+class Beside(NamedTuple):
+    """Who else gets frames: originals as they are before they are encoded, and what was sent, to decode some again."""
+
+    originals: Originals | None = None
+    recorder: BackgroundRecorder | None = None
+
+
 class Sending:
     """Sends the frames of a mailbox, when somebody receives and the last one has arrived.
 
     every:    nothing is thrown away while nobody receives
     matching: whether somebody receives; set by who declares the sender
-    originals: takes every frame as it is before it is encoded
-    recorder: takes what was sent, to decode some of it again
     """
 
     def __init__(
         self,
-        encoder: StreamEncoder,
-        mailbox: Mailbox[Frame],
+        coding: Coding,
         feed: FrameFeed,
         flight: Flight,
-        isolation: Isolation,
-        board: StatusBoard,
-        once: Once,
+        told: Told,
         stop: threading.Event,
-        learning: SpareLearning,
-        choosing: CodecChooser,
         *,
         every: bool,
-        originals: Originals | None = None,
-        recorder: BackgroundRecorder | None = None,
+        beside: Beside,
     ) -> None:
-        self._originals, self._recorder = originals, recorder
-        self._encoder, self._mailbox, self._feed, self._flight = encoder, mailbox, feed, flight
-        self._isolation, self._board, self._once = isolation, board, once
-        self._stop, self._every, self._learning, self._choosing = stop, every, learning, choosing
+        self._coding, self._encoder = coding, coding.encoder
+        self._feed, self._mailbox, self._flight = feed, feed.mailbox, flight
+        self._board, self._once = told
+        self._stop, self._every, self._beside = stop, every, beside
         self._encoding = threading.Lock()
         self._key_wanted = threading.Event()
         self._last_key = float("-inf")
@@ -96,7 +99,7 @@ class Sending:
                 if self._every:
                     self._stop.wait(TICK_S / 10)
                 elif (frame := self._mailbox.take(TICK_S)) is not None:
-                    self._choosing.offer(frame)
+                    self._coding.choosing.offer(frame)
                     self._board.no_receiver += 1
                 continue
             if not self._flight.wait(TICK_S) or not self._coder_ready():
@@ -110,15 +113,16 @@ class Sending:
 
     def _coder_ready(self) -> bool:
         """Whether a frame may be taken out of the mailbox. The last one does not wait for a process that rests."""
-        if self._isolation.ready(self._encoder.settings.codec, TICK_S):
+        isolation = self._coding.isolation
+        if isolation.ready(self._coding.codec, TICK_S):
             return True
-        return self._mailbox.closed and self._isolation.rests
+        return self._mailbox.closed and isolation.rests
 
     def _send(self, sender: Sender, frame: Frame) -> None:
         now = time.monotonic()
-        if self._originals is not None:
-            self._originals.offer(frame)
-        self._choosing.offer(frame)
+        if self._beside.originals is not None:
+            self._beside.originals.offer(frame)
+        self._coding.choosing.offer(frame)
         key = self._in_doubt() or (self._key_wanted.is_set() and now - self._last_key >= KEY_INTERVAL_S)
         start = time.perf_counter()
         try:
@@ -138,7 +142,7 @@ class Sending:
             self.request_key()
             return
         self._board.encode_ms.add(1e3 * (time.perf_counter() - start))
-        self._learning.encoded()
+        self._coding.learning.encoded()
         if any(message.key for message in messages):
             self._last_key = now
         for number, (message, packed) in enumerate(data):
@@ -147,8 +151,8 @@ class Sending:
             self._put(sender, message, packed)
         if left_out:
             self._board.left_out += 1
-        elif self._recorder is not None:
-            self._recorder.sent(encoded, settings, messages)
+        elif self._beside.recorder is not None:
+            self._beside.recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:
         """Whether a message was given up that the next one would need: it may be missing at the receiver."""
@@ -185,4 +189,4 @@ class Sending:
             self._put(sender, message, packed)
 
 
-__all__ = ["Sending"]
+__all__ = ["Beside", "Sending", "Told"]

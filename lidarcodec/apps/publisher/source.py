@@ -24,23 +24,24 @@ from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_INTERVAL_US
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
 """Frames of 348 packets that a sensor sends in a second: 9.98."""
 RECORD_BATCH = FRAME_PACKETS
+Rate = float | Literal["max"]
 TICK_S = 0.2
 
 
 class FrameFeed:
     """Reads a source, assembles, and leaves each frame in the mailbox.
 
+    rate: frames of 348 packets a second for a source that is not live, or `max`: as fast as frames are taken
+    keep: what records all packets or frames, and which
     packets, frames: how many there were
     """
 
     def __init__(
         self,
         source: Source,
-        mailbox: Mailbox[Frame],
         framing: str,
-        rate: float | Literal["max"],
-        recorder: BackgroundRecorder | None,
-        record_as: RecordAs,
+        rate: Rate,
+        keep: tuple[BackgroundRecorder, RecordAs] | None = None,
         poses: Poses | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
@@ -51,7 +52,9 @@ class FrameFeed:
             speed = rate / NOMINAL_HZ
             self._paced = self._replay = PacedSource(source, speed=speed, restamp=True, now_ns=clock.wall_ns)
         self._sensor_time = SensorTime()
-        self._mailbox, self._recorder, self._record_as = mailbox, recorder, record_as
+        self.mailbox: Mailbox[Frame] = Mailbox()
+        self._recorder = keep[0] if keep else None
+        self._record_as = keep[1] if keep else None
         self._lock = threading.Lock()
         self._framing = self._wanted_framing = framing
         self._assembler = Assembler(source.sensor, framing)
@@ -70,7 +73,7 @@ class FrameFeed:
     @property
     def replaced(self) -> int:
         """Frames that gave way to a newer one before they were encoded."""
-        return self._mailbox.replaced
+        return self.mailbox.replaced
 
     @property
     def counts(self) -> Counter[str]:
@@ -147,9 +150,9 @@ class FrameFeed:
         if self._recorder is not None and self._record_as == "lossless":
             self._recorder.frame(frame)
         if not wait:
-            self._mailbox.put(frame)
+            self.mailbox.put(frame)
         else:
-            while not (self._mailbox.put_wait(frame, TICK_S) or self._closed or self._mailbox.closed):
+            while not (self.mailbox.put_wait(frame, TICK_S) or self._closed or self.mailbox.closed):
                 pass
         return lost
 

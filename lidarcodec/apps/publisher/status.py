@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from lidarcodec.apps.clocks import SYSTEM, Clock
@@ -65,28 +66,8 @@ class StatusBoard:
         rtt_ms = values.get("rtt_ms")
         return float(rtt_ms) if isinstance(rtt_ms, int | float) else None
 
-    def status(
-        self,
-        *,
-        settings: StreamSettings,
-        codec: str,
-        codec_choice: dict[str, Any] | None,
-        rate: dict[str, Any] | None,
-        reduction: dict[str, Any] | None,
-        learning: dict[str, Any] | None,
-        path: dict[str, Any],
-        feed: FrameFeed,
-        flight: dict[str, Any],
-        errors: Counter[str],
-        preparing: str | None,
-        worker: dict[str, Any] | None,
-        worker_restarts: int,
-        recording: dict[str, Any] | None,
-        certificate: dict[str, str] | None,
-        matching: bool,
-        ended: bool,
-    ) -> dict[str, Any]:
-        """The status as plain values; docs/live.md lists the fields."""
+    def status(self, settings: StreamSettings, feed: FrameFeed, parts: Mapping[str, Any]) -> dict[str, Any]:
+        """The status as plain values; docs/live.md lists the fields. parts: those that other parts tell."""
         now = time.monotonic()
         with self._lock:
             while self._recent and now - self._recent[0][0] > RATE_WINDOW_S:
@@ -112,16 +93,12 @@ class StatusBoard:
             "stream_id": f"{self._stream_id:016x}",
             "stamp_ns": self._clock.wall_ns(),
             "settings": settings.model_dump(),
-            "codec": codec,
-            "codec_choice": codec_choice,
             "sensor_model": {
                 "name": sensor.name,
                 "calibration": sensor.origin,
                 "hash": sensor.hash,
                 "note": note_of(sensor),
             },
-            "matching": matching,
-            "ended": ended,
             "time_source": feed.time_source,
             "packets": feed.packets,
             "assembled": feed.frames,
@@ -131,21 +108,11 @@ class StatusBoard:
             **totals,
             "fps": None if span is None else round(frames / span, 2),
             "kbps": None if span is None else round(sum(sizes) * 8 / span / 1e3, 1),
-            "rate": rate,
-            "reduction": reduction,
-            "learning": learning,
-            "path": path,
             "encode_ms": self.encode_ms.summary(buckets=True),
             "put_ms": self.put_ms.summary(buckets=True),
-            "flight": flight,
-            "errors": dict(errors),
-            "preparing": preparing,
-            "worker": worker,
-            "worker_restarts": worker_restarts,
             "source": dict(feed.counts),
-            "recording": recording,
-            "certificate": certificate,
             "reports": reports,
+            **parts,
         }
 
     @staticmethod

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from lidarcodec.apps.health import SensorState, told_in
 from lidarcodec.apps.publisher.publisher import Publisher, Rate
-from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.commands.endpoints import Given, endpoints_of
 from lidarcodec.commands.running.stopping import stoppable
 from lidarcodec.commands.settings import one_setting
@@ -107,9 +107,7 @@ def run(
             sensor=sensor,
             rate=frames_a_second,
             endpoints=endpoints,
-            record=record,
-            record_as=cast(RecordAs, record_as),
-            record_limits=record_limits(record_gb),
+            record=None if record is None else Record(record, cast(RecordAs, record_as), record_limits(record_gb)),
             poses=source.poses if poses else None,
             original=original,
         )

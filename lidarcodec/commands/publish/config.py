@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from lidarcodec.apps.health import told_in
 from lidarcodec.apps.publisher.publisher import Rate
-from lidarcodec.apps.recorder import RecordAs
+from lidarcodec.apps.recorder import Record, RecordAs
 from lidarcodec.apps.vehicle import SensorPlan, Vehicle
 from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.codecs import table
@@ -116,9 +116,7 @@ class SensorConfig(_Strict):
             live=parse_source(self.source).scheme == "udp",
             rate=rate,
             with_poses=self.poses is not None,
-            record=None if keep is None else keep.folder,
-            record_as="packets" if keep is None else keep.form,
-            record_limits={} if keep is None else record_limits(keep.gb),
+            record=None if keep is None else Record(keep.folder, keep.form, record_limits(keep.gb)),
             original=self.original,
         )
 

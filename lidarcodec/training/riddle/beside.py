@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.expecting import as_decoded
 from lidarcodec.entropy import PredictiveCoder, ReturnSamples, columns_in_turn
 from lidarcodec.frame import Frame
 from lidarcodec.motion.finder import MotionFinder
@@ -21,6 +20,7 @@ from lidarcodec.network.networks import Net
 from lidarcodec.network.shelf import native_nets
 from lidarcodec.ranges.firings import FiringCounter
 from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.quantise import as_decoded
 from lidarcodec.training.riddle.extraction import Rows, joined, rows_of
 
 _WARM: Final = 5
@@ -49,7 +49,7 @@ class BesideSamples:
             found[False] += self._coded(frame, None)
             if expected is not None:
                 found[True] += self._coded(frame, expected)
-            sent = as_decoded(frame.range, frame.valid, self._step, frame.sensor)
+            sent = as_decoded(frame.range, frame.valid, self._step, level_offsets(frame.sensor))
             self._history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
             self._seen += 1
         return joined(found[False], expects=False), joined(found[True], expects=True)

@@ -17,7 +17,6 @@ from typing import Final
 import numpy as np
 
 from lidarcodec.budgets import FileTooLargeError, read_file
-from lidarcodec.codecs.expecting import as_decoded
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
@@ -25,6 +24,8 @@ from lidarcodec.motion.finder import MotionFinder
 from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.network.networks import Weights
 from lidarcodec.network.shelf import EFFORTS, networks_of
+from lidarcodec.ranges.image.canvas import level_offsets
+from lidarcodec.ranges.quantise import as_decoded
 from lidarcodec.sources import open_source
 from lidarcodec.training.identity import identity
 from lidarcodec.training.riddle.beside import BesideSamples
@@ -83,7 +84,7 @@ def clip_samples(clip: Sequence[Frame], step: int, rows: int, rng: np.random.Gen
             if number >= _WARM:
                 expected = history.expected(motion, frame.azimuth, frame.fired, frame.sensor)
                 expecting.append(extracted(frame, step, expected, rows, rng))
-            sent = as_decoded(frame.range, frame.valid, step, frame.sensor)
+            sent = as_decoded(frame.range, frame.valid, step, level_offsets(frame.sensor))
             history.remember(sent, frame.azimuth, frame.fired, frame.sensor)
     return joined(alone, expects=False), joined(expecting, expects=True)
 

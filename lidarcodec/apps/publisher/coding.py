@@ -1,0 +1,63 @@
+"""Coding: everything of a publisher that makes messages of frames, without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lidarcodec.apps.once import Once
+from lidarcodec.apps.publisher.choosing import CodecChooser
+from lidarcodec.apps.publisher.learning import SpareLearning
+from lidarcodec.apps.worker.isolation import Isolate, Isolation
+from lidarcodec.errors import WorkerError
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.settings import StreamSettings
+
+
+class Coding:
+    """An encoder with its process, with the choice of codec `auto`, and with learning.
+
+    asked: the settings as they were asked for; interval_s: the time in which the source gives a packet
+    isolate: which encoders run in a process of their own; failed: gets what went wrong in one
+    """
+
+    def __init__(
+        self,
+        asked: StreamSettings,
+        interval_s: float,
+        isolate: Isolate | None,
+        failed: Callable[[WorkerError], None],
+        once: Once,
+    ) -> None:
+        self.isolation = Isolation(isolate, failed)
+        self.choosing = CodecChooser(interval_s)
+        self.encoder = StreamEncoder(self.choosing.codec_for(asked), make_encoder=self.isolation.make_encoder)
+        self.learning = SpareLearning(self.encoder, once)
+
+    @property
+    def codec(self) -> str:
+        """The codec in force."""
+        return self.encoder.settings.codec
+
+    def start(self) -> None:
+        """Start the codec's process, if it has one."""
+        self.isolation.start(self.codec)
+
+    def close(self) -> None:
+        """End threads and processes; harmless when called twice."""
+        self.choosing.close()
+        self.learning.close()
+        self.isolation.close()
+
+    def state(self) -> dict[str, Any]:
+        """For the status."""
+        codec = self.codec
+        return {
+            "codec": codec,
+            "codec_choice": self.choosing.state(codec),
+            "rate": self.encoder.rate,
+            "reduction": self.encoder.reduction,
+            "learning": self.learning.state(),
+            "worker": self.isolation.state(),
+            "worker_restarts": self.isolation.restarts,
+        }

@@ -1,0 +1,53 @@
+"""Network: the transport of a publisher, which is its own or its caller's."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Final
+
+from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
+
+OpenTransport = Callable[[threading.Event], Transport]
+"""Opens a transport, given the event that stops it."""
+
+
+class Network:
+    """Opens a transport, and closes it unless it is the caller's.
+
+    endpoints: where to listen and connect; None: nothing leaves the machine
+    given: a transport that is open, or a function that opens one; endpoints then only say where it leads
+
+    Raises TransportError for a configuration file that is none.
+    """
+
+    def __init__(self, endpoints: Endpoints | None, given: Transport | OpenTransport | None) -> None:
+        self._own: Final = given is None
+        self.endpoints: Final = endpoints or Endpoints()
+        self.one_machine: Final = self.endpoints.local and (endpoints is not None or given is None)
+        """Whether all receivers are on this machine."""
+        self._certificates = certificates_of(endpoints)
+        self.transport: Transport | None = None
+        self._open: OpenTransport = lambda stop: open_transport(endpoints, stop=stop)
+        if callable(given):
+            self._open = given
+        else:
+            self.transport = given
+
+    def open(self, stop: threading.Event) -> Transport:
+        """The transport; tries until it is there, or until `stop` is set.
+
+        Raises TransportError when the endpoints cannot be used, and when stopped.
+        """
+        if self.transport is None:
+            self.transport = self._open(stop)
+        return self.transport
+
+    def close(self) -> None:
+        """Close a transport that is the publisher's own; harmless when called twice."""
+        if self._own and self.transport is not None:
+            self.transport.close()
+
+    def certificate(self) -> dict[str, str] | None:
+        """For the status: the certificate that receivers see; None without one."""
+        return None if self._certificates is None else self._certificates.told()

@@ -1,0 +1,191 @@
+"""Encoder of a codec whose messages hold one frame each: when a key message is due, and what frames a message.
+
+What a message says of its frame is the matter of a part of the codec, its `FrameContent`. `Independent` is the content
+of codecs that code the ranges of each frame alone. Contents that refer to earlier frames are in `referring.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, Protocol
+
+from lidarcodec.codecs.base import Encoder, InForce, Own
+from lidarcodec.errors import SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.history import MaskHistory
+from lidarcodec.planes.calibrations import encode_calibration
+from lidarcodec.planes.intensity import Quality
+from lidarcodec.planes.sections import encode_planes
+from lidarcodec.settings import StreamSettings
+
+
+class Coded(NamedTuple):
+    """What a message says of its frame.
+
+    sections: all but the calibration; needs: index of the frame that they refer to, None: of none
+    """
+
+    sections: list[Section]
+    needs: int | None
+
+
+class FrameContent(Protocol[Own]):
+    """The part of an encoder that codes frames."""
+
+    def take(self, settings: InForce[Own]) -> bool:
+        """Follow these settings from the next frame on. True: the next message must be a key message.
+
+        Raises SettingsError, and changes nothing then.
+        """
+
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """What the message of a frame says. A key message refers to no other frame.
+
+        Raises LidarCodecError for a frame that contradicts itself. The next frame then refers to nothing that this one
+        has taught.
+        """
+
+
+class FrameEncoder(Generic[Own]):
+    """Frames to messages, one each. Holds the settings in force and when the last key message was.
+
+    model: of the codec's own settings; content: codes the frames
+    plain_calibration: send the calibration table uncompressed
+
+    Raises SettingsError.
+    """
+
+    def __init__(
+        self,
+        codec_id: int,
+        settings: StreamSettings,
+        stream_id: int,
+        model: type[Own],
+        content: FrameContent[Own],
+        *,
+        plain_calibration: bool = False,
+    ) -> None:
+        self.codec_id, self.stream_id = codec_id, stream_id
+        self._model, self._content, self._plain_calibration = model, content, plain_calibration
+        self._settings = InForce.of(model, settings)
+        content.take(self._settings)
+        self._since_key: int | None = None
+        self._sensor: tuple[str, str] | None = None
+        self._last_index = -1
+
+    def apply(self, settings: StreamSettings) -> bool:
+        """Takes new settings from the next frame on. True: the next message will be a key message.
+
+        Raises SettingsError, for another codec too: that takes another encoder. Nothing has changed then.
+        """
+        check_same_codec(self._settings.stream, settings)
+        taken = InForce.of(self._model, settings, self._settings)
+        if self._content.take(taken):
+            self._since_key = None
+        self._settings = taken
+        return self._key_is_due()
+
+    def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
+        """The frame's message.
+
+        Raises LidarCodecError for a frame that contradicts itself.
+        """
+        sensor = (frame.sensor.hash, frame.sensor.convention)
+        key = key or self._key_is_due() or sensor != self._sensor or frame.index <= self._last_index
+        calibration = encode_calibration(frame.sensor, key, self._plain_calibration)
+        coded = self._content.code(frame, key=key)
+        self._since_key = 1 if key else (self._since_key or 0) + 1
+        self._sensor, self._last_index = sensor, frame.index
+        return [
+            Message(
+                codec=self.codec_id,
+                stream_id=self.stream_id,
+                frame_index=frame.index,
+                stamp_ns=frame.stamp_ns,
+                key=key,
+                width=frame.width,
+                packets=0 if frame.side is None else frame.side.packets,
+                sections=(Section(SectionType.CALIBRATION, calibration), *coded.sections),
+                needs=coded.needs,
+            )
+        ]
+
+    def flush(self) -> list[Message]:
+        """Nothing: no frame is held back."""
+        return []
+
+    def _key_is_due(self) -> bool:
+        return self._since_key is None or self._since_key >= self._settings.stream.key_interval
+
+
+def check_same_codec(before: StreamSettings, after: StreamSettings) -> None:
+    """Raise SettingsError if an encoder is given the settings of another codec."""
+    if after.codec != before.codec:
+        raise SettingsError(f"an encoder of {before.codec} cannot become {after.codec}", "codec")
+
+
+CodeRanges = Callable[[Frame, InForce[Own]], bytes]
+"""How a codec writes the RANGE section of a frame: the ranges of its `valid` returns."""
+
+
+class Independent(Generic[Own]):
+    """Content of a codec that codes the ranges of each frame alone.
+
+    code_ranges: writes the RANGE section; grouped_intensity: code intensities quickly instead of small (intensity.py)
+    mask_history: whether masks refer to the masks since the last key message, by the codec's own settings. A lost
+        message then costs all frames up to the next key message.
+    """
+
+    _settings: InForce[Own]
+
+    def __init__(
+        self,
+        code_ranges: CodeRanges[Own],
+        *,
+        grouped_intensity: bool = False,
+        mask_history: Callable[[Own], bool] = lambda _: False,
+    ) -> None:
+        self._code_ranges, self._grouped_intensity, self._with_history = code_ranges, grouped_intensity, mask_history
+        self._masks: tuple[int, MaskHistory] | None = None
+        """The masks since the last key message, and the index of the last of these frames."""
+
+    def take(self, settings: InForce[Own]) -> bool:
+        """Takes settings; no frame needs a key message for them."""
+        self._settings = settings
+        return False
+
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """Ranges and planes of a frame."""
+        settings = self._settings
+        with_history = self._with_history(settings.own)
+        needs, masks = self._masks if self._masks is not None and with_history and not key else (None, None)
+        previous = None if masks is None else masks.before(frame.azimuth, frame.sensor)
+        quality = Quality.of(settings.stream)
+        planes = encode_planes(frame, quality, previous, grouped_intensity=self._grouped_intensity)
+        ranges = Section(SectionType.RANGE, self._ranges(frame))
+        self._masks = None
+        if with_history:
+            masks = masks or MaskHistory()
+            masks.remember(frame.valid, frame.azimuth, frame.sensor)
+            self._masks = frame.index, masks
+        return Coded([ranges, *planes], needs)
+
+    def _ranges(self, frame: Frame) -> bytes:
+        return self._code_ranges(frame, self._settings)
+
+
+def independent_encoder(
+    model: type[Own],
+    code_ranges: CodeRanges[Own],
+    *,
+    grouped_intensity: bool = False,
+    mask_history: Callable[[Own], bool] = lambda _: False,
+) -> Callable[[int, StreamSettings, int], Encoder]:
+    """Makes the encoders of a codec that codes the ranges of each frame alone; all else as of `Independent`."""
+
+    def make(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
+        content = Independent(code_ranges, grouped_intensity=grouped_intensity, mask_history=mask_history)
+        return FrameEncoder(codec_id, settings, stream_id, model, content)
+
+    return make
