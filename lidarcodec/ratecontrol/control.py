@@ -284,7 +284,8 @@ def pins_of(settings: StreamSettings) -> Pins:
     name, _, number = settings.reduction.partition(":")
     step = None if settings.reduction == AUTO else int(number) if name == LATTICE else 1
     levels = None if settings.intensity == AUTO else settings.intensity_levels
-    return Pins(step, levels, settings.max_error_m, None if own is None else float(own), settings.purpose)
+    sparse = settings.reduces and (name != LATTICE or settings.purpose == "localise")
+    return Pins(step, levels, settings.max_error_m, None if own is None else float(own), settings.purpose, sparse)
 
 
 def _nearest_to(point: WorkingPoint, curve: Curve) -> int:

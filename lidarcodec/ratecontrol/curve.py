@@ -37,6 +37,8 @@ COARSEST_M: Final = 0.3
 """No automatic choice makes a larger range error, nor a larger RMSE of a codec that keeps no bound."""
 COARSEST_RMSE_M: Final = 0.2
 """RMSE on training drives up to which a codec without a bound is used: other scenes are rougher."""
+SPARSE_RMSE_M: Final = 0.1
+"""The same where a reducer chose returns: their neighbours in the picture are farther off than when it was measured."""
 INTENSITY_M: Final = 1e-4
 """What a squared error of intensity (of 255) weighs, in metres of Chamfer distance, up to INTENSITY_KNEE."""
 INTENSITY_KNEE: Final = 18.0
@@ -58,6 +60,7 @@ class Pins(NamedTuple):
     """What is pinned; None is free.
 
     step: of the lattice; levels: of intensity; bound_m: the coarsest; value: of the knob of a codec without a bound
+    sparse: whether a reducer chooses the returns otherwise than when the points were measured
     """
 
     step: int | None = None
@@ -65,6 +68,7 @@ class Pins(NamedTuple):
     bound_m: float | None = None
     value: float | None = None
     purpose: Purpose = "look"
+    sparse: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +199,7 @@ def _fine(entry: dict[str, Any], codec: str, bound_m: float | None) -> tuple[Flo
 def _allowed(entry: dict[str, Any], codec: str, values: Floats, rmse: Floats, pins: Pins) -> npt.NDArray[np.bool_]:
     """(steps, values) bool, what no automatic choice may exceed left out; the finest value is always there."""
     if entry["knob"] != BOUND:
-        fine = rmse <= COARSEST_RMSE_M
+        fine = rmse <= (SPARSE_RMSE_M if pins.sparse else COARSEST_RMSE_M)
         if pins.value is not None:
             fine = np.zeros_like(fine)
             fine[:, np.abs(values - pins.value).argmin()] = True

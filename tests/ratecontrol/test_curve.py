@@ -60,7 +60,9 @@ def test_what_settings_leave_free_is_free() -> None:
     )
     assert pins_of(StreamSettings(codec="riddle", reduction="lattice:6", intensity="levels=9")) == Pins(6, 9)
     assert pins_of(StreamSettings(codec="jpeg", codec_settings={"quality": 60}, reduction="voxel")) == Pins(
-        1, value=60.0
+        1, value=60.0, sparse=True
     )
+    assert not pins_of(StreamSettings(codec="jpeg", reduction="lattice:4")).sparse
+    assert pins_of(StreamSettings(codec="jpeg", reduction="lattice:4", purpose="localise")).sparse
     with pytest.raises(SettingsError, match="purpose"):
         settings_from({"purpose": "fun"})
