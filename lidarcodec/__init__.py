@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidarcodec.transport import Endpoints
     from lidarcodec.wire import pack, unpack
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 _HOME = {
     "Endpoints": "transport",

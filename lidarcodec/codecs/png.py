@@ -33,9 +33,8 @@ _IHDR: Final = struct.Struct(">II5B")
 _GREY_16: Final = (16, 0, 0, 0, 0)
 """16 bits, grey, deflate, the five standard filters, not interlaced."""
 _SUB: Final = 1
-_UP: Final = 2
 _ONLY_SUB: Final = 16
-"""libpng's name for the filter "sub" in all rows: the difference to the left."""
+"""libpng's name for the filter "sub" in all rows: the difference to the left. Rows of one sample get "none"."""
 
 
 class PngSettings(CodecSettings):
@@ -85,7 +84,7 @@ def compressed_pixels(data: bytes, rows: int, width: int) -> bytes:
 
 
 def read_png(data: bytes, rows: int, width: int) -> Ranges:
-    """(rows, width) uint16 samples of a PNG whose rows have the filters none, sub or up.
+    """(rows, width) uint16 samples of a PNG whose rows have the filters none or sub.
 
     By zlib alone, told how much there is to come: libpng prints warnings about what it reads.
     Raises SectionError if it is damaged, or anything but that.
@@ -100,13 +99,11 @@ def read_png(data: bytes, rows: int, width: int) -> Ranges:
         raise SectionError("a PNG that is not what its header says")
     lines = np.frombuffer(plain, np.uint8).reshape(rows, 1 + 2 * width)
     image = np.zeros((rows, width, 2), np.uint8)
-    above = np.zeros((width, 2), np.uint8)
     for row, line in enumerate(lines):
         filtered, kind = line[1:].reshape(width, 2), int(line[0])
-        if kind > _UP:
-            raise SectionError(f"a PNG with filter {kind} in row {row}: 0 to {_UP} are read")
-        image[row] = filtered.cumsum(axis=0, dtype=np.uint8) if kind == _SUB else filtered + kind // _UP * above
-        above = image[row]
+        if kind > _SUB:
+            raise SectionError(f"a PNG with filter {kind} in row {row}: 0 and {_SUB} are read")
+        image[row] = filtered.cumsum(axis=0, dtype=np.uint8) if kind == _SUB else filtered
     return image.view(">u2")[..., 0].astype(np.uint16)
 
 

@@ -1,7 +1,7 @@
 """Where codec `riddle` finds its weights: those of the package, by name, those of a file, and those of a stream.
 
 A message says by name, the hash of their file, with which weights it is coded. Those of the package are on every
-machine, and files that were once shipped stay in it; others travel with the key messages.
+machine; others travel with the key messages.
 """
 
 from __future__ import annotations

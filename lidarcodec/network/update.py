@@ -31,14 +31,14 @@ from lidarcodec.network.networks import CASE_BITS, CASES, SIZES, Layer, Net, Wei
 from lidarcodec.network.weight_file import Reader, pack_weights, unpack_weights
 
 MAGIC: Final = b"LCRU"
-VERSION: Final = 3
-_PLAIN_VERSION: Final = 2
-"""Of updates that leave biases of cases as they are."""
+VERSION: Final = 1
 MAX_GRAIN: Final = 12
 _BIAS_BITS: Final = (5, 3, 3)
 """A step of a bias is so many bits smaller than one of a weight, in each layer."""
 _NAME_BYTES: Final = 8
 _HEAD_BYTES: Final = len(MAGIC) + 1 + 2 * _NAME_BYTES + 1
+_NET_BYTES: Final = 6
+"""Kind, size, and the grains of three layers and of biases of cases."""
 _MOST: Final = 1 << 32
 _INT8: Final = 2**7 - 1
 _INT16: Final = 2**15 - 1
@@ -57,9 +57,9 @@ class Update:
     base: str
 
 
-def weights_with(nets: Sequence[Net], *, few_tiles: bool = True) -> Weights:
-    """Weights of these networks, without a provenance: what is in use is sent, no more. few_tiles: as `pack_weights`"""
-    return unpack_weights(pack_weights(nets, {}, few_tiles=few_tiles))
+def weights_with(nets: Sequence[Net]) -> Weights:
+    """Weights of these networks, without a provenance: what is in use is sent, no more."""
+    return unpack_weights(pack_weights(nets, {}))
 
 
 def is_update(data: bytes) -> bool:
@@ -108,9 +108,10 @@ def names_of(data: bytes) -> tuple[str, str]:
     """
     reader = Reader(data[:-4])
     reader.take(len(MAGIC))
-    if (version := reader.number(1)) not in (_PLAIN_VERSION, VERSION):
-        known = f"{_PLAIN_VERSION} and {VERSION}"
-        raise UnsupportedVersionError(f"an update of weights of version {version}: this build reads {known}", 4)
+    if (version := reader.number(1)) != VERSION:
+        raise UnsupportedVersionError(
+            f"an update of weights of version {version}: this build reads version {VERSION}", len(MAGIC)
+        )
     names = reader.take(_NAME_BYTES).hex(), reader.take(_NAME_BYTES).hex()
     if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of an update of weights does not match", len(data) - 4)
@@ -126,8 +127,7 @@ def applied(data: bytes, find: Callable[[str], Weights]) -> Weights:
     base = find(of)
     reader = Reader(data[:-4])
     reader.take(_HEAD_BYTES - 1)
-    with_cases = data[len(MAGIC)] == VERSION
-    changed = [_named(base, reader, 6 if with_cases else 5) for _ in range(reader.number(1))]
+    changed = [_named(base, reader) for _ in range(reader.number(1))]
     if not 1 <= len(changed) <= len(base.nets):
         raise SectionError(f"an update of {len(changed)} networks", reader.at)
     if len({(net.expects, net.size) for net, _ in changed}) != len(changed):
@@ -135,7 +135,7 @@ def applied(data: bytes, find: Callable[[str], Weights]) -> Weights:
     counts = []
     for net, _ in changed:
         counts += [values.size for layer in net.layers for values in (layer.weights, layer.bias)]
-        counts += [_cases(net).size] * with_cases
+        counts.append(_cases(net).size)
     streams = iter(decode_numbers(reader.take(reader.left), counts))
     nets = []
     for net, grains in changed:
@@ -143,14 +143,13 @@ def applied(data: bytes, find: Callable[[str], Weights]) -> Weights:
         for layer, grain, more in zip(net.layers, grains[:3], _BIAS_BITS, strict=True):
             weights = _unfolded(next(streams)).reshape(layer.weights.shape)
             layers.append(_moved(layer, weights, _unfolded(next(streams)), grain, grain + more))
-        if with_cases:
-            cases = _moved_cases(_cases(net), _unfolded(next(streams)).reshape(_cases(net).shape), grains[3])
-            layers[0] = replace(layers[0], cases=cases)
+        cases = _moved_cases(_cases(net), _unfolded(next(streams)).reshape(_cases(net).shape), grains[3])
+        layers[0] = replace(layers[0], cases=cases)
         nets.append(Net(net.expects, net.size, tuple(layers)))
-    for few_tiles in (True, False):  # encoders of before left out none, and named what they kept
-        if (given := weights_with(nets, few_tiles=few_tiles)).name == to:
-            return given
-    raise SectionError(f"an update gives weights {given.name} and says {to}")
+    given = weights_with(nets)
+    if given.name != to:
+        raise SectionError(f"an update gives weights {given.name} and says {to}")
+    return given
 
 
 def _net_of(weights: Weights, expects: bool, size: int) -> Net:
@@ -160,8 +159,8 @@ def _net_of(weights: Weights, expects: bool, size: int) -> Net:
     raise SectionError(f"an update of a network that weights {weights.name} do not have")
 
 
-def _named(base: Weights, reader: Reader, head_bytes: int) -> tuple[Net, bytes]:
-    expects, size, *grains = reader.take(head_bytes)
+def _named(base: Weights, reader: Reader) -> tuple[Net, bytes]:
+    expects, size, *grains = reader.take(_NET_BYTES)
     if expects > 1 or size >= len(SIZES) or max(grains) > MAX_GRAIN:
         raise SectionError(f"an update of a network of kind {expects}, size {size}, grains {grains}", reader.at)
     return _net_of(base, bool(expects), size), bytes(grains)

@@ -38,11 +38,7 @@ from lidarcodec.network.tiles import packed, unpacked
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 MAGIC: Final = b"LCRW"
-VERSION: Final = 5
-_ALL_TILES_VERSION: Final = 4
-"""Of files in which every tile of every layer has weights: as before any were left out, so that names stay."""
-_PLAIN_VERSION: Final = 3
-"""Of those in which no network has biases of cases either."""
+VERSION: Final = 1
 MAX_FILE: Final = largest("weights") or 0
 MAX_PROVENANCE: Final = 1 << 16
 MAX_NETS: Final = 6
@@ -54,8 +50,8 @@ _FEW_TILES: Final = 32
 """Added to that of a layer some of whose tiles are left out."""
 
 
-def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any], *, few_tiles: bool = True) -> bytes:
-    """The bytes of a weight file. provenance: what JSON can hold; few_tiles: whether empty tiles are left out
+def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any]) -> bytes:
+    """The bytes of a weight file. provenance: what JSON can hold
 
     Raises SettingsError for no or too many networks, two of one kind and size, or a provenance of over 64 KiB.
     """
@@ -64,31 +60,22 @@ def pack_weights(nets: Sequence[Net], provenance: Mapping[str, Any], *, few_tile
         raise SettingsError(f"a weight file holds 1 to {MAX_NETS} networks of different kinds, not {len(nets)}")
     if len(text) > MAX_PROVENANCE:
         raise SettingsError(f"a provenance of {len(text)} bytes: {MAX_PROVENANCE} are possible")
-    version = _version_of(nets, few_tiles=few_tiles)
-    parts = [MAGIC, bytes([version]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
+    parts = [MAGIC, bytes([VERSION]), len(text).to_bytes(4, "little"), text, bytes([len(nets)])]
     for net in nets:
         parts.append(bytes([net.expects, net.size, len(net.layers)]))
         parts.append(np.array(net.dims, "<u2").tobytes())
-        few = [few_tiles and layer.few_tiles for layer in net.layers]
-        parts.append(bytes(_shift_byte(layer) + _FEW_TILES * of for layer, of in zip(net.layers, few, strict=True)))
-        for layer, of in zip(net.layers, few, strict=True):
+        parts.append(bytes(map(_shift_byte, net.layers)))
+        for layer in net.layers:
             kept = "i1" if layer.in_bytes else "<i2"
-            parts.append(packed(layer.weights, kept) if of else layer.weights.astype(kept).tobytes())
+            parts.append(packed(layer.weights, kept) if layer.few_tiles else layer.weights.astype(kept).tobytes())
             parts += [layer.bias.astype("<i4").tobytes(), layer.cases.tobytes()]
     body = b"".join(parts)
     return body + int(crc32c(body)).to_bytes(4, "little")
 
 
-def _version_of(nets: Sequence[Net], *, few_tiles: bool) -> int:
-    """The version that has all of it, and no more. few_tiles: whether one may that leaves tiles out"""
-    layers = [layer for net in nets for layer in net.layers]
-    if few_tiles and any(layer.few_tiles for layer in layers):
-        return VERSION
-    return _ALL_TILES_VERSION if any(len(layer.cases) for layer in layers) else _PLAIN_VERSION
-
-
 def _shift_byte(layer: Layer) -> int:
-    return layer.shift + _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases))
+    flags = _IN_BYTES * layer.in_bytes + _WITH_CASES * bool(len(layer.cases)) + _FEW_TILES * layer.few_tiles
+    return layer.shift + flags
 
 
 class Reader:
@@ -122,22 +109,19 @@ def unpack_weights(data: bytes) -> Weights:
         raise HeaderError("not a weight file")
     reader = Reader(data[:-4])
     reader.take(len(MAGIC))
-    if not _PLAIN_VERSION <= (version := reader.number(1)) <= VERSION:
-        known = f"{_PLAIN_VERSION} to {VERSION}"
-        raise UnsupportedVersionError(f"weights of version {version}: this build reads {known}", len(MAGIC))
+    if (version := reader.number(1)) != VERSION:
+        raise UnsupportedVersionError(f"weights of version {version}: this build reads version {VERSION}", len(MAGIC))
     if int(crc32c(data[:-4])) != int.from_bytes(data[-4:], "little"):
         raise ChecksumError("the checksum of the weights does not match", len(data) - 4)
     provenance = _provenance(reader)
     count = reader.number(1)
     if not 1 <= count <= MAX_NETS:
         raise SectionError(f"weights of {count} networks: 1 to {MAX_NETS} are possible", reader.at)
-    nets = tuple(_net(reader, version) for _ in range(count))
+    nets = tuple(_net(reader) for _ in range(count))
     if len({(net.expects, net.size) for net in nets}) != count:
         raise SectionError("weights with two networks of one kind and size", reader.at)
     if reader.left:
         raise SectionError(f"weights with {reader.left} bytes too many", reader.at)
-    if version != _version_of(nets, few_tiles=version == VERSION):
-        raise SectionError(f"weights of version {version} without what that version is for", reader.at)
     return Weights(nets, provenance, hashlib.sha256(data).hexdigest()[:16], bytes(data))
 
 
@@ -152,7 +136,7 @@ def _provenance(reader: Reader) -> Mapping[str, Any]:
     return MappingProxyType(found)
 
 
-def _net(reader: Reader, version: int) -> Net:
+def _net(reader: Reader) -> Net:
     expects, size, layers = reader.take(3)
     if expects > 1 or size >= len(SIZES) or layers != LAYERS:
         raise SectionError(f"a network of kind {expects}, size {size} and {layers} layers", reader.at)
@@ -163,7 +147,7 @@ def _net(reader: Reader, version: int) -> Net:
     for into, out, shift in zip(dims, dims[1:], shifts, strict=False):
         in_bytes = shift >= _IN_BYTES
         kept = "i1" if in_bytes else "<i2"
-        if version == VERSION and shift & _FEW_TILES:
+        if shift & _FEW_TILES:
             weights = unpacked(reader.take, (out, into), kept)
         else:
             taken = np.frombuffer(reader.take((2 - in_bytes) * into * out), kept)
@@ -171,11 +155,10 @@ def _net(reader: Reader, version: int) -> Net:
         bias = np.frombuffer(reader.take(4 * out), "<i4").astype(np.int32)
         rows = CASES if shift & _WITH_CASES else 0
         cases = np.frombuffer(reader.take(rows * out), np.int8).reshape(rows, out)
-        flags = _WITH_CASES | _FEW_TILES if version == VERSION else _WITH_CASES
-        made.append(Layer(weights, bias, shift & ~_IN_BYTES & ~flags, cases))
+        made.append(Layer(weights, bias, shift & ~(_IN_BYTES | _WITH_CASES | _FEW_TILES), cases))
         if made[-1].in_bytes != in_bytes:
             raise SectionError("a layer that fits bytes and is not kept in them", reader.at)
-        if version == VERSION and made[-1].few_tiles != bool(shift & _FEW_TILES):
+        if made[-1].few_tiles != bool(shift & _FEW_TILES):
             raise SectionError("a layer with empty tiles that are not left out", reader.at)
     return Net(bool(expects), size, tuple(made))
 

@@ -141,7 +141,7 @@ void code_watched(const ImageCoding& on, const RowSource& source, PredictivePart
   const auto step = static_cast<std::int32_t>(source.cells.step);
   watch = {};
   std::uint64_t canvas = 0, last = ticks();
-  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.kind, parts);
+  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
   RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     const RowWork work = stage.begin(row, image);
@@ -188,7 +188,7 @@ void measure(const Task& task) {
   MaskGeometry geometry = task.geometry;
   std::vector<PredictiveModel> models(4, PredictiveModel(kLearned));
   SlabStates states;
-  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false, kLearned ? RangeKind::Full : RangeKind::Quick}; };
+  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false, !kLearned}; };
   for (int round = 0; round < task.rounds; ++round) {
     for (PredictiveModel& model : models) model.reset();
     for (const Frame& frame : task.frames) {

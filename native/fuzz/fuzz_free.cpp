@@ -5,6 +5,7 @@
 
 #include "../check/random_nets.hpp"
 #include "fuzz_ranges.hpp"
+#include "predictive/kind.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::PredictiveCoder;
@@ -48,8 +49,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
   if ((kind & 1u) != 0 || (how & 2u) != 0) {
     const std::size_t streams = slab ? 2 : 4, part = rest.size() * split / (256 * (streams - 1));
-    Bytes coded = {static_cast<std::uint8_t>((given.expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + 4 + (learned ? 16 : 0) + 32 + (quick ? 128 : 192)),
-                   static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), static_cast<std::uint8_t>(split % 25)};
+    Bytes coded = {lidarcodec::RangeKind{given.expected != nullptr, slab, learned, quick, true}.byte(), static_cast<std::uint8_t>(turn),
+                   static_cast<std::uint8_t>(turn >> 8), static_cast<std::uint8_t>(split % 25)};
     for (std::size_t i = 0; i + 1 < streams; ++i)
       for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}}) coded.push_back(static_cast<std::uint8_t>(byte));
     if (slab) coded.push_back(static_cast<std::uint8_t>(given.known));

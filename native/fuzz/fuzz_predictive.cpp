@@ -1,6 +1,7 @@
 // Any bytes as ranges, and any ranges there and back. The input's first bytes say width, firings, sensor and step.
 #include "../check/random_nets.hpp"
 #include "fuzz_ranges.hpp"
+#include "predictive/kind.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
@@ -46,11 +47,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Bytes coded = rest;
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
-      const bool counted = turn & 512u, quick = counted && !learned && (turn & 1024u), by_leaf = counted && !quick && (turn & 2048u);
-      const bool free = (quick || by_leaf) && (turn & 4096u);
-      coded = {static_cast<std::uint8_t>((expected == nullptr ? 1 : 2) + (slab ? 2 : 8) + (learned ? 16 : 0) + (counted ? 32 : 0) + (free ? 4 : 0) + (quick ? 128 : by_leaf ? 192 : 0)),
-               static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8)};
-      if (counted) coded.push_back(holes % 25u);
+      const bool quick = !learned && (turn & 1024u), free = turn & 4096u;
+      coded = {lidarcodec::RangeKind{expected != nullptr, slab, learned, quick, free}.byte(), static_cast<std::uint8_t>(turn),
+               static_cast<std::uint8_t>(turn >> 8), static_cast<std::uint8_t>(holes % 25u)};
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));
       for (std::size_t i = 0; i + 1 < streams; ++i)
         for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}}) coded.push_back(static_cast<std::uint8_t>(byte));

@@ -264,7 +264,7 @@ BOMBS = {
     "calibration, depth": ("calibration", lambda f: text(f, "a.yaml", "a: " + "[" * 20_000), read_calibration),
     "weights, provenance": (
         "weights",
-        lambda f: text(f, "a.lcrw", b"LCRW\x05" + struct.pack("<I", 2**31) + b"[" * (4 * MIB)),
+        lambda f: text(f, "a.lcrw", b"LCRW\x01" + struct.pack("<I", 2**31) + b"[" * (4 * MIB)),
         read_weights,
     ),
     "config, base 60": ("config", lambda f: text(f, "c.yaml", "vehicle: " + ":".join(["59"] * 100_000)), read_config),

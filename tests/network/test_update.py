@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -21,27 +19,10 @@ from lidarcodec.network.shelf import Shelf, weights_of
 from tests.network.test_weights import four_nets, with_cases, with_sum
 
 FINENESS = (7, 6, 5, 4)
-OF_VERSION_2 = bytes.fromhex(
-    "4c43525502472b56a5ca673d6ad381fb608da157cf0100000a0a0a892cfabd990f44082ce288dd6d749a2eaa94b1bfac923b4d47caf7b6"
-    "a9e1c194753b494ba45a7fb774e70641db1a78d80707db0094e26477e5f486135a085b3e879281151437d2ac8d5709dfc33f0cfd39f42b"
-    "15dd8516b01ce7a1ca7784817deccb0350bea17ddd7af929987eea260044a84a4459a50bdbc8530a80af6f588ba367a4aa255095ac4aaf"
-    "42274fbb34cc05c88f11ad80a4c8082c7334cf708bffde60ffda76b7f60690991fbf3a54bc1f2e39de6523c11a6727269c2490eb61bab8"
-    "8be60114633c5a0321e67db463a80ff25e0225c5db1fcea5af6bd728b4f7034ae7c8d608357a68321b24126b60eeec0a2f6b85edf4c2b4"
-    "89b7f5c6194e299940ce2dfbe43390b10403ad6fd8762e9cf8e4ee3cb188dfe8353367f587cd3b70d5f338e103639c093040ba3ea7aec8"
-    "48ab90ed6fd798befdfd7aa23a05bf5931259f2c3866d1052052c8c9d5e1f705d2ea942a34a8cd1300e26b2a543bf6940f9fa85cfedc21"
-    "2cf8e0a6008574670d3d364439259dd18a1b6a5c77d75cdfee73c3cef1a1eaa93e430ce8337d789c99653bc8730f1326adb454ce1cb34f"
-)
-"""From `small(1)` to near `small(2)`, as encoders wrote them that knew of no biases of cases."""
 
 
 def base() -> rw.Weights:
     return ru.weights_with(four_nets())
-
-
-def small(seed: int) -> rw.Net:
-    rng = np.random.default_rng(seed)
-    sizes = [(8, 72), (8, 8), (32, 8)]
-    return rw.quantised(False, 0, [(rng.normal(0, 0.2, size), rng.normal(0, 0.1, size[0])) for size in sizes])
 
 
 def near(net: rw.Net, seed: int = 3, size: float = 40.0, cases: bool = True) -> rw.Net:
@@ -78,41 +59,13 @@ def test_an_update_is_a_third_of_a_file_that_says_the_same() -> None:
 
 
 def test_an_update_may_give_a_network_its_first_biases_of_cases_and_the_next_one_others() -> None:
-    """Networks of the package have none where they were trained before there were any; a stream teaches them."""
+    """A network may have none; a stream teaches it some."""
     plain = base()
     first = ru.update_of(plain, [near(plain.nets[1])], FINENESS)
     known = {plain.name: plain, first.weights.name: first.weights}
     assert len(ru.applied(first.data, known.__getitem__).nets[0].layers[0].cases) == rw.CASES
     second = ru.update_of(first.weights, [near(plain.nets[1], seed=4)], FINENESS)
     assert ru.applied(second.data, known.__getitem__).name == second.weights.name
-
-
-def test_updates_that_were_written_before_there_were_biases_of_cases_are_still_taken() -> None:
-    """Recordings hold them."""
-    before = ru.weights_with([small(1)])
-    found = ru.applied(OF_VERSION_2, {before.name: before}.__getitem__)
-    assert (before.name, found.name) == ("472b56a5ca673d6a", "d381fb608da157cf")
-    assert len(found.nets[0].layers[0].cases) == 0
-    of_cases = ru.weights_with([with_cases(small(1))])  # such an update leaves them as they are
-    renamed = with_sum(OF_VERSION_2[:5] + bytes.fromhex(of_cases.name) + OF_VERSION_2[13:-4])
-    with pytest.raises(SectionError, match="gives weights"):
-        ru.applied(renamed, {of_cases.name: of_cases}.__getitem__)
-
-
-def test_updates_are_still_taken_that_were_named_before_tiles_were_left_out() -> None:
-    """Then an update that emptied a tile gave a file with all of its weights, and with another name."""
-    weights = base()
-    net = weights.nets[0]
-    first = net.layers[0].weights.copy()
-    first[:16, 8:12] = 0
-    emptied = replace(net, layers=(replace(net.layers[0], weights=first), *net.layers[1:]))
-    update = ru.update_of(weights, [emptied], (13, 13, 13, 6))
-    before = ru.weights_with(update.weights.nets, few_tiles=False)
-    assert before.name != update.weights.name
-    body = update.data[:-4].replace(bytes.fromhex(update.weights.name), bytes.fromhex(before.name))
-    given = ru.applied(with_sum(body), {weights.name: weights}.__getitem__)
-    assert given.name == before.name
-    assert not given.nets[0].layers[0].weights[:16, 8:12].any()
 
 
 def test_networks_on_another_shift_are_met_as_well() -> None:

@@ -12,7 +12,7 @@ import PIL.Image
 import pytest
 
 from lidarcodec import _native
-from lidarcodec.codecs.png import read_png
+from lidarcodec.codecs.png import read_png, write_png
 from lidarcodec.errors import SectionError, SettingsError
 from lidarcodec.ranges.image.holes import filled_blocks, filled_left, filled_predicted
 from lidarcodec.ranges.image.jpeg_file import read_jpeg, steps_of, write_jpeg
@@ -52,15 +52,19 @@ def test_a_png_comes_back() -> None:
     assert not read_png(png_with(header(40, 64), DATA, END), 64, 40).any()
 
 
-def test_every_filter_that_is_allowed_is_undone() -> None:
-    lines, above = [], np.zeros((40, 2), np.uint8)
+def test_both_filters_that_are_allowed_are_undone() -> None:
+    lines = []
     for row, line in enumerate(GREY.astype(">u2").view(np.uint8).reshape(64, 40, 2)):
         left = np.vstack([np.zeros((1, 2), np.uint8), line[:-1]])
-        lines.append(bytes([row % 3]) + (line - (0 * line, left, above)[row % 3]).tobytes())
-        above = line
+        lines.append(bytes([row % 2]) + (line - (0 * line, left)[row % 2]).tobytes())
     data = png_with(header(40, 64), (b"IDAT", zlib.compress(b"".join(lines))), END)
     np.testing.assert_array_equal(read_png(data, 64, 40), GREY)
     np.testing.assert_array_equal(imagecodecs.png_decode(data), GREY)
+
+
+@pytest.mark.parametrize("width", [1, 2, 40])
+def test_images_of_any_width_have_these_filters_alone(width: int) -> None:
+    np.testing.assert_array_equal(read_png(write_png(GREY[:, :width].copy(), 4), 64, width), GREY[:, :width])
 
 
 @pytest.mark.parametrize(
@@ -75,7 +79,7 @@ def test_every_filter_that_is_allowed_is_undone() -> None:
         png_with(header(40, 64, 8, 0, 0, 0, 0), DATA, END),
         png_with(header(40, 64), (b"zTXt", b"a\0\0" + zlib.compress(bytes(10**6))), DATA, END),
         png_with(header(40, 64), DATA),
-        png_with(header(40, 64), (b"IDAT", zlib.compress(b"\3" * 64 * 81)), END),
+        png_with(header(40, 64), (b"IDAT", zlib.compress(b"\2" * 64 * 81)), END),
         png_with(header(40, 64), (b"IDAT", zlib.compress(bytes(64 * 81 + 1))), END),
         png_with(header(40, 64), (b"IDAT", zlib.compress(bytes(64 * 81)) + b"more"), END),
         png_with(header(40, 64), (b"IDAT", zlib.compress(bytes(50))), END),

@@ -29,17 +29,17 @@ from tests.reference.predictive_place import (
 )
 from tests.reference.predictive_rows import Rows, Work, code_frame, code_slab
 
-ALONE, EXPECTING, SLAB, FREE, QUARTERS, OF_FIRINGS, QUICK, BY_LEAF = 1, 2, 2, 4, 8, 32, 128, 192
-OFFSETS = 192
-"""Bits of a kind of which offsets it has: one of the last two, or neither."""
+EXPECTED, SLAB, QUICK, FREE = 1, 2, 8, 16
+"""Bits of a kind; 4 is for ranges coded with a network, which this coder has none of."""
 FRAME_PARTS, SLAB_PARTS = 4, 2
+SIZES_AT: Final = 4
+"""Where in the head sizes of streams stand."""
 MAX_LEVEL: Final = 1000
 MAX_RANGE: Final = 65535
 RATES: Final = (720, 460, 320, 230)
 OFFSET_RATE: Final = 655
 DEPTHS: Final = (4, 1, 1, 1, 2, 2, 2, 3)
-DEPTHS_BEFORE: Final = (3,) * 8
-"""How many bits of an offset learn, by leaf; and in frames that were written before."""
+"""How many bits of an offset learn, by leaf."""
 
 Image = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.uint8]
@@ -49,10 +49,8 @@ Coder = WideWriter | WideReader
 class Given(NamedTuple):
     """What both ends know of a frame, or of a slab with the columns before it: `known` of them; None: a frame.
 
-    firing: that of the first column behind those that are known, modulo 24; None: firings are not counted, as they were
-    not at first; quick: with fewer contexts and other leaves; by_leaf: how many bits of an offset learn depends on
-    the leaf, as it does where firings are counted but for frames of before; free: cells are counted from the last
-    range. `decode` does as the bytes say of all four
+    firing: that of the first column behind those that are known, modulo 24; quick: with fewer contexts and other
+    leaves; free: cells are counted from the last range. `decode` does as the bytes say of all three
     """
 
     layout: Layout
@@ -60,24 +58,15 @@ class Given(NamedTuple):
     levels: list[int]
     expected: Image | None = None
     known: int | None = None
-    firing: int | None = 0
+    firing: int = 0
     quick: bool = False
-    by_leaf: bool = True
     free: bool = False
 
     @property
     def kind(self) -> int:
         """The first byte."""
-        where = QUARTERS if self.known is None else SLAB
-        counted = 0 if self.firing is None else OF_FIRINGS
-        learns = QUICK if self.quick else BY_LEAF if self.depths == DEPTHS else 0
-        free = FREE if self.free else 0
-        return (ALONE if self.expected is None else EXPECTING) + where + free + counted + learns
-
-    @property
-    def depths(self) -> tuple[int, ...]:
-        """How many bits of an offset learn, by leaf."""
-        return DEPTHS if self.by_leaf and self.firing is not None else DEPTHS_BEFORE
+        bits = {EXPECTED: self.expected is not None, SLAB: self.known is not None, QUICK: self.quick, FREE: self.free}
+        return sum(bit for bit, is_set in bits.items() if is_set)
 
     def sixteenths(self, value: int, row: int) -> int:
         """A range in sixteenths of a cell: of whole cells, or as it is."""
@@ -92,21 +81,16 @@ class Given(NamedTuple):
         return FRAME_PARTS if self.known is None else SLAB_PARTS
 
     @property
-    def sizes_at(self) -> int:
-        """Where in the head sizes of streams stand."""
-        return 3 if self.firing is None else 4
-
-    @property
     def head_bytes(self) -> int:
-        """Kind, turn, firing if it is counted, size of each stream but the last; of a slab the known columns."""
-        return self.sizes_at + 4 * (self.parts - 1) + (self.known is not None)
+        """Kind, turn, firing, size of each stream but the last; of a slab the known columns."""
+        return SIZES_AT + 4 * (self.parts - 1) + (self.known is not None)
 
 
 class Parts:
     """Codes rows of ranges, the quarters of a row or two rows in turns, each with a coder of its own."""
 
     def __init__(self, model: Model, step: int, coders: list[Coder], frame: Given) -> None:
-        self._model, self._coders, self._quick, self._depths = model, coders, frame.quick, frame.depths
+        self._model, self._coders, self._quick = model, coders, frame.quick
         self._free, self._step, self._half = frame.free, step, 8 if frame.free else 0
         self._nearer = nearer(step) if frame.free else 0
         model.begin(quick=frame.quick)
@@ -210,7 +194,7 @@ class Parts:
             if not self._decide(coder, ("more", octave, who), ("more", octave, scale), 2730, away >= end):
                 break
             begin, left, octave = end, left + 1, octave + 1
-        for depth in range(min(left, self._depths[leaf])):
+        for depth in range(min(left, DEPTHS[leaf])):
             left -= 1
             middle = begin + (1 << left)
             says: tuple[bool, bool] | None = None
@@ -254,7 +238,7 @@ def expected_cells(frame: Given) -> list[list[int]] | None:
 def _rows(values: list[list[int]], returns: Mask, frame: Given, turn: int) -> Rows:
     seen = expected_cells(frame)
     past = frame.known or 0
-    firing = None if frame.firing is None else (frame.firing - past) % FIRINGS
+    firing = (frame.firing - past) % FIRINGS
     return Rows(frame.layout, closed_up(returns, frame.layout), values, turn, seen, past, firing)
 
 
@@ -285,7 +269,7 @@ def encode(values: Image, returns: Mask, frame: Given, turn: int, model: Model) 
     coders = [WideWriter() for _ in range(frame.parts)]
     _code(_rows(cells, returns, frame, turn), frame, model, list(coders))
     streams = [coder.finish() for coder in coders]
-    sizes = [(frame.kind, 1), (turn, 2)] + ([] if frame.firing is None else [(frame.firing, 1)])
+    sizes = [(frame.kind, 1), (turn, 2), (frame.firing, 1)]
     sizes += [(len(stream), 4) for stream in streams[:-1]]
     sizes += [] if frame.known is None else [(frame.known, 1)]
     return b"".join(value.to_bytes(size, "little") for value, size in sizes) + b"".join(streams)
@@ -303,26 +287,18 @@ def decode(data: bytes, returns: Mask, frame: Given, model: Model, before: Image
         return image
     if not data:
         raise TruncatedError("ranges end within their header", 0)
-    counted = bool(data[0] & OF_FIRINGS)
-    quick, by_leaf = (counted and data[0] & OFFSETS == kind for kind in (QUICK, BY_LEAF))
-    free = (
-        data[0] % 16 - FREE in (ALONE + SLAB, EXPECTING + SLAB, ALONE + QUARTERS, EXPECTING + QUARTERS)
-        and (quick or by_leaf)
-        and step > 1
-    )
-    frame = frame._replace(firing=0 if counted else None, quick=quick, by_leaf=by_leaf, free=free)
+    frame = frame._replace(quick=bool(data[0] & QUICK), free=bool(data[0] & FREE) and step > 1)
     head = frame.head_bytes
     if len(data) < head:
         raise TruncatedError("ranges end within their header", len(data))
     if data[0] != frame.kind or (frame.known is not None and data[head - 1] != frame.known):
         raise SectionError("ranges of an unknown kind")
     turn, coders, at = int.from_bytes(data[1:3], "little"), [], head
-    if frame.firing is not None:
-        frame = frame._replace(firing=data[3])
-        if data[3] >= FIRINGS:
-            raise SectionError("a firing that is counted otherwise")
+    frame = frame._replace(firing=data[3])
+    if data[3] >= FIRINGS:
+        raise SectionError("a firing that is counted otherwise")
     for part in range(frame.parts):
-        first = frame.sizes_at + 4 * part
+        first = SIZES_AT + 4 * part
         size = int.from_bytes(data[first : first + 4], "little") if part + 1 < frame.parts else len(data) - at
         if at + size > len(data):
             raise TruncatedError("ranges end before their streams do", len(data))

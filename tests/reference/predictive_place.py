@@ -166,8 +166,7 @@ class Place:
         of += [self._relative(size) for size in (half.mean, half.size1, sizes[at])] + [half.leaves[0]]
         near = (m[at - 1], m[at - 2], m[at + 1], m[at + 2], b[at], b[at - 1], b[at + 1], a[at], a[at + 1])
         self.contexts = [(0, self.scale), (1, *half.leaves), (2, *near), (3, of[LEVELLED + 1], self.scale)]
-        if about.firings:
-            self.contexts.append((4, *about.firings[k]))
+        self.contexts.append((4, *about.firings[k]))
         for number, features in enumerate(CONTEXTS):
             shift = len(features) - 2
             self.contexts.append((5 + number, *(of[feature] >> shift for feature in features)))
@@ -218,4 +217,4 @@ class Surroundings:
         self.expected: list[int] = []  # ranges, and whether anything is known; empty where nothing is expected at all
         self.expected_above: list[int] = []
         self.known: list[int] = []
-        self.firings: list[tuple[int, int]] = []  # of each cell: row, and firing modulo 24; empty: not counted
+        self.firings: list[tuple[int, int]] = []  # of each cell: row, and firing modulo 24

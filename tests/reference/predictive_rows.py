@@ -14,7 +14,7 @@ from tests.reference.predictive_place import FIRINGS, MARGIN, MAX_DIFFERENCE, Mo
 class Rows(NamedTuple):
     """An image in sixteenths of a cell, rows closed up, of which the first `past` columns are known.
 
-    mask: returns; values: ranges; expected: -1 where nothing is; firing: of column 0, None: not counted
+    mask: returns; values: ranges; expected: -1 where nothing is; firing: of column 0
     """
 
     layout: Layout
@@ -23,7 +23,7 @@ class Rows(NamedTuple):
     turn: int
     expected: list[list[int]] | None = None
     past: int = 0
-    firing: int | None = None
+    firing: int = 0
 
 
 class Work(NamedTuple):
@@ -97,8 +97,7 @@ class Stage:
             self._expect(about, rows.expected[row], row)
         self._returns = [k for k in range(n) if rows.mask[row][k]]
         columns = layout.columns[layout.half[row]]
-        if rows.firing is not None:
-            about.firings = [(row, (rows.firing + column) % FIRINGS) for column in columns]
+        about.firings = [(row, (rows.firing + column) % FIRINGS) for column in columns]
         known = [k for k in self._returns if columns[k] < rows.past]
         taken = [0] * n
         for i, k in enumerate(known):

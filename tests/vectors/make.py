@@ -157,8 +157,9 @@ def expected(data: bytes) -> list[dict[str, Any]]:
 
 
 def golden_files() -> list[Path]:
-    """Golden files of the codecs that a page decodes."""
-    return sorted(path for codec in GOLDEN_CODECS for path in GOLDEN.glob(f"v1_{codec}_*.bin"))
+    """Golden files of what a page decodes: of some codecs, without updates of weights."""
+    found = sorted(path for codec in GOLDEN_CODECS for path in GOLDEN.glob(f"v1_{codec}_*.bin"))
+    return [path for path in found if "updated" not in path.stem]
 
 
 def _write(path: Path, what: Any) -> None:

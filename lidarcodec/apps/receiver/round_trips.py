@@ -62,7 +62,10 @@ class RoundTrips:
 
 
 def _read(answer: bytes) -> tuple[bool, int | None]:
-    """Whether a message was under way, and the publisher's time in ns; of an older publisher only that it answered."""
+    """Whether a message was under way, and the publisher's time in ns.
+
+    Of an answer that nobody can read only that it came.
+    """
     try:
         values = read_object(answer)
     except JsonRefusedError:

@@ -53,7 +53,7 @@ struct ImageCoding {
   Teaching teaching;
   SlabStates& states;
   bool slab;
-  RangeKind kind;  // Quick only without networks
+  bool quick;  // with fewer contexts and leaves of its own; never with networks
 };
 
 // Write, or read, the returns of an image of (64, W) ranges: a whole frame or a slab.

@@ -128,9 +128,8 @@ constexpr const auto& quick_contexts() {
 inline constexpr std::uint32_t kMaskContexts = 512;
 // Firings after which the sensor's errors come again: they have periods of 3, 12, 2.4 and 24 firings.
 inline constexpr std::uint32_t kFirings = 24;
-inline constexpr std::uint32_t kNotCounted = kFirings;  // firings of frames that were written before they were counted
 
-// Slots of the context of firings; behind them one of frames that do not count them, which learns nothing.
+// Slots of the context of firings.
 inline constexpr std::uint32_t kFiringSlots = static_cast<std::uint32_t>(kMaskRows) * kFirings;
 
 // A slot: 16 cells, of which the first counts how often the context was seen (kSeenOnce), and the others are nodes 1 to 15 of a tree.
@@ -147,7 +146,7 @@ inline constexpr auto kContextBegins = [] {
     if (i == 0) slots = kScaleClasses;
     if (i == 2) slots = kMaskContexts;
     if (i == 3) slots = 16 * kScaleClasses;
-    if (i == 4) slots = kFiringSlots + 1;
+    if (i == 4) slots = kFiringSlots;
     if (i >= kFixedContexts) slots = context_of_features(i - kFixedContexts).is_pair() ? 256 : 512;
     begins[i + 1] = begins[i] + slots * kSlotCells;
   }
@@ -203,10 +202,6 @@ struct Known {
   std::uint32_t mean_size = 0, last_size = 0, up_size = 0, seen_size = 0;  // differences
 };
 
-// Images with fewer contexts and leaves of their own; all others; and such others as were written before, of whose offsets
-// as many bits learn in every leaf.
-enum class RangeKind : std::uint8_t { Quick, Full, Before };
-
 class PredictiveModel {
  public:
   // learned: a network says what is likely to begin with.
@@ -227,9 +222,6 @@ class PredictiveModel {
     quick_ = quick;
     reset();
   }
-
-  // Forgets what was learned where firings are not counted.
-  void forget_not_counted() { slots_[kContextBegins[4] / kSlotCells + kFiringSlots] = {}; }
 
   // Of all slots.
   std::int16_t* cells() { return slots_.data()->cells.data(); }

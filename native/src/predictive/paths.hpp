@@ -15,7 +15,7 @@ template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
 void code_rows(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image) {
   using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.kind, parts);
+  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
   RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     coder.code(stage.begin(row, image));
@@ -29,7 +29,7 @@ void code_slab(const ImageCoding& on, const RowSource& source, PredictiveParts<C
   using Rows = PredictiveRows<Coder, Forms, kExpects, kLearned>;
   constexpr std::size_t kBoth = kMaskRows / 2;
   const auto step = static_cast<std::int32_t>(source.cells.step);
-  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.kind, parts);
+  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
   on.states.begin(source.cells, coder.start(), source.past != 0);
   RowStage<Rows::kReads, kExpects, kLearned> upper(source, 0, coder.start(), coder.first());
   RowStage<Rows::kReads, kExpects, kLearned> lower(source, kBoth, coder.start(), coder.first());

@@ -50,9 +50,8 @@ struct Leaves {
 inline constexpr Leaves kLeaves(kLeafBits), kQuickLeaves(kQuickLeafBits);
 
 // How many bits of an offset learn, by leaf: most of what there is to learn lies in the middle
-// (research/notes/offset-bits-by-leaf.md). Of frames that were written before, three in each.
-using Depths = std::array<std::uint8_t, 8>;
-inline constexpr Depths kDepths = {4, 1, 1, 1, 2, 2, 2, 3}, kDepthsBefore = {3, 3, 3, 3, 3, 3, 3, 3};
+// (research/notes/offset-bits-by-leaf.md).
+inline constexpr std::array<std::uint8_t, 8> kDepths = {4, 1, 1, 1, 2, 2, 2, 3};
 
 // `Coder` is WideEncoder or WideDecoder.
 template <class Coder>

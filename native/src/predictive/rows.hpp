@@ -41,12 +41,12 @@ class PredictiveRows : RangeDecisions<Coder> {
   using Parts = PredictiveParts<Coder>;
 
   // cells: those of ranges; limit: the largest one; teaching: where kLearned.
-  // kind: never Quick where kLearned.
-  PredictiveRows(PredictiveModel& model, const Teaching& teaching, const RangeCells& cells, std::int32_t limit, RangeKind kind, Parts& parts)
+  // quick: not where kLearned.
+  PredictiveRows(PredictiveModel& model, const Teaching& teaching, const RangeCells& cells, std::int32_t limit, bool quick, Parts& parts)
       : Decisions(model, limit), teaching_(teaching), step_(cells.step), start_(480 / step_ + 5),
         first_(static_cast<std::int32_t>(2500 / step_ * 16)), free_(cells.free), half_(cells.free ? 8 : 0),
-        lowest_(-2 * half_), highest_(16 * limit + 2 * half_), free_cells_(step_), quick_(!kLearned && kind == RangeKind::Quick),
-        depths_(kind == RangeKind::Before ? kDepthsBefore : kDepths), parts_(parts) {
+        lowest_(-2 * half_), highest_(16 * limit + 2 * half_), free_cells_(step_), quick_(!kLearned && quick),
+        parts_(parts) {
     model.begin(quick_);
   }
 
@@ -178,7 +178,6 @@ class PredictiveRows : RangeDecisions<Coder> {
     }
     for (std::size_t p = 0; p < N; ++p) {
       learn(place[p], kWalks[node[p]]);
-      if (rows[p]->about.first_firing == kFiringSlots) [[unlikely]] model_.forget_not_counted();
       if constexpr (kLearned)
         Forms::learn_weights(model_.balance[place[p].scale], place[p].net.values.out.data(), place[p].net.said.data(), place[p].chances, kWalks[node[p]]);
       PredictivePart<Coder>& part = parts[p];
@@ -358,7 +357,7 @@ class PredictiveRows : RangeDecisions<Coder> {
       }
     }
     const std::uint32_t side = leaf == 7 ? 16 : 2 * leaf + down;
-    for (std::uint32_t depth = 0; left > 0 && depth < depths_[leaf]; ++depth) {
+    for (std::uint32_t depth = 0; left > 0 && depth < kDepths[leaf]; ++depth) {
       --left;
       const std::uint32_t middle = begin + (1u << left), from_middle = Forms::from(near, middle);
       // What the likeliest neighbour here says, if there is one: which part. The first is believed more than others.
@@ -428,7 +427,6 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::int32_t lowest_, highest_;  // range, sixteenths
   FreeCells free_cells_;
   bool quick_;
-  const Depths& depths_;
   Parts& parts_;
   std::array<std::int32_t, RiddleSamples::kOffsets> of_cells_{};  // what contexts said of a return's offset bits
 };

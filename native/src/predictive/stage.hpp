@@ -21,7 +21,7 @@ struct RowSource {
   const std::uint16_t* expected;  // (64, W), 0 where nothing is; nullptr if nothing is anywhere
   std::size_t width, past;
   std::uint32_t turn;
-  std::uint32_t firing;  // of column 0, modulo kFirings; or kNotCounted
+  std::uint32_t firing;  // of column 0, modulo kFirings
   std::uint16_t* sent = nullptr;  // (64, W), takes what was written as a reader gets it
 };
 
@@ -83,8 +83,7 @@ class RowStage {
         foreseen_above_(source.width), foreseen_below_(source.width), around_(source.width),
         sizes_around_(source.width), firings_(source.width) {
     if constexpr (kExpects) foresee(first, foreseen_below_);
-    if (source.firing != kNotCounted)
-      for (std::size_t c = 0; c < source.width; ++c) firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
+    for (std::size_t c = 0; c < source.width; ++c) firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
   }
 
   // Brings in a row, and where it is to be coded the ranges of its returns out of the image. Raises Section.
@@ -132,7 +131,7 @@ class RowStage {
     about.row = static_cast<std::uint32_t>(row);
     about.columns = layout.columns(row).data();
     about.firings = firings_.data();
-    about.first_firing = source_.firing == kNotCounted ? kFiringSlots : static_cast<std::uint32_t>(row) * kFirings;
+    about.first_firing = static_cast<std::uint32_t>(row) * kFirings;
     look_around<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);

@@ -23,7 +23,7 @@ class StoreError(LidarCodecError):
 
 LOCK = 0x11DA2C0DEC
 """PostgreSQL advisory lock: two servers that start at once do not migrate at once."""
-NEWEST: Final = "0002"
+NEWEST: Final = "0001"
 """The last of `versions`."""
 VERSION = Table("alembic_version", MetaData(), Column("version_num", String(32), nullable=False, primary_key=True))
 """As Alembic keeps it."""

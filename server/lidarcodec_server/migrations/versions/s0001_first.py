@@ -1,4 +1,4 @@
-"""Tokens, desired settings and the audit log."""
+"""Tokens, desired settings, the audit log, and facts: what is true of a server from some day on."""
 
 from __future__ import annotations
 
@@ -51,10 +51,16 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_audit"),
     )
     op.create_index("ix_audit_stream", "audit", ["vehicle", "sensor", "id"])
+    op.create_table(
+        "facts",
+        sa.Column("name", sa.String(32), nullable=False),
+        sa.Column("at_ns", sa.BigInteger(), nullable=False),
+        sa.PrimaryKeyConstraint("name", name="pk_facts"),
+    )
 
 
 def downgrade() -> None:
     """Back to an empty database."""
     op.drop_index("ix_audit_stream", "audit")
-    for table in ("audit", "desired", "tokens"):
+    for table in ("facts", "audit", "desired", "tokens"):
         op.drop_table(table)

@@ -1,4 +1,4 @@
-/** The image of codec png: 16 bits, grey, 64 rows; filters none, sub and up. The browser inflates it. */
+/** The image of codec png: 16 bits, grey, 64 rows; filters none and sub. The browser inflates it. */
 
 import { damaged } from "../../../../typescript/src/errors.js";
 
@@ -64,12 +64,8 @@ function unfiltered(lines: Uint8Array, width: number, line: number): Uint16Array
   for (let row = 0; row < ROWS; row++) {
     const begin = row * line + 1;
     const filter = lines[begin - 1];
-    if (filter > 2) throw damaged(`a PNG with the filter ${filter}`);
-    for (let i = 0; i < line - 1; i++) {
-      const before =
-        filter === 1 ? (i < 2 ? 0 : lines[begin + i - 2]) : filter === 2 && row > 0 ? lines[begin + i - line] : 0;
-      lines[begin + i] += before;
-    }
+    if (filter > 1) throw damaged(`a PNG with the filter ${filter}`);
+    for (let i = 2; filter === 1 && i < line - 1; i++) lines[begin + i] += lines[begin + i - 2];
     for (let column = 0; column < width; column++)
       image[row * width + column] = (lines[begin + 2 * column] << 8) | lines[begin + 2 * column + 1];
   }

@@ -70,7 +70,7 @@ export function readWeights(data: Uint8Array): Weights {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (hex(data.subarray(0, 4)) === "4c435255") throw new DecodeError("version", "it goes on learning while it drives");
   if (data.length < 14 || hex(data.subarray(0, 4)) !== "4c435257") throw damaged("no weight file");
-  if (data[4] < 3 || data[4] > 5) throw new DecodeError("version", `weights of version ${data[4]}`);
+  if (data[4] !== 1) throw new DecodeError("version", `weights of version ${data[4]}`);
   const end = data.length - 4;
   if (view.getUint32(end, true) !== crc32c(data.subarray(0, end)))
     throw new DecodeError("checksum", "the checksum of the weights does not match");
@@ -100,18 +100,17 @@ export function readWeights(data: Uint8Array): Weights {
       return data.subarray(at - bytes, at);
     };
     const sizes = [inputs, first, second, outputs];
-    const tiles = data[4] === 5 ? FEW_TILES : 0;
     const parts = Array.from(shifts, (shift, layer) => {
       const [into, out] = [sizes[layer], sizes[layer + 1]];
       const width = shift < IN_BYTES ? 2 : 1;
-      const weights = shift & tiles ? tiled(take, into, out, width) : take(into * out * width);
+      const weights = shift & FEW_TILES ? tiled(take, into, out, width) : take(into * out * width);
       const cases = layer === 0 && shift & WITH_CASES ? CASES * out : 0;
       return [weights, take(4 * out + cases)];
     });
     return {
       layers: joined(parts.flat()),
       hidden: [first, second],
-      shifts: [shifts[0] & ~tiles, shifts[1] & ~tiles, shifts[2] & ~tiles],
+      shifts: [shifts[0] & ~FEW_TILES, shifts[1] & ~FEW_TILES, shifts[2] & ~FEW_TILES],
       expects: expects === 1,
       size,
     };

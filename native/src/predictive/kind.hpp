@@ -1,0 +1,26 @@
+// The first byte of coded ranges: a bit field (docs/wire-format-predictive.md, "Section").
+#pragma once
+#include <cstdint>
+
+namespace lidarcodec {
+
+struct RangeKind {
+  bool expected = false;  // an image of expected ranges is given
+  bool slab = false;      // of a slab, not of a whole frame
+  bool network = false;   // a network says what is likely to begin with
+  bool quick = false;     // fewer contexts, and leaves of its own; never with a network
+  bool free = false;      // ranges are counted from the last return, not from 0; only in steps above 1
+
+  constexpr std::uint8_t byte() const {
+    return static_cast<std::uint8_t>(expected | slab << 1 | network << 2 | quick << 3 | free << 4);
+  }
+
+  static constexpr RangeKind of(std::uint8_t byte) {
+    return {(byte & 1) != 0, (byte & 2) != 0, (byte & 4) != 0, (byte & 8) != 0, (byte & 16) != 0};
+  }
+
+  // Whether a byte is one of a kind: its other bits are 0, and what it says goes together.
+  static constexpr bool is_known(std::uint8_t byte) { return byte < 32 && !(of(byte).network && of(byte).quick); }
+};
+
+}  // namespace lidarcodec
