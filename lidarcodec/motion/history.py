@@ -1,8 +1,8 @@
-"""What a stream has shown since its last key frame, looked up by azimuth: the same for turns, slabs and any width.
+"""What was sent since the last key frame, looked up by azimuth, so that frames may be turns, slabs, or of any width.
 
-Encoder and decoder keep one of each, in step. `MaskHistory` is what masks refer to: a table of 2000 directions (0.18
-degree, a little more than an HDL-64E's step between firings) holds, for each row, what was last sent in that direction.
-Rows of the two blocks are looked up by the azimuth of their own block. `StreamHistory` is what ranges refer to.
+Encoder and decoder each keep one and update it in the same way. Masks refer to `MaskHistory`: a table of 2000
+directions with what was last sent there, for each row. A direction is 0.18 degree, a little more than an HDL-64E turns
+between two firings. Rows of each block are looked up by the azimuth of that block. Ranges refer to `StreamHistory`.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ DIRECTION_STEP: Final = 18
 """Azimuth steps of 0.01 degree in a direction."""
 DIRECTIONS: Final = AZIMUTH_TURN // DIRECTION_STEP
 EDGE_COLUMNS: Final = 128
-"""Columns before a slab that it may look at: more than the rows of an HDL-64E lie apart."""
+"""Columns before a slab that its coder may use: more than the rows of an HDL-64E are shifted against each other."""
 WIDEST_GAP: Final = 500
-"""Azimuth steps that may be missing before a slab for which the columns before it are of use."""
+"""Azimuth steps that may be missing before a slab, if its coder is to use the columns before it."""
 WAITING_SWEEP: Final = 3600
 WAITING_COLUMNS: Final = 1024
-"""Azimuth steps, or columns, that must have been sent after a slab before it is remembered as the last turn."""
+"""Azimuth steps, or columns, that must have been sent after a slab before the history stores it."""
 
 Mask = npt.NDArray[np.bool_]
 Ranges = npt.NDArray[np.uint16]
 
 
 class MaskHistory:
-    """What was last sent in each direction. Encoder and decoder keep one each, in step."""
+    """The masks last sent in each direction."""
 
     def __init__(self) -> None:
-        self._sent: Mask = np.zeros((DIRECTIONS, LASERS), np.bool_)  # a column's rows beside each other
+        self._sent: Mask = np.zeros((DIRECTIONS, LASERS), np.bool_)  # (directions, rows)
 
     def before(self, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> Mask:
-        """(64, W) bool, what was last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000."""
-        if not self._sent.any():  # a covered sensor costs little, and a message that says nothing, too
+        """(64, W) bool, the mask last sent in the direction of each cell. azimuth: (2, W) uint16, below 36000."""
+        if not self._sent.any():  # quick for a covered sensor, and for hostile messages without returns
             return np.zeros((LASERS, azimuth.shape[1]), np.bool_)
         seen = np.empty((LASERS, azimuth.shape[1]), np.bool_)
         for rows, directions in self._halves(azimuth, sensor):
@@ -51,7 +51,7 @@ class MaskHistory:
         return seen
 
     def remember(self, valid: Mask, azimuth: npt.NDArray[np.uint16], sensor: SensorModel) -> None:
-        """Takes a mask that was sent, (64, W) bool; of columns in one direction the last one stays."""
+        """Stores a mask that was sent, (64, W) bool. Of several columns in one direction the last one stays."""
         if not valid.any() and not self._sent.any():
             return
         for rows, directions in self._halves(azimuth, sensor):
@@ -68,15 +68,15 @@ class MaskHistory:
 
 
 def _together(rows: npt.NDArray[np.intp]) -> slice | npt.NDArray[np.intp]:
-    """Rows as a slice if they lie beside each other, as those of a block mostly do: four times as quick."""
+    """Rows as a slice if they are adjacent, as those of a block mostly are: indexing is then four times as fast."""
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
 
 class Memory(Protocol):
-    """What a coder of ranges learns from frame to frame."""
+    """The adaptive state of a coder of ranges."""
 
     def reset(self) -> None:
-        """Forget it, as before a key frame."""
+        """Returns to the initial state, before a key frame."""
 
 
 class _Sent(NamedTuple):
@@ -88,9 +88,9 @@ class _Sent(NamedTuple):
 
 
 class StreamHistory:
-    """What ranges refer to: what their coder has learned, the ranges of the last turn, and the columns before a slab.
+    """What ranges refer to: the state of their coder, the ranges of the last turn, and the columns before a slab.
 
-    memory: of the codec; it learns by itself, and is reset here
+    memory: the state of the codec's coder; it is reset here
     """
 
     def __init__(self, memory: Memory) -> None:
@@ -101,7 +101,7 @@ class StreamHistory:
         self._waiting: deque[_Sent] = deque()
 
     def forget(self) -> None:
-        """Forgets everything, before a message that needs no other."""
+        """Forgets everything, before a key message."""
         self._memory.reset()
         self._seen.forget()
         self._waiting.clear()
@@ -114,15 +114,15 @@ class StreamHistory:
         return self._seen
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
-        """(64, W) uint16, what a frame should look like if the sensor moved so: `RangeHistory.expected`."""
+        """(64, W) uint16, the expected ranges of a frame after a motion: `RangeHistory.expected`."""
         return self.seen.expected(motion, azimuth, fired, sensor)
 
     def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel, *, slab: bool) -> None:
-        """Takes a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns.
+        """Stores a frame that was sent, (64, W) uint16 as it is decoded, 0 outside of its returns.
 
-        A slab waits until enough was sent after it: what is to be expected on the left of a slab was then seen a turn
-        ago as all the rest was, and not a moment ago, from where the sensor is now. All else waits for the next frame
-        or question, so that a stream of key frames pays nothing for it.
+        A slab waits until enough was sent after it. The history to the left of the next slab is then a turn old, as all
+        of it is, and not a moment old. A whole frame waits until the history is next used, so that a stream of key
+        frames spends no time on it.
         """
         self._take_waiting()
         self._waiting.append(_Sent(ranges, azimuth, fired, sensor, swept(azimuth) if slab else None))
@@ -139,7 +139,7 @@ class StreamHistory:
             self._seen.remember(*self._waiting.popleft()[:4])
 
     def remember_edge(self, ranges: Ranges, azimuth: Ranges, fired: Mask, expected: Ranges | None) -> None:
-        """Takes the columns of a slab, as they are decoded, and what was expected of them."""
+        """Stores the columns of a slab, as they are decoded, with their expected ranges."""
         foreseen = np.zeros_like(ranges) if expected is None else expected
         self._edge = self._edge.and_then(KnownColumns(ranges, fired, foreseen)).last(EDGE_COLUMNS)
         self._edge_azimuth = int(azimuth[0, -1])
@@ -149,7 +149,7 @@ class StreamHistory:
         self._edge, self._edge_azimuth = KnownColumns.none(), None
 
     def edge_before(self, azimuth: Ranges) -> KnownColumns:
-        """The columns to use before a slab, none if too much is missing between; azimuth: (2, W) uint16 of the slab."""
+        """The columns to use before a slab, none if too many are missing. azimuth: (2, W) uint16, of the slab."""
         if self._edge_azimuth is None or not azimuth.shape[1]:
             return KnownColumns.none()
         gap = (int(azimuth[0, 0]) - self._edge_azimuth) % AZIMUTH_TURN

@@ -16,7 +16,7 @@
 #include "planes/intensity_coder.hpp"
 #include "mask/coder.hpp"
 #include "mask/stream.hpp"
-#include "motion/search.hpp"
+#include "motion/registration.hpp"
 #include "predictive/coder.hpp"
 #include "random_nets.hpp"
 #include "network/train.hpp"

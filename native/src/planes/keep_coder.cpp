@@ -22,7 +22,7 @@ struct RowDirections {
   void of(const MaskLayout& layout, const MaskGeometry& geometry, const std::uint16_t* azimuth, std::size_t row) {
     const std::vector<std::uint32_t>& columns = layout.columns(row);
     const std::uint16_t* at = azimuth + layout.half(row) * geometry.width;
-    const std::uint32_t aside = aside_of(static_cast<std::int32_t>(geometry.rotation[row]));
+    const std::uint32_t aside = direction_offset(static_cast<std::int32_t>(geometry.rotation[row]));
     direction.resize(columns.size());
     level.resize(columns.size());
     std::uint32_t before = kDirections;

@@ -122,7 +122,7 @@ std::vector<std::uint8_t> ground_of(const Scan& scan, const std::uint32_t* cell,
   std::size_t n = 0;
   for (std::size_t row = 0; row < kRows; ++row) {
     const std::uint16_t* azimuth = columns.azimuth + (table.half[row] ? width : 0);
-    const std::uint32_t aside = aside_of(table.rotation[row]);
+    const std::uint32_t aside = direction_offset(table.rotation[row]);
     for (const std::size_t end = (row + 1) * width; n < scan.size && cell[n] < end; ++n) {
       if (n > 0 && cell[n] <= cell[n - 1]) throw Error(ErrorCode::Section, "cells of returns do not rise");
       const float x = scan.xyz[3 * n], y = scan.xyz[3 * n + 1], z = scan.xyz[3 * n + 2];
