@@ -26,17 +26,17 @@ class KeepMixer {
       sum += static_cast<std::int64_t>(weights_[i]) * inputs_[i];
     }
     mixed_ = kSquash[static_cast<std::size_t>(std::clamp<std::int64_t>(sum >> 16, -2048, 2047) + 2048)];
-    return std::clamp<std::uint32_t>(mixed_, kSurest, 65536u - kSurest);
+    return std::clamp<std::uint32_t>(mixed_, kMinProbability, 65536u - kMinProbability);
   }
 
   void update(bool bit) {
     const std::int32_t error = (bit ? 65536 : 0) - static_cast<std::int32_t>(mixed_);
     for (std::size_t i = 0; i < kKeepModels; ++i)
-      weights_[i] = std::clamp(weights_[i] + ((error * inputs_[i] + 0x2000) >> 14), -kHeaviest, kHeaviest);
+      weights_[i] = std::clamp(weights_[i] + ((error * inputs_[i] + 0x2000) >> 14), -kMaxWeight, kMaxWeight);
   }
 
  private:
-  static constexpr std::int32_t kHeaviest = 1 << 20;  // 16.0
+  static constexpr std::int32_t kMaxWeight = 1 << 20;  // 16.0
   std::array<std::int32_t, kKeepModels> weights_{}, inputs_{};
   std::uint32_t mixed_ = 0;
 };
