@@ -61,12 +61,12 @@ Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& 
       before = direction;
     }
     for (; n < count && cell[n] < end; ++n) {
-      if (n > 0 && cell[n] <= cell[n - 1]) throw Error(ErrorCode::Section, "cells of returns do not rise");
+      if (n > 0 && cell[n] <= cell[n - 1]) throw Error(ErrorCode::Section, "the cells of returns do not rise");
       level[n] = static_cast<std::uint8_t>(of_column[cell[n] - row * width] * kRowLevels + row_level(row));
       ++begin[level[n] + 1u];
     }
   }
-  if (n < count) throw Error(ErrorCode::Section, "a return in a cell that the frame has not");
+  if (n < count) throw Error(ErrorCode::Section, "a return in a cell beyond the frame");
   for (std::size_t i = 0; i < kLevels; ++i) begin[i + 1] += begin[i];
   std::vector<std::uint32_t> order(count);
   for (std::size_t i = 0; i < count; ++i) order[begin[level[i]]++] = static_cast<std::uint32_t>(i);
