@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 BITS = 160
-STEPS = 30
+ROTATIONS = 30
 
 
 def arctangent(power: int) -> int:
@@ -30,17 +30,17 @@ def _root(value: int) -> int:
     return guess
 
 
-def shrink(steps: int) -> int:
-    """1 / product of sqrt(1 + 4**-i) over the steps, scaled by 2**30."""
+def inverse_gain(rotations: int) -> int:
+    """1 / CORDIC gain, the product of sqrt(1 + 4**-i) over the rotations, scaled by 2**30."""
     product = 1 << BITS
-    for i in range(steps):
+    for i in range(rotations):
         product += product >> (2 * i)
     return (((1 << (2 * BITS)) // _root(product)) + (1 << (BITS - 31))) >> (BITS - 30)
 
 
 if __name__ == "__main__":
     turn = 8 * arctangent(0)
-    print("kArctangent:", [((arctangent(i) << 40) + turn // 2) // turn for i in range(STEPS)])
-    print("kShrink of 30 steps:", shrink(30), " of 20 steps:", shrink(20))
-    print("turn / 2 pi, 32 bit:", ((1 << (32 + BITS)) + turn // 2) // turn)
-    print("steps of 1e-8 rad in a turn:", (turn * 10**8 + (1 << (BITS - 1))) >> BITS)
+    print("kArctangent:", [((arctangent(i) << 40) + turn // 2) // turn for i in range(ROTATIONS)])
+    print("kInverseCordicGain, 30 rotations:", inverse_gain(30), " 20 rotations:", inverse_gain(20))
+    print("kAnglePerRadian, 2^32 / (2 pi):", ((1 << (32 + BITS)) + turn // 2) // turn)
+    print("kTableStepsPerTurn, 2 pi in steps of 1e-8:", (turn * 10**8 + (1 << (BITS - 1))) >> BITS)

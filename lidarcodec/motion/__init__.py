@@ -1,1 +1,1 @@
-"""How a sensor moved, and what is expected of a frame by what was seen before."""
+"""How a sensor moved, and the ranges that a frame is expected to have after that motion."""

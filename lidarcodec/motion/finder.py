@@ -1,13 +1,12 @@
-"""The encoder's idea of how the sensor moved in the last turn: from poses where frames have them, else from ranges.
+"""How the sensor moved in the last turn: the encoder takes it from poses, or finds it by registration of ranges.
 
-The motion that a frame needs is that of one turn, whatever the frame's length: in every direction the history holds
-what was seen a turn ago. Between two poses the speed is taken for even, and carried to the time of a turn. A frame of
-half a turn or more is registered with the history (`find_motion` of the native core). A slab does not hold a
-motion firmly: those of the last turn are registered together with the turn before, twice a turn, and the slabs between
-keep what was found.
+A frame of any length needs the motion of one turn, because the history holds what was seen a turn ago. The speed
+between two poses is assumed to be constant, and is scaled to the time of a turn. A frame of half a turn or more is
+registered with the history (`find_motion` of the native core). A slab sees too little to determine a motion: twice a
+turn the slabs of the last turn are registered together with the turn before, and the slabs between keep that motion.
 
-A motion that could not be found is that of the poses, else the last one that was, for a second; then the sensor is
-taken to stand.
+If registration fails, the motion is that of the poses. Without poses it is the last one found, for a second. After that
+the sensor is assumed to stand still.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.frame import Frame
-from lidarcodec.motion.motion import STILL, Motion, is_rigid
+from lidarcodec.motion.motion import ROTATION_UNIT, SHIFT_UNIT_M, STILL, Motion, is_rigid
 from lidarcodec.motion.warp import RangeHistory, beam_rows, swept
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.units import AZIMUTH_TURN
@@ -28,24 +27,25 @@ from lidarcodec.units import AZIMUTH_TURN
 Origin = Literal["poses", "found", "kept", "still"]
 
 KEPT_TURNS: Final = 10
-"""Turns for which a motion holds when no new one is found: a second."""
-LEAST_MATCHED: Final = 0.3
-"""Share of the points tried that must lie on the surface seen before."""
+"""Turns for which the last motion is used when no new one is found: a second."""
+MIN_MATCHED_SHARE: Final = 0.3
+"""Share of the points that must match the surface seen before."""
 _HALF: Final = AZIMUTH_TURN // 2
 
-_MOST_POSE_TURNS: Final = 10.0
-"""Poses further apart than this many turns say too little about each."""
+_MAX_POSE_TURNS: Final = 10.0
+"""Poses further apart than this many turns do not determine the motion of one turn."""
 TURN_NS: Final = 100_000_000
-"""Time of a turn until frames have shown it."""
+"""Time of a turn until frames have shown another."""
 _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
 
 @dataclass(frozen=True)
 class FoundMotion:
-    """A motion, where it is from, and how well it fits.
+    """A motion, its origin, and how well it fits.
 
-    origin: `poses`, `found`: registered; `kept`: not found, the last one; `still`: nothing is known
-    points, matched: tried, and of them on the surface seen before; median_m: their median distance from it
+    origin: `poses`; `found` by registration; `kept`: the last one found; `still`: nothing is known
+    points, matched: points with normals, and how many of them match the surface seen before
+    median_m: median distance of the matched points from that surface
     """
 
     motion: Motion
@@ -56,7 +56,7 @@ class FoundMotion:
 
 
 class _Seen(NamedTuple):
-    """What the sensor saw in one frame or in several that follow each other."""
+    """The columns of one frame, or of several that follow each other."""
 
     ranges: npt.NDArray[np.uint16]
     azimuth: npt.NDArray[np.uint16]
@@ -73,10 +73,10 @@ class _Seen(NamedTuple):
 
 
 class MotionFinder:
-    """Gives the motion for each frame of a stream, in order. Call `next` before the history remembers the frame.
+    """Gives the motion for each frame of a stream, in order. Call `next` before the history stores the frame.
 
-    refine: whether poses are only where the search begins, or are taken as they are (free). KITTI's, from GPS
-    and inertia, are 0.2 bit worse than what is found.
+    refine: True: a pose is the start of the registration; False: it is used as it is, at no cost. With KITTI's poses,
+    from GPS and inertia, ranges cost 0.2 bit a return more than with registration.
     """
 
     def __init__(self, *, refine: bool = True) -> None:
@@ -88,7 +88,7 @@ class MotionFinder:
         self._turn_ns = TURN_NS
         self._gathered: deque[tuple[Frame, int]] = deque()  # slabs of the last turn, and how far each advanced
         self._unregistered = 0  # azimuth steps since slabs were registered
-        self._older = RangeHistory()  # what was seen before them
+        self._older = RangeHistory()  # the history before the gathered slabs
 
     def next(self, frame: Frame, history: RangeHistory) -> FoundMotion:
         """The motion to code this frame with.
@@ -115,21 +115,21 @@ class MotionFinder:
         before = self._before
         if before is None or before.pose is None or frame.pose is None or frame.stamp_ns <= before.stamp_ns:
             return None
-        if not (is_rigid(frame.pose) and is_rigid(before.pose)):  # such a frame is refused when its pose is coded
+        if not (is_rigid(frame.pose) and is_rigid(before.pose)):  # coding the pose will raise an error
             return None
         passed_ns = frame.stamp_ns - before.stamp_ns
         gap = (_first(frame) - _last(before)) % AZIMUTH_TURN
         if frame.index == before.index + 1 and self._swept_before + gap > 0:
             turn_ns = passed_ns * AZIMUTH_TURN // (self._swept_before + gap)
             self._turn_ns = min(max(turn_ns, _FASTEST_TURN_NS), _SLOWEST_TURN_NS)
-        # in every direction the history is a whole number of turns old: one, unless frames were left out
+        # The history is a whole number of turns old in every direction: one, unless frames were left out.
         turns = passed_ns / self._turn_ns
-        moved = Motion.nearest(np.linalg.inv(frame.pose) @ before.pose) if turns <= _MOST_POSE_TURNS else None
+        moved = Motion.nearest(np.linalg.inv(frame.pose) @ before.pose) if turns <= _MAX_POSE_TURNS else None
         scaled = None if moved is None else moved.scaled(max(1, round(turns)) / turns)
         return None if scaled is None else FoundMotion(scaled, "poses")
 
     def _slab(self, frame: Frame, posed: FoundMotion | None) -> FoundMotion:
-        """Twice a turn registers the slabs of the last turn with the turn before; else gives what is known."""
+        """Registers the slabs of the last turn with the turn before, twice a turn; otherwise gives the last motion."""
         gap = 0 if self._before is None else (_first(frame) - _last(self._before)) % AZIMUTH_TURN
         advanced = swept(frame.azimuth) + gap
         self._gathered.append((frame, advanced))
@@ -150,7 +150,7 @@ class MotionFinder:
         numbers, found, points, matched, _, median_m = history.native.find_motion(
             seen.ranges, seen.azimuth, seen.fired.view(np.uint8), beam_rows(seen.sensor), start.motion.numbers, False
         )
-        if found and matched >= LEAST_MATCHED * points:
+        if found and matched >= MIN_MATCHED_SHARE * points:
             motion = Motion.nearest(_matrix_of(numbers))
             if motion is not None:
                 return FoundMotion(motion, "found", points, matched, median_m)
@@ -164,8 +164,8 @@ class MotionFinder:
 
 def _matrix_of(numbers: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
     matrix = np.eye(4)
-    matrix[:3, :3] = numbers[:9].reshape(3, 3) / (1 << 30)
-    matrix[:3, 3] = numbers[9:] * 0.0000625
+    matrix[:3, :3] = numbers[:9].reshape(3, 3) / ROTATION_UNIT
+    matrix[:3, 3] = numbers[9:] * SHIFT_UNIT_M
     return matrix
 
 

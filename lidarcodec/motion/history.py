@@ -90,7 +90,7 @@ class StreamHistory:
         self._waiting: deque[_Sent] = deque()
 
     def forget(self) -> None:
-        """Forgets everything, before a message that needs no other."""
+        """Forgets everything, before a key message."""
         self._seen.forget()
         self._waiting.clear()
         self.forget_edge()

@@ -1,10 +1,10 @@
-"""Motion: how a sensor moved within a turn, in whole numbers, and the MOTION section that says so.
+"""Motion: how a sensor moved within a turn, in whole numbers, and its MOTION section.
 
-A rotation is sent as its Cayley vector h (along its axis, as long as the tangent of half its angle), so that any three
-numbers are a rotation and the twelve numbers by which points move follow from six, the same on every machine:
+A rotation is sent as its Cayley vector h, which points along the axis and is as long as the tangent of half the angle.
+Any three numbers are then a rotation, and every machine computes the same matrix from them:
 R = 1 + 2 (S [h] + [h]^2) / (S^2 + h.h) with S = 2^24. The section is described in docs/wire-format-motion.md.
 
->>> ahead = Motion(shift=(-16_000, 0, 0))  # the sensor drove a metre: what it saw is now a metre further back
+>>> ahead = Motion(shift=(-16_000, 0, 0))  # the sensor drove a metre ahead: points move a metre back
 >>> decode_motion(encode_motion(ahead)) == ahead
 True
 >>> ahead.numbers.tolist()[9:]
@@ -21,19 +21,19 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
 
-TURN_UNIT: Final = 1 << 24
+CAYLEY_UNIT: Final = 1 << 24
 """Steps of a Cayley vector in 1."""
 SHIFT_UNIT_M: Final = 0.0000625
-"""A step of a shift: 1/16 mm, 32 of them in a range step."""
-MOST_TURN: Final = 1 << 22
+"""A step of a shift: 1/16 mm. A range step of 2 mm has 32 of them."""
+MAX_CAYLEY: Final = 1 << 22
 """Largest part of a Cayley vector: 28 degrees within a turn."""
-MOST_SHIFT: Final = 320_000
+MAX_SHIFT: Final = 320_000
 """Largest part of a shift: 20 m within a turn."""
-_ROTATION_UNIT: Final = 1 << 30
+ROTATION_UNIT: Final = 1 << 30
 _BYTES: Final = 3
-_ROUNDED: Final = 0.1
-"""By how much an element of R R^T may differ from the identity: poses come from other programs, which round them."""
-_FARTHEST_M: Final = 1e9
+_MAX_NON_ORTHOGONALITY: Final = 0.1
+"""How much an element of R R^T may differ from the identity matrix: other programs round the poses that they write."""
+_MAX_M: Final = 1e9
 
 Triple = tuple[int, int, int]
 Matrix = npt.NDArray[np.float64]
@@ -41,9 +41,9 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """T_current_previous: where a point seen a turn ago is seen now.
+    """T_current_previous: the motion of points from the sensor's frame of a turn ago to its frame of now.
 
-    turn: Cayley vector in steps of 2^-24, each part up to MOST_TURN; shift: in steps of 1/16 mm, each up to MOST_SHIFT
+    turn: Cayley vector in steps of 2^-24, each part up to MAX_CAYLEY; shift: in steps of 1/16 mm, each up to MAX_SHIFT
     Raises SectionError beyond the limits.
     """
 
@@ -51,35 +51,35 @@ class Motion:
     shift: Triple = (0, 0, 0)
 
     def __post_init__(self) -> None:
-        if max(map(abs, self.turn)) > MOST_TURN or max(map(abs, self.shift)) > MOST_SHIFT:
+        if max(map(abs, self.turn)) > MAX_CAYLEY or max(map(abs, self.shift)) > MAX_SHIFT:
             raise SectionError(f"a motion of turn {self.turn} and shift {self.shift}: 28 degrees and 20 m are possible")
 
     @classmethod
     def nearest(cls, matrix: Matrix) -> Motion | None:
-        """The motion closest to a rigid transform, (4, 4) in metres; None if it is none, or beyond the limits."""
+        """The motion closest to a rigid transform, (4, 4) in metres; None if it is not rigid, or beyond the limits."""
         turn = matrix[:3, :3]
         scale = 1.0 + np.trace(turn)
         if not np.isfinite(matrix).all() or scale < 1.0:
             return None
         axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        cayley, shift = np.rint(axis / scale * TURN_UNIT), np.rint(matrix[:3, 3] / SHIFT_UNIT_M)
-        if max(abs(cayley)) > MOST_TURN or max(abs(shift)) > MOST_SHIFT:
+        cayley, shift = np.rint(axis / scale * CAYLEY_UNIT), np.rint(matrix[:3, 3] / SHIFT_UNIT_M)
+        if max(abs(cayley)) > MAX_CAYLEY or max(abs(shift)) > MAX_SHIFT:
             return None
         return cls(_triple(cayley), _triple(shift))
 
     @property
     def numbers(self) -> npt.NDArray[np.int32]:
-        """(12,) int32: rotation row by row in steps of 2^-30, then the shift; what moves points."""
+        """(12,) int32: the rotation matrix row by row in steps of 2^-30, then the shift."""
         x, y, z = self.turn
         square = x * x + y * y + z * z
-        scale = TURN_UNIT * TURN_UNIT + square
+        scale = CAYLEY_UNIT * CAYLEY_UNIT + square
         spin = ((0, -z, y), (z, 0, -x), (-y, x, 0))
         rotation = []
         for i, row in enumerate(spin):
             for j, part in enumerate(row):
                 squared = self.turn[i] * self.turn[j] - (square if i == j else 0)  # of [h]^2 = h h' - h.h
-                turned = 2 * (TURN_UNIT * part + squared) + (scale if i == j else 0)
-                rotation.append((2 * turned * _ROTATION_UNIT + scale) // (2 * scale))
+                turned = 2 * (CAYLEY_UNIT * part + squared) + (scale if i == j else 0)
+                rotation.append((2 * turned * ROTATION_UNIT + scale) // (2 * scale))
         return np.array([*rotation, *self.shift], np.int32)
 
     @property
@@ -87,14 +87,14 @@ class Motion:
         """(4, 4) float64, T_current_previous in metres."""
         numbers = self.numbers
         matrix = np.eye(4)
-        matrix[:3, :3] = numbers[:9].reshape(3, 3) / _ROTATION_UNIT
+        matrix[:3, :3] = numbers[:9].reshape(3, 3) / ROTATION_UNIT
         matrix[:3, 3] = numbers[9:] * SHIFT_UNIT_M
         return matrix
 
     def scaled(self, factor: float) -> Motion | None:
-        """The motion of `factor` times the time, at the same speed; None beyond the limits."""
+        """The motion at the same speed in `factor` times the time; None beyond the limits."""
         turn, shift = np.rint(np.array(self.turn) * factor), np.rint(np.array(self.shift) * factor)
-        if not (max(abs(turn)) <= MOST_TURN and max(abs(shift)) <= MOST_SHIFT):
+        if not (max(abs(turn)) <= MAX_CAYLEY and max(abs(shift)) <= MAX_SHIFT):
             return None
         return Motion(_triple(turn), _triple(shift))
 
@@ -108,11 +108,16 @@ def _triple(values: npt.NDArray[np.float64]) -> Triple:
 
 
 def is_rigid(pose: npt.NDArray[np.float64]) -> bool:
-    """Whether a (4, 4) matrix is a rotation, as far as rounding leaves one, and a shift of less than 10^9 m."""
-    if not (np.isfinite(pose).all() and np.abs(pose).max() < _FARTHEST_M) or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+    """Whether a (4, 4) matrix is a rotation, up to rounding, and a shift of less than 10^9 m."""
+    if not (np.isfinite(pose).all() and np.abs(pose).max() < _MAX_M) or pose[3].tolist() != [
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+    ]:
         return False
     turn = pose[:3, :3]
-    return bool(np.abs(turn @ turn.T - np.eye(3)).max() < _ROUNDED and np.linalg.det(turn) > 0)
+    return bool(np.abs(turn @ turn.T - np.eye(3)).max() < _MAX_NON_ORTHOGONALITY and np.linalg.det(turn) > 0)
 
 
 def encode_motion(motion: Motion) -> bytes:

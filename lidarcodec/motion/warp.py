@@ -1,10 +1,10 @@
-"""What a frame is expected to look like: the ranges last seen in each direction, moved as the sensor moved since.
+"""The ranges that a frame is expected to have: those of the last turn, transformed by the sensor's motion.
 
-A history keeps every return of the last turn with the azimuth at which it was taken, so frames may be cut anywhere:
-whole turns, 348 packets, or slabs. Its returns become points, are moved, and make a surface (in each direction a
-polyline through the rings), which the beams of the new frame meet: exact on planes such as the road, where the nearest
-ring would be wrong by a fortieth of the range. All of it in whole numbers, so that encoder and decoder agree on any
-machine; the rules are docs/wire-format-motion.md, and `reference.warp` is the same in pure Python.
+A history keeps every return of the last turn with the azimuth at which it was measured, so frames may be cut anywhere:
+whole turns, 348 packets, or slabs. Its returns become points, and the motion transforms them. In each direction a
+polyline through the rings makes them a surface. The beams of the new frame intersect that surface. This is exact on
+planes such as the road, where the nearest ring would be wrong by a fortieth of the range. All of it is in whole
+numbers, so that encoder and decoder agree on any machine. docs/wire-format-motion.md has the rules.
 
 >>> from lidarcodec.sensor_model import Calibration, SensorModel
 >>> sensor = SensorModel("HDL-64E", Calibration.from_values({"vert_correction_rad": np.linspace(0.03, -0.43, 64)}))
@@ -40,7 +40,7 @@ Mask = npt.NDArray[np.bool_]
 
 @lru_cache(maxsize=8)
 def beam_rows(sensor: SensorModel) -> npt.NDArray[np.int32]:
-    """(6, 64) int32, of each row: block (0 upper, 1 lower), and what the calibration table says of its beam's place."""
+    """(6, 64) int32: of each row its block (0 upper, 1 lower) and five values of its laser's calibration."""
     lasers = sensor.laser_of_ring
     table = sensor.calibration.table[[_FIELDS.index(name) for name in _USED]][:, lasers]
     rows = np.ascontiguousarray(np.concatenate([(lasers >= LASERS_PER_BLOCK)[None].astype(np.int32), table]))
@@ -49,7 +49,7 @@ def beam_rows(sensor: SensorModel) -> npt.NDArray[np.int32]:
 
 
 class RangeHistory:
-    """What was last seen in each direction. Encoder and decoder keep one each, in step; 0.6 MB."""
+    """The ranges last seen in each direction; 0.6 MB."""
 
     def __init__(self) -> None:
         self.native: Final = _native.RangeHistory()
@@ -59,7 +59,7 @@ class RangeHistory:
         self.native.forget()
 
     def remember(self, ranges: Ranges, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> None:
-        """Takes a frame that was sent, as it is decoded; 0.4 ms a turn.
+        """Stores a frame that was sent, as it is decoded; 0.4 ms a turn.
 
         ranges: (64, W) uint16, 0 = no return; azimuth: (2, W) uint16, 0.01 degree; fired: (2, W) bool
         Raises SectionError if shapes do not fit or an azimuth is not below 36000.
@@ -70,9 +70,9 @@ class RangeHistory:
         self.native.remember(np.ascontiguousarray(ranges), azimuth, fired8, beam_rows(sensor))
 
     def expected(self, motion: Motion, azimuth: Ranges, fired: Mask, sensor: SensorModel) -> Ranges:
-        """(64, W) uint16, the range that each cell of a frame should have, 0 where nothing is known.
+        """(64, W) uint16, the expected range of each cell of a frame, 0 where none is known.
 
-        motion: since what is remembered was seen; azimuth, fired: those of the frame, as above
+        motion: of the sensor since the stored ranges were measured; azimuth, fired: of the frame, as above
         Raises SectionError as `remember` does.
         """
         azimuth, fired8 = _columns(azimuth, fired)

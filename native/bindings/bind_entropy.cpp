@@ -62,7 +62,7 @@ void bind_entropy(nb::module_& m) {
           nb::gil_scoped_release release;
           fit = lidarcodec::best_form({values.data(), values.data() + values.shape(0)}, modulus);
         }
-        return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate, give(std::move(fit.left), {values.shape(0)}), fit.cost);
+        return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate, give(std::move(fit.residuals), {values.shape(0)}), fit.cost);
       },
       nb::arg("values").noconvert(), nb::arg("modulus"), "Number of the form, level and rate of the line, (N,) int64 residuals, their cost.");
   m.def(

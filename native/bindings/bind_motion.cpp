@@ -2,7 +2,7 @@
 #include "bindings.hpp"
 #include "base/error.hpp"
 #include "frame_arrays.hpp"
-#include "motion/search.hpp"
+#include "motion/registration.hpp"
 #include "motion/range_history.hpp"
 #include "motion/warp.hpp"
 

@@ -31,7 +31,7 @@ void bind_riddle_train(nb::module_& m) {
             const std::size_t n = samples.size();
             return nb::make_tuple(give(std::vector(samples.in), {n, samples.inputs}), give(std::vector(samples.leaf), {n}),
                                   give(std::vector(samples.offset), {n, RiddleSamples::kOffsets}),
-                                  give(std::vector(samples.said), {n, RiddleSamples::kDecisions}));
+                                  give(std::vector(samples.context_odds), {n, RiddleSamples::kDecisions}));
           },
           "Inputs (n, 72 or 112) int8, leaves (n,), first three offset bits (n, 3), 255: none, and what contexts said of each decision (n, 7) int16.")
       .def_prop_ro("inputs", [](const RiddleSamples& samples) { return samples.inputs; });
@@ -83,7 +83,7 @@ void bind_riddle_train(nb::module_& m) {
           "cases",
           [](const RiddleTrainer& trainer) {
             const RiddleTrainer::Layer& first = trainer.layers()[0];
-            return give(std::vector<float>(first.cases), {lidarcodec::kCases, first.out});
+            return give(std::vector<float>(first.conditional_bias), {lidarcodec::kConditionalBiases, first.out});
           },
           "(96, out) biases of rows and scales in the first layer, the running mean, in natural units.")
       .def(

@@ -16,7 +16,7 @@
 #include "planes/intensity_coder.hpp"
 #include "mask/coder.hpp"
 #include "mask/stream.hpp"
-#include "motion/search.hpp"
+#include "motion/registration.hpp"
 #include "predictive/coder.hpp"
 #include "random_nets.hpp"
 #include "network/train.hpp"
@@ -249,7 +249,7 @@ void check_training(const Scene& scene) {
   trainer.train(40, [] { return true; });
   Hash hash;
   for (const RiddleTrainer::Layer& layer : trainer.layers())
-    for (const auto* numbers : {&layer.weights, &layer.bias, &layer.cases})
+    for (const auto* numbers : {&layer.weights, &layer.bias, &layer.conditional_bias})
       for (const float number : *numbers) hash.add_number(std::bit_cast<std::int32_t>(number));
   hash.print("training");
 }

@@ -41,20 +41,20 @@ struct RandomLayers {
 
   // Leaves about two in three tiles out.
   void leave_tiles_out(RandomNumbers& random) {
-    using lidarcodec::kBlock, lidarcodec::kTileInputs;
+    using lidarcodec::kTileOutputs, lidarcodec::kTileInputs;
     for (std::size_t l = 0; l < layers.size(); ++l)
-      for (std::size_t block = 0; block * kBlock < layers[l].out; ++block)
+      for (std::size_t block = 0; block * kTileOutputs < layers[l].out; ++block)
         for (std::size_t in = 0; in < layers[l].in; in += kTileInputs) {
           if (random.up_to(1) == 0) continue;
-          for (std::size_t o = block * kBlock; o < end_of_block(layers[l], block); ++o)
+          for (std::size_t o = block * kTileOutputs; o < end_of_outputs(layers[l], block); ++o)
             std::fill_n(weights[l].begin() + static_cast<std::ptrdiff_t>(o * layers[l].in + in), kTileInputs, std::int16_t{0});
         }
   }
 
   // Biases of rows and scales in the first layer.
   void add_cases(RandomNumbers& random) {
-    for (std::size_t i = 0; i < lidarcodec::kCases * layers[0].out; ++i) cases.push_back(static_cast<std::int8_t>(random.up_to(127)));
-    layers[0].cases = cases.data();
+    for (std::size_t i = 0; i < lidarcodec::kConditionalBiases * layers[0].out; ++i) cases.push_back(static_cast<std::int8_t>(random.up_to(127)));
+    layers[0].conditional_bias = cases.data();
   }
 };
 

@@ -121,9 +121,9 @@ std::optional<RiddleNet> read_net(NetForm form) {
   std::array<std::vector<std::int8_t>, kNetLayers> cases;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     std::array<std::uint32_t, 4> head;
-    if (std::fread(head.data(), sizeof head, 1, stdin) != 1 || head[0] > kMostHidden || head[1] > kMostHidden) return {};
+    if (std::fread(head.data(), sizeof head, 1, stdin) != 1 || head[0] > kMaxHidden || head[1] > kMaxHidden) return {};
     if (!read(weights[l], std::size_t{head[0]} * head[1]) || !read(biases[l], head[1])) return {};
-    if ((head[3] != 0 && head[3] != kCases) || !read(cases[l], std::size_t{head[3]} * head[1])) return {};
+    if ((head[3] != 0 && head[3] != kConditionalBiases) || !read(cases[l], std::size_t{head[3]} * head[1])) return {};
     layers[l] = {head[0], head[1], weights[l].data(), biases[l].data(), head[2], head[3] == 0 ? nullptr : cases[l].data()};
   }
   return RiddleNet(layers, form);

@@ -28,7 +28,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const std::uint64_t value : values) series.push_back(static_cast<std::int64_t>(value));
   constexpr std::array<std::int64_t, 5> kModuli = {0, 1, 256, 3'600'000'000, std::int64_t{1} << 62};
   const lidarcodec::SeriesFit fit = lidarcodec::best_form(series, kModuli[counts[0] % kModuli.size()]);
-  if (fit.left.size() != series.size() || fit.form > lidarcodec::SeriesForm::Alternating) std::abort();
+  if (fit.residuals.size() != series.size() || fit.form > lidarcodec::SeriesForm::Alternating) std::abort();
   const std::size_t longest = 1 + counts[2], period = lidarcodec::best_period(rest.data(), rest.size(), longest);
   if (period < 1 || period > longest) std::abort();
   return 0;

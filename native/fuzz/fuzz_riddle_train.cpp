@@ -32,8 +32,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     layers[l] = {dims[l], dims[l + 1], weights[l].data(), biases[l].data(), 12};
   }
   std::vector<std::int8_t> cases;
-  for (std::size_t i = 0; i < kCases * dims[1]; ++i) cases.push_back(static_cast<std::int8_t>(i * 89u % 255u - 127u));
-  if ((kind & 64u) != 0) layers[0].cases = cases.data();
+  for (std::size_t i = 0; i < kConditionalBiases * dims[1]; ++i) cases.push_back(static_cast<std::int8_t>(i * 89u % 255u - 127u));
+  if ((kind & 64u) != 0) layers[0].conditional_bias = cases.data();
   const std::vector<std::uint8_t> rest = input.rest();
   RiddleSamples samples;
   samples.inputs = kind & 32u ? kInputsAlone : inputs;
@@ -60,7 +60,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const double cost = trainer.cost(RiddleNet(layers), 0.5f);
     if (!std::isfinite(cost) || cost < 0) std::abort();
     for (const RiddleTrainer::Layer& layer : trainer.layers())
-      for (const auto* numbers : {&layer.weights, &layer.bias, &layer.cases})
+      for (const auto* numbers : {&layer.weights, &layer.bias, &layer.conditional_bias})
         for (const float number : *numbers)
           if (!std::isfinite(number)) std::abort();
   } catch (const Error&) {

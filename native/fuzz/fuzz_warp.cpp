@@ -4,7 +4,7 @@
 
 #include "base/error.hpp"
 #include "fuzz_input.hpp"
-#include "motion/search.hpp"
+#include "motion/registration.hpp"
 #include "motion/warp.hpp"
 
 using namespace lidarcodec;

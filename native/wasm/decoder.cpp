@@ -115,7 +115,7 @@ void Decoder::intensity(Bytes coded) { bright = decode_intensity(coded.data, cod
 
 void Decoder::net(Bytes layers, std::size_t first, std::size_t second, std::array<std::uint32_t, kNetLayers> shifts,
                   bool expects) {
-  if (first > kMostHidden || second > kMostHidden) throw Error(ErrorCode::Section, "hidden layers of too many values");
+  if (first > kMaxHidden || second > kMaxHidden) throw Error(ErrorCode::Section, "hidden layers of too many values");
   const std::array<std::size_t, kNetLayers + 1> sizes = {expects ? kInputsExpecting : kInputsAlone, first, second, kNetOutputs};
   LayerReader reader(layers);
   std::array<std::vector<std::int16_t>, kNetLayers> weights;
@@ -134,8 +134,8 @@ void Decoder::net(Bytes layers, std::size_t first, std::size_t second, std::arra
     const std::uint32_t flags = kInBytes | (l == 0 ? kWithCases : 0);
     given[l] = {sizes[l], sizes[l + 1], weights[l].data(), bias[l].data(), shifts[l] & ~flags};
     if ((shifts[l] & flags & kWithCases) != 0) {
-      cases = reader.take<std::int8_t>(kCases * first);
-      given[l].cases = cases.data();
+      cases = reader.take<std::int8_t>(kConditionalBiases * first);
+      given[l].conditional_bias = cases.data();
     }
   }
   (expects ? nets_->expecting : nets_->alone).emplace(given);

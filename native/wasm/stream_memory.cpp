@@ -29,11 +29,11 @@ std::int64_t signed_number(const std::uint8_t* from) {
 std::int32_t rotation_part(std::int64_t turned, std::int64_t scale) {
   std::int64_t quotient = 0, rest = turned;
   for (int i = 0; i < 3; ++i) {
-    const std::int64_t part = divided_down(rest * 1024, scale);
+    const std::int64_t part = floor_divided(rest * 1024, scale);
     rest = rest * 1024 - part * scale;
     quotient = quotient * 1024 + part;
   }
-  return static_cast<std::int32_t>(quotient + divided_down(2 * rest + scale, 2 * scale));
+  return static_cast<std::int32_t>(quotient + floor_divided(2 * rest + scale, 2 * scale));
 }
 
 Motion motion_of(const std::uint8_t* data) {

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcodec.errors import SectionError
 from lidarcodec.motion.finder import MotionFinder
-from lidarcodec.motion.motion import MOST_SHIFT, MOST_TURN, STILL, Motion, decode_motion, encode_motion
+from lidarcodec.motion.motion import MAX_CAYLEY, MAX_SHIFT, STILL, Motion, decode_motion, encode_motion
 from lidarcodec.motion.warp import RangeHistory, beam_rows
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
@@ -19,7 +19,7 @@ PERIOD_NS = 100_000_000
 
 
 def test_a_motion_comes_back_from_its_section() -> None:
-    for motion in (STILL, Motion((1, -2, 3), (-4, 5, -6)), Motion((MOST_TURN,) * 3, (-MOST_SHIFT,) * 3)):
+    for motion in (STILL, Motion((1, -2, 3), (-4, 5, -6)), Motion((MAX_CAYLEY,) * 3, (-MAX_SHIFT,) * 3)):
         assert decode_motion(encode_motion(motion)) == motion
 
 
@@ -34,7 +34,11 @@ def test_no_motion_beyond_the_limits_is_read(data: bytes) -> None:
 def test_any_three_numbers_are_a_rotation() -> None:
     """A decoder need not check: points are never stretched."""
     rng = np.random.default_rng(5)
-    for turn in [(0, 0, 0), (MOST_TURN, MOST_TURN, -MOST_TURN), *rng.integers(-MOST_TURN, MOST_TURN, (20, 3)).tolist()]:
+    for turn in [
+        (0, 0, 0),
+        (MAX_CAYLEY, MAX_CAYLEY, -MAX_CAYLEY),
+        *rng.integers(-MAX_CAYLEY, MAX_CAYLEY, (20, 3)).tolist(),
+    ]:
         rotation = Motion(tuple(turn)).matrix[:3, :3]
         assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 4e-9
         assert np.linalg.det(rotation) > 0

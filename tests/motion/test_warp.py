@@ -11,7 +11,7 @@ import pytest
 from lidarcodec.assembly import Assembler
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
-from lidarcodec.motion.motion import MOST_SHIFT, MOST_TURN, STILL, Motion
+from lidarcodec.motion.motion import MAX_CAYLEY, MAX_SHIFT, STILL, Motion
 from lidarcodec.motion.warp import RangeHistory, beam_rows
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
 from lidarcodec.sensors import find_calibration
@@ -145,8 +145,8 @@ def small_case(seed: int) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16
     ranges[rng.random(ranges.shape) < 0.1] = 0
     wild = rng.random(ranges.shape) < 0.1
     ranges[wild] = rng.integers(0, 65536, wild.sum())
-    size = rng.choice([0, 200, MOST_TURN])
-    far = min(50 * size, MOST_SHIFT)
+    size = rng.choice([0, 200, MAX_CAYLEY])
+    far = min(50 * size, MAX_SHIFT)
     turn, shift = rng.integers(-size, size + 1, 3), rng.integers(-far, far + 1, 3)
     return ranges, azimuth, rng.random((2, 24)) < 0.9, Motion(tuple(turn.tolist()), tuple(shift.tolist()))
 
@@ -170,7 +170,9 @@ def test_every_build_expects_the_same() -> None:
     """Made with gcc 12 -O3; other compilers, levels and machines must give it too, or streams cannot be shared."""
     digest, model = hashlib.sha256(), sensor()
     row, column = np.arange(64)[:, None], np.arange(2150)
-    for seed, motion in enumerate([STILL, Motion((300, -200, 90_000), (-19_000, 500, -90)), Motion((MOST_TURN, 5, 9))]):
+    for seed, motion in enumerate(
+        [STILL, Motion((300, -200, 90_000), (-19_000, 500, -90)), Motion((MAX_CAYLEY, 5, 9))]
+    ):
         rough = (row * 7919 + column * (104_729 + seed)) % 97  # whole numbers: no library's sine
         before = np.where(rough == 0, 0, 12_000 - 150 * row + column % 700 * 3 + rough % 9).astype(np.uint16)
         digest.update(expect(before, motion, (AZIMUTHS + 7) % 36000, model).astype("<u2").tobytes())
@@ -197,7 +199,7 @@ def test_any_motion_and_calibration_is_harmless() -> None:
         history = RangeHistory()
         history.remember(ranges, AZIMUTHS, everywhere(AZIMUTHS), model)
         for part in (-1, 1):
-            motion = Motion((part * MOST_TURN,) * 3, (part * MOST_SHIFT,) * 3)
+            motion = Motion((part * MAX_CAYLEY,) * 3, (part * MAX_SHIFT,) * 3)
             history.expected(motion, AZIMUTHS, everywhere(AZIMUTHS), model)
         extremes = rng.choice(np.array([-(2**31), 2**31 - 1], np.int32), 12)
         history.native.expected(extremes, AZIMUTHS, everywhere(AZIMUTHS).view(np.uint8), beam_rows(model))

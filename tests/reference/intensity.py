@@ -97,7 +97,7 @@ class WideReader:
         self._range >>= bits
         value = self._code // self._range
         if value >> bits:
-            raise SectionError("a coded stream beyond its last interval")
+            raise SectionError("a coded stream has a value beyond its interval")
         self._code -= value * self._range
         if self._range < MOVE:
             self._code, self._range = self._code << 32 | self._next(), self._range << 32
@@ -107,7 +107,7 @@ class WideReader:
         """Raises SectionError unless the stream ends here, in the bytes that the writer writes."""
         value, count = end_of((self._window - self._code) % WINDOW, self._range)
         if self._window != value % WINDOW or len(self._data) != self._read - 8 + count:
-            raise SectionError("a coded stream does not end as its decisions say", len(self._data))
+            raise SectionError("the end of a coded stream does not fit its decisions", len(self._data))
 
     def _next(self) -> int:
         if self._read >= len(self._data) + 8:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, SURE, TURN, Layout
-from tests.reference.range_coder import SQUASH, STRETCH, SUREST, BitModel, BitReader, Bits, BitWriter
+from tests.reference.range_coder import SQUASH, STRETCH, MIN_PROBABILITY, BitModel, BitReader, Bits, BitWriter
 
 DIRECTIONS: Final = 2048
 SHARED: Final = 6
@@ -36,7 +36,7 @@ class KeepMixer:
         self._inputs = [STRETCH[model.p >> 10] for model in models]
         total = sum(w * x for w, x in zip(self._weights, self._inputs, strict=True)) >> 16
         self._mixed = SQUASH[max(-2048, min(2047, total)) + 2048]
-        return max(SUREST, min(65536 - SUREST, self._mixed))
+        return max(MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, self._mixed))
 
     def update(self, bit: int) -> None:
         """Learn the decision that was mixed for."""

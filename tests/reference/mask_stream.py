@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, closed_rows
-from tests.reference.range_coder import SQUASH, SUREST, BitModel, BitReader, Bits, BitWriter
-from tests.reference.warp import angle_of_table, rounded30, turned
+from tests.reference.range_coder import SQUASH, MIN_PROBABILITY, BitModel, BitReader, Bits, BitWriter
+from tests.reference.warp import angle_of_table, cos_sin, rounded30
 
 BEGINS, GOES_ON = 6, 7
 DIRECTIONS: Final = 4096
@@ -225,7 +225,7 @@ class MaskStreamReference:
     def _by_contexts(self, bits: Bits, value: int, numbers: tuple[int, ...]) -> int:
         keys = list(enumerate(numbers))
         total = sum(self.cells.get(key, 0) for key in keys)
-        probability = max(SUREST, min(65536 - SUREST, SQUASH[max(-2048, min(2047, total >> 4)) + 2048]))
+        probability = max(MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, SQUASH[max(-2048, min(2047, total >> 4)) + 2048]))
         bit = bits.bit(value, probability)
         moves = (65536 * bit - probability) * RATE + self.left_over
         self.left_over = moves & 0xFFFF
@@ -252,13 +252,13 @@ def _bounded(a: int, most: int) -> int:
 
 def _moved(view: View, row: int, block: int, expected: int) -> tuple[int, int]:
     """Row, and directions on, where a place lay a turn ago."""
-    cos, sin = turned((block * BLOCK + BLOCK // 2) << 20)
+    cos, sin = cos_sin((block * BLOCK + BLOCK // 2) << 20)
     x, y, z = (_bounded(shift, MOST_MOVED) for shift in view.motion[9:])
     across, along = rounded30(x * sin + y * cos), rounded30(x * cos - y * sin)
     tilt = rounded30(view.motion[7] * sin + view.motion[2] * cos)
     nearness = 0 if expected == 0 else (1 << 40) // (32 * expected)
     turn = view.motion[3] + ((across * nearness) >> 10)
-    down = rounded30(along * turned(angle_of_table(int(view.beams[2, row])))[1]) - z
+    down = rounded30(along * cos_sin(angle_of_table(int(view.beams[2, row])))[1]) - z
     rise = tilt + ((down * nearness) >> 10)
     elevation = [int(steps) for steps in view.beams[2]]
     target = elevation[row] + rounded30(_bounded(rise, MOST_TURNED) * 100_000_000)

@@ -103,7 +103,7 @@ class RangeDecoder:
         low = self._window - self._code & 0xFFFFFFFF
         needed = low != 0 and low + self._range <= 1 << 32
         if not needed or self._code >= RANGE_TOP:
-            raise SectionError("a range coded stream does not end as its decisions say", moved)
+            raise SectionError("the end of a range coded stream does not fit its decisions", moved)
 
     def _next(self) -> int:
         byte = 0
@@ -170,10 +170,10 @@ class BitReader:
         self._coder.finish()
 
 
-SLOWEST = 253
-RATES = [65536 // (n + 2) for n in range(SLOWEST + 1)]
+COUNT_LIMIT = 253
+RATES = [65536 // (n + 2) for n in range(COUNT_LIMIT + 1)]
 """The n-th decision of a context moves its probability by 1 / (n + 2), from the 254th on by 1 / 255."""
-SUREST = 16
+MIN_PROBABILITY = 16
 """Probabilities handed to the coder stay this far (of 65536) from 0 and 1."""
 
 
@@ -189,7 +189,7 @@ class BitModel:
 
     def probability(self) -> int:
         """16 bits, for the coder."""
-        return max(SUREST, min(65536 - SUREST, self.p >> 6))
+        return max(MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, self.p >> 6))
 
     def update(self, bit: int) -> None:
         """Learn a decision."""
@@ -197,7 +197,7 @@ class BitModel:
             self.p += (0x3FFFFF - self.p) * RATES[self.n] >> 16
         else:
             self.p -= self.p * RATES[self.n] >> 16
-        self.n = min(self.n + 1, SLOWEST)
+        self.n = min(self.n + 1, COUNT_LIMIT)
 
     def code(self, bits: Bits, value: int = 0) -> int:
         """Code one decision by this model alone, and learn it."""
@@ -248,7 +248,7 @@ class Mixer:
         self._inputs = [STRETCH[a.p >> 10], STRETCH[b.p >> 10]]
         total = sum(w * x for w, x in zip(self._weights, self._inputs, strict=True)) >> 16
         self._mixed = SQUASH[max(-2048, min(2047, total)) + 2048]
-        return max(SUREST, min(65536 - SUREST, self._mixed))
+        return max(MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, self._mixed))
 
     def update(self, bit: int) -> None:
         """Learn the decision that was mixed for."""

@@ -15,9 +15,9 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS
 TURN: Final = 1 << 32
 HALF_TURN: Final = 1 << 31
 QUARTER_TURN: Final = 1 << 30
-TABLE_TURN: Final = 628_318_531
-PER_RADIAN: Final = 683_565_276
-SHRINK: Final = 652_032_874
+TABLE_STEPS_PER_TURN: Final = 628_318_531
+ANGLE_PER_RADIAN: Final = 683_565_276
+INVERSE_CORDIC_GAIN: Final = 652_032_874
 SLOTS: Final = 4096
 DIRECTIONS: Final = 2048
 DIRECTION: Final = TURN // DIRECTIONS
@@ -35,7 +35,7 @@ Place = tuple[int, int]
 
 def angle_of_table(steps: int) -> int:
     """Angle of 1e-8 rad steps."""
-    return ((steps % TABLE_TURN << 32) + TABLE_TURN // 2) // TABLE_TURN % TURN
+    return ((steps % TABLE_STEPS_PER_TURN << 32) + TABLE_STEPS_PER_TURN // 2) // TABLE_STEPS_PER_TURN % TURN
 
 
 def angle_of_azimuth(azimuth: int) -> int:
@@ -43,12 +43,12 @@ def angle_of_azimuth(azimuth: int) -> int:
     return ((azimuth << 32) + AZIMUTH_TURN // 2) // AZIMUTH_TURN
 
 
-def turned(angle: int) -> tuple[int, int]:
-    """Cosine and sine, steps of 2^-30."""
+def cos_sin(angle: int) -> tuple[int, int]:
+    """Cosine and sine, steps of 2^-30: CORDIC in rotation mode (Volder 1959)."""
     back = QUARTER_TURN <= angle < TURN - QUARTER_TURN
     left = (angle + (HALF_TURN if back else 0)) % TURN
     left = (left - TURN if left >= HALF_TURN else left) * 256
-    x, y = SHRINK * 1024, 0
+    x, y = INVERSE_CORDIC_GAIN * 1024, 0
     for i, part in enumerate(ARCTANGENT):
         sign = 1 if left >= 0 else -1
         x, y, left = x - sign * (y >> i), y + sign * (x >> i), left - sign * part
@@ -57,8 +57,8 @@ def turned(angle: int) -> tuple[int, int]:
     return (x + 512) >> 10, (y + 512) >> 10
 
 
-def landed(x: int, y: int) -> tuple[int, int]:
-    """Length times 1.6467, and angle, of a vector."""
+def to_polar(x: int, y: int) -> tuple[int, int]:
+    """Length of a vector times the CORDIC gain 1.6467, and its angle: CORDIC in vectoring mode."""
     angle = 0
     if x < 0:
         x, y, angle = -x, -y, HALF_TURN
@@ -74,7 +74,7 @@ def rounded30(value: int) -> int:
 
 
 def toward_zero(a: int, b: int) -> int:
-    """a / b without its fraction."""
+    """a / b, rounded towards zero."""
     return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
 
 
@@ -86,8 +86,8 @@ class Beam:
             return max(-most, min(most, (steps + 312) // 625))
 
         self.rotation = angle_of_table(rotation)
-        cos_r, sin_r = turned(self.rotation)
-        cos_v, sin_v = turned(angle_of_table(vertical))
+        cos_r, sin_r = cos_sin(self.rotation)
+        cos_v, sin_v = cos_sin(angle_of_table(vertical))
         self.usable = cos_v >= 1 << 28
         if not self.usable:
             self.sideways = 0
@@ -95,23 +95,26 @@ class Beam:
         self.distance, self.sideways = length(distance, 128_000), length(sideways, 2048)
         offset = length(vertical_offset, 2048)
         self.back = rounded30(offset * sin_v)
-        self.along, self.across, self.up = rounded30(cos_v * cos_r), rounded30(cos_v * sin_r), sin_v
-        self.along_0 = rounded30(-self.back * cos_r - self.sideways * sin_r)
-        self.across_0 = rounded30(-self.back * sin_r + self.sideways * cos_r)
-        self.height = rounded30(offset * cos_v)
-        self.slope, self.lengthen = (sin_v << 24) // cos_v, (1 << 54) // cos_v
+        self.direction_x, self.direction_y, self.direction_z = rounded30(cos_v * cos_r), rounded30(cos_v * sin_r), sin_v
+        self.origin_x = rounded30(-self.back * cos_r - self.sideways * sin_r)
+        self.origin_y = rounded30(-self.back * sin_r + self.sideways * cos_r)
+        self.origin_z = rounded30(offset * cos_v)
+        self.tan_elevation, self.sec_elevation = (sin_v << 24) // cos_v, (1 << 54) // cos_v
 
     def point(self, length: int, azimuth: int) -> tuple[int, int, int]:
-        """Where a return of this length lies."""
-        cos_a, sin_a = turned(angle_of_azimuth(azimuth))
-        p, q = rounded30(length * self.along) + self.along_0, rounded30(length * self.across) + self.across_0
-        up = rounded30(length * self.up) + self.height
+        """The point at a corrected range."""
+        cos_a, sin_a = cos_sin(angle_of_azimuth(azimuth))
+        p, q = (
+            rounded30(length * self.direction_x) + self.origin_x,
+            rounded30(length * self.direction_y) + self.origin_y,
+        )
+        up = rounded30(length * self.direction_z) + self.origin_z
         return rounded30(p * cos_a + q * sin_a), rounded30(q * cos_a - p * sin_a), up
 
     def above(self, place: Place) -> int:
         """How far a place lies above the beam."""
         away, height = place
-        return height - self.height - ((away + self.back) * self.slope >> 24)
+        return height - self.origin_z - ((away + self.back) * self.tan_elevation >> 24)
 
 
 class ReferenceHistory:
@@ -200,10 +203,10 @@ class ReferenceHistory:
             )
             if max(abs(x), abs(y), abs(z)) > FARTHEST:
                 continue
-            long, angle = landed(16 * x, -16 * y)
-            away = (long * SHRINK + (1 << 33)) >> 34
+            long, angle = to_polar(16 * x, -16 * y)
+            away = (long * INVERSE_CORDIC_GAIN + (1 << 33)) >> 34
             if away >= NEAREST:
-                aside = toward_zero(sideways * PER_RADIAN >> 10, away >> 6) * 16
+                aside = toward_zero(sideways * ANGLE_PER_RADIAN >> 10, away >> 6) * 16
                 points.append(((angle + aside) % TURN, away, z))
         return points
 
@@ -240,7 +243,7 @@ def _cross(places: dict[int, Place], beams: list[Beam], side: list[int]) -> dict
     met: dict[int, int] = {}
 
     def meet(row: int, away: int) -> None:
-        length = (away + beams[row].back) * beams[row].lengthen >> 24
+        length = (away + beams[row].back) * beams[row].sec_elevation >> 24
         if length > 0 and (row not in met or length < met[row]):
             met[row] = length
 

@@ -1,11 +1,11 @@
-// Eight log odds at a time: the arithmetic of adaptive models that add up.
+// Eight log odds at a time: context mixing by logistic regression.
 //
-// A *cell* is an int16: the logarithm of the odds of a one, where 32768 stands for six natural units. The model of a
-// decision is the sum of the cells that its contexts name. Its probability comes from a cubic in place of the logistic
-// function, which costs 0.002 bit a value and needs no table; each of these cells then moves by the same amount, rate
-// times error. Eight decisions of a tree lie side by side and are computed together.
+// A *cell* is an int16: the log odds of a one, where 32768 is six natural units. Each context of a decision names a cell, and
+// their sum is the decision's log odds. A cubic in place of the logistic function gives the probability (README.md). Each of the
+// cells then moves by rate times error, the gradient of the coding cost. The eight decisions of a tree are adjacent and are
+// computed together.
 //
-// The plain form says what is computed. The forms for SSE2 and NEON, `Cells`, give the same results fifteen times as fast.
+// The plain form defines the results. The forms for SSE2 and NEON, `Cells`, give the same ones fifteen times as fast.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -25,10 +25,10 @@
 namespace lidarcodec {
 
 inline constexpr std::int16_t kRarest = 10;  // smallest probability, of 32768
-inline constexpr std::int16_t kOne = 32767;  // what a probability should have been when a one came
+inline constexpr std::int16_t kOne = 32767;  // stands for the probability 1
 
-// Eight cells. Three functions: a + b is kept within -32768 to 32767; probabilities: of a one, 10 to 32757 of 32768, of
-// sums of log odds; moves: how far cells move, (wanted - p) * rate / 65536, rounded, where `taken` is -1; 0 where it is 0.
+// Eight cells. a + b saturates at -32768 and 32767. probabilities: those of a one, 10 to 32757 of 32768, from sums of log odds.
+// moves: the updates of cells, (wanted - p) * rate / 65536, rounded, where `taken` is -1, and 0 where `taken` is 0.
 template <class Form>
 struct alignas(16) CellsOf {
   typename Form::Lanes lanes;
@@ -158,19 +158,19 @@ using Cells = PlainCells;
 
 #endif
 
-// How far cells move.
+// The updates of cells.
 template <class Form>
 CellsOf<Form> moves(const CellsOf<Form>& wanted, const CellsOf<Form>& taken, const CellsOf<Form>& p, std::int16_t rate) {
   return by_rate(errors(wanted, taken, p), rate);
 }
 
-// The decisions of a walk down a binary tree of up to four levels. Nodes are numbered from 1, the children of n being 2 n
-// and 2 n + 1. `taken` is -1 for the nodes on the way to node n, `wanted` kOne for those that were left for the odd child.
+// The decisions on the path to a node of a binary tree of up to four levels. Nodes are numbered from 1; the children of n are
+// 2 n and 2 n + 1. `taken` is -1 for the nodes on the path, and `wanted` is kOne for those where it goes on to the odd child.
 struct alignas(16) Walk {
   std::array<std::int16_t, 16> taken{}, wanted{};
 };
 
-// Of each node where a walk may end, 1 to 31.
+// The path to each node, 1 to 31.
 inline constexpr auto kWalks = [] {
   std::array<Walk, 32> walks{};
   for (std::uint32_t end = 1; end < 32; ++end) {

@@ -1,12 +1,10 @@
-// Binary range coder: 32-bit range, carry resolved in the bytes already written, 16-bit probabilities.
+// Binary range coder with a range of 32 bits and probabilities of 16 bits. Carries are added to the bytes already written.
 //
-// The code value is a number in [0, 1) written byte by byte. `low` and `range` hold the interval of all values that
-// begin like the decisions so far, seen through a window of 32 bits; range stays above 2^24 by moving the window on a
-// byte at a time. The encoder ends with the fewest bytes that name a value of the last interval (at most one more than
-// the window has moved on), zeros understood after them. The decoder therefore knows where a stream must end, and
-// refuses one that is cut, longer, or ends in any other value: most damage is noticed at no cost.
+// README.md in this folder derives the invariants, why no carry is lost, and what a decision costs. The encoder ends with the
+// fewest bytes that name a number of the last interval when zeros follow them. The decoder therefore knows how a stream must
+// end, and refuses one that is cut, longer, or has another end: most damage is found at no cost.
 //
-// Same names and same order as tests/reference/range_coder.py, which gives the same bytes.
+// tests/reference/range_coder.py has the same names in the same order, and gives the same bytes.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -36,30 +34,30 @@ class RangeEncoder {
       range_ -= bound;
     }
     while (range_ < kRangeTop) {
-      low_ = moved_on(*out_, low_);
+      low_ = renormalised(*out_, low_);
       range_ <<= 8;
     }
   }
 
-  // The `count` low bits of `value`, highest first, each as likely one as zero.
+  // The `count` low bits of `value`, highest first, each with the probability 1/2.
   void encode_bits(std::uint64_t value, int count) {
     while (count-- > 0) encode((value >> count) & 1u, 1u << (kProbabilityBits - 1));
   }
 
   // Ends the stream. Nothing may be encoded after it.
   void finish() {
-    low_ = carried(*out_, low_);
+    low_ = with_carry(*out_, low_);
     if (low_ == 0) return;
     if (low_ + range_ > 0x100000000u) {
-      carried(*out_, 0x100000000u);
+      with_carry(*out_, 0x100000000u);
     } else {
       out_->push_back(static_cast<std::uint8_t>((low_ + kRangeTop - 1) >> 24));
     }
   }
 
  private:
-  // The value is below 1, so there is always a byte that takes the carry.
-  static std::uint64_t carried(std::vector<std::uint8_t>& out, std::uint64_t low) {
+  // Adds the carry, if any, to the bytes; gives the rest of `low`. The interval lies below 1, so a byte below 255 exists.
+  static std::uint64_t with_carry(std::vector<std::uint8_t>& out, std::uint64_t low) {
     if (low >> 32 == 0) return low;
     std::size_t at = out.size();
     while (++out[--at] == 0) {
@@ -67,9 +65,9 @@ class RangeEncoder {
     return low & 0xFFFFFFFFu;
   }
 
-  // Writes a byte. Apart, and without the rest of the coder, so that loops that code have registers for what they need more often.
-  [[gnu::noinline]] static std::uint64_t moved_on(std::vector<std::uint8_t>& out, std::uint64_t low) {
-    low = carried(out, low);
+  // Writes the upper byte of `low`; gives `low` in the moved window. Not inlined, so that coding loops have more registers.
+  [[gnu::noinline]] static std::uint64_t renormalised(std::vector<std::uint8_t>& out, std::uint64_t low) {
+    low = with_carry(out, low);
     out.push_back(static_cast<std::uint8_t>(low >> 24));
     return (low << 8) & 0xFFFFFFFFu;
   }
@@ -89,7 +87,7 @@ class RangeDecoder {
       throw Error(ErrorCode::Section, "a range coded stream cannot begin with four bytes of 255");
   }
 
-  // Raises Truncated as soon as more bytes are needed than an encoder leaves out.
+  // Raises Truncated if it needs more zeros after the end than an encoder leaves out.
   bool decode(std::uint32_t probability) {
     const auto bound =
         static_cast<std::uint32_t>((static_cast<std::uint64_t>(range_) * probability) >> kProbabilityBits);
@@ -117,11 +115,11 @@ class RangeDecoder {
   void finish() const {
     const std::size_t moved = read_ - 4;
     if (size_ > moved + 1) throw Error(ErrorCode::Section, "bytes after the end of a range coded stream", moved + 1);
-    if (size_ == moved) return;  // the four bytes of the window are understood zeros: nothing to choose
+    if (size_ == moved) return;  // the four bytes of the window are zeros after the end: any interval with a 0 in it may end so
     const std::uint32_t low = window_ - code_;
     const bool needed = low != 0 && static_cast<std::uint64_t>(low) + range_ <= 0x100000000u;
     if (!needed || code_ >= kRangeTop) {
-      throw Error(ErrorCode::Section, "a range coded stream does not end as its decisions say", moved);
+      throw Error(ErrorCode::Section, "the end of a range coded stream does not fit its decisions", moved);
     }
   }
 
@@ -144,13 +142,13 @@ class RangeDecoder {
 
   const std::uint8_t* data_;
   std::size_t size_;
-  std::size_t read_ = 0;  // understood zeros included
+  std::size_t read_ = 0;  // with the zeros after the end
   std::uint32_t window_ = 0;
   std::uint32_t code_ = 0;
   std::uint32_t range_ = kRangeStart;
 };
 
-// One way to write a model for both directions: `bit(value, p)` encodes value and returns it, or decodes and returns.
+// A model is written once for both directions: `bit(value, p)` encodes the value and returns it, or returns a decoded one.
 class BitWriter {
  public:
   static constexpr bool kReads = false;

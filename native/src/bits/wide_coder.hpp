@@ -1,12 +1,9 @@
-// Binary range coder with a window of 64 bits that moves four bytes at a time: bits/rangecoder.hpp for hot loops.
+// Binary range coder for hot loops, with a window of 64 bits that moves by four bytes, and probabilities of 15 bits.
 //
-// Per decision a multiplication, a comparison and two conditional moves; the window moves in one decision of forty, so
-// that several of these coders, one for each of several streams, run at once on one core without waiting for each other
-// or for mispredicted branches. Two of them decode a third faster than two of bits/rangecoder.hpp. A stream is 4 bytes at most
-// longer, and its probabilities have 15 bits.
-//
-// As there, an encoder ends with the fewest bytes that name a value of the last interval, zeros understood after them,
-// and the decoder refuses a stream that does not end so.
+// A decision takes a multiplication, a comparison and two conditional moves. The window moves once in about forty decisions. So
+// one core can run several of these coders at once, one for each stream, and they do not wait for each other or for mispredicted
+// branches. README.md in this folder derives the invariants. The end of a stream is as in bits/rangecoder.hpp, of up to four
+// bytes.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -20,11 +17,11 @@ namespace lidarcodec {
 inline constexpr int kWideProbabilityBits = 15;
 inline constexpr std::uint64_t kWideMove = std::uint64_t{1} << 32;  // the window moves when the range falls below
 
-// End of a stream whose last interval is [low, low + range), modulo 2^64: the value to be named, highest byte first.
+// The end of a stream whose last interval is [low, low + range), modulo 2^64: the number with the fewest bytes, highest first.
 struct WideEnd {
   std::uint64_t value;
-  std::size_t bytes;  // 0 to 4 of them are written, the others are 0
-  bool carries;       // the value lies beyond the window
+  std::size_t bytes;  // 0 to 4 are written, the others are 0
+  bool carries;       // the number lies beyond the window
 
   WideEnd(std::uint64_t low, std::uint64_t range) : value(low), bytes(0), carries(false) {
     for (;; ++bytes) {
@@ -36,7 +33,7 @@ struct WideEnd {
   }
 };
 
-// The part of a coder that changes with every decision. Kept outside of it, so that it stays in registers.
+// The part of a coder that changes with every decision. Callers hold it, so that it stays in registers.
 struct WideInterval {
   std::uint64_t at = 0;  // encoder: lower end of the interval; decoder: how far the code lies above that
   std::uint64_t range = ~std::uint64_t{0};
@@ -47,7 +44,7 @@ class WideEncoder {
   // A one or a zero, 0 or 1. `make_room` comes first.
   void encode(WideInterval& interval, std::uint32_t bit, std::uint32_t probability) {
     const std::uint64_t bound = (interval.range >> kWideProbabilityBits) * probability;
-    const std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask: a branch would be mispredicted all the time
+    const std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask, because a branch would often be mispredicted
     const std::uint64_t skipped = bound & zero;
     interval.at += skipped;
     if (interval.at < skipped) [[unlikely]] carry();
@@ -59,7 +56,7 @@ class WideEncoder {
     }
   }
 
-  // `bits` equally likely bits, 0 to 16 of them, as three decisions. `make_room` comes first.
+  // `bits` equally likely bits, 0 to 16 of them; takes as much room as three decisions. `make_room` comes first.
   void encode_plain(WideInterval& interval, std::uint32_t value, std::uint32_t bits) {
     interval.range >>= bits;
     const std::uint64_t skipped = interval.range * value;
@@ -72,7 +69,7 @@ class WideEncoder {
     }
   }
 
-  // Takes memory for so many more decisions.
+  // Allocates memory for so many more decisions.
   void make_room(std::size_t decisions) { out_.resize(written_ + 2 * decisions + 8); }
 
   // The bytes of all decisions. Nothing may be encoded after it.
@@ -90,7 +87,7 @@ class WideEncoder {
     for (std::size_t i = 0; i < bytes; ++i) out_[written_++] = static_cast<std::uint8_t>(value >> (56 - 8 * i));
   }
 
-  // The value is below 1, so there is always a byte that takes the carry.
+  // The interval lies below 1, so a byte below 255 exists.
   void carry() {
     std::size_t at = written_;
     while (++out_[--at] == 0) {
@@ -103,7 +100,7 @@ class WideEncoder {
 
 class WideDecoder {
  public:
-  WideDecoder() = default;  // of no bytes
+  WideDecoder() = default;  // of an empty stream
 
   // Reads `size` bytes, never one more.
   WideDecoder(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}
@@ -118,7 +115,7 @@ class WideDecoder {
     return interval;
   }
 
-  // Raises Truncated as soon as more bytes are needed than an encoder leaves out.
+  // Raises Truncated if it needs more zeros after the end than an encoder leaves out.
   std::uint32_t decode(WideInterval& interval, std::uint32_t probability) {
     const std::uint64_t bound = (interval.range >> kWideProbabilityBits) * probability;
     const bool bit = split(interval, bound);
@@ -129,11 +126,11 @@ class WideDecoder {
     return bit;
   }
 
-  // Raises Truncated as `decode`, Section if no encoder can have written it.
+  // Raises Truncated as `decode` does, and Section if no encoder can have written the value.
   std::uint32_t decode_plain(WideInterval& interval, std::uint32_t bits) {
     interval.range >>= bits;
     const std::uint64_t value = interval.at / interval.range;
-    if (value >> bits != 0) throw Error(ErrorCode::Section, "a coded stream beyond its last interval");
+    if (value >> bits != 0) throw Error(ErrorCode::Section, "a coded stream has a value beyond its interval");
     interval.at -= value * interval.range;
     if (interval.range < kWideMove) {
       interval.at = interval.at << 32 | next();
@@ -146,12 +143,12 @@ class WideDecoder {
   void finish(const WideInterval& interval) const {
     const WideEnd end(window_ - interval.at, interval.range);
     if (window_ != end.value || size_ != read_ - 8 + end.bytes)
-      throw Error(ErrorCode::Section, "a coded stream does not end as its decisions say", size_);
+      throw Error(ErrorCode::Section, "the end of a coded stream does not fit its decisions", size_);
   }
 
  private:
-  // Goes on with the part of an interval in which the code lies, below `bound` or above; whether it is the lower one. What
-  // compilers make of it has a branch, which would be mispredicted all the time, or twice as many instructions.
+  // Keeps the part of the interval that holds the code, below `bound` or from it on; true: the lower part. In assembly, because
+  // compilers use a branch, which would often be mispredicted, or twice as many instructions.
   static bool split(WideInterval& interval, std::uint64_t bound) {
 #if defined(__x86_64__)
     std::uint64_t at = interval.at, range = interval.range;
@@ -173,7 +170,7 @@ class WideDecoder {
 #endif
   }
 
-  // Four bytes, highest first; zeros are understood after the last.
+  // The next four bytes, highest first; zeros after the end.
   std::uint32_t next() {
     std::uint32_t word = 0;
     if (read_ + 4 <= size_) {
@@ -189,7 +186,7 @@ class WideDecoder {
 
   const std::uint8_t* data_ = nullptr;
   std::size_t size_ = 0;
-  std::size_t read_ = 0;      // understood zeros included
+  std::size_t read_ = 0;      // with the zeros after the end
   std::uint64_t window_ = 0;  // the last eight bytes read
 };
 

@@ -113,7 +113,7 @@ class PlainOdds {
 // kSquash, not too sure.
 inline constexpr auto kLikely = [] {
   auto likely = kSquash;
-  for (std::uint16_t& p : likely) p = static_cast<std::uint16_t>(std::clamp<std::uint32_t>(p, kSurest, 65536u - kSurest));
+  for (std::uint16_t& p : likely) p = static_cast<std::uint16_t>(std::clamp<std::uint32_t>(p, kMinProbability, 65536u - kMinProbability));
   return likely;
 }();
 

@@ -19,7 +19,7 @@ std::int64_t bounded(std::int64_t value, std::int64_t most) { return std::clamp(
 
 MaskPlaces::MaskPlaces() {
   forget();
-  for (std::size_t b = 0; b < kBlocks; ++b) towards_[b] = turned(static_cast<Angle>((b * kBlock + kBlock / 2) << 20));
+  for (std::size_t b = 0; b < kBlocks; ++b) towards_[b] = cos_sin(static_cast<Angle>((b * kBlock + kBlock / 2) << 20));
 }
 
 void MaskPlaces::forget() {
@@ -79,7 +79,7 @@ void MaskFrame::begin_row(std::size_t row, const std::uint16_t* expected) {
   for (std::size_t i = 0; i < slots.size(); ++i)
     at_[i] = static_cast<std::uint16_t>((slots[i] + kPlaces - aside_) % kPlaces);
 
-  sine_ = turned(angle_of_table(view_.vertical[row])).sin;
+  sine_ = cos_sin(angle_of_table(view_.vertical[row])).sin;
   std::array<std::uint16_t, kBlocks> range{};  // the last that is expected in each block
   std::array<std::uint8_t, kBlocks> here{};
   std::size_t block = kBlocks;

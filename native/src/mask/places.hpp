@@ -39,7 +39,7 @@ class MaskPlaces {
   std::vector<std::uint8_t> beams_, places_;  // [row][direction]
   std::vector<std::uint8_t> next_;            // places as they become in the frame at hand
   std::vector<std::uint8_t> everywhere_ = std::vector<std::uint8_t>(kPlaces, 255);  // a row beyond the image
-  std::array<Turned, kBlocks> towards_;       // of the middle of each block
+  std::array<CosSin, kBlocks> towards_;       // of the middle of each block
 };
 
 // One frame in front of the tables: its rows are begun from the top, each looked up and then put down.

@@ -1,4 +1,5 @@
-// The beams of a sensor in whole numbers: lengths in 1/16 mm, 32 of them in a range step of 2 mm; factors in 2^-30.
+// The beams of a sensor in whole numbers. Lengths are in units of 1/16 mm, 32 of them in a range step of 2 mm. Cosines, sines
+// and other factors are in steps of 2^-30, where nothing else is said.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -9,12 +10,14 @@
 
 namespace lidarcodec {
 
-inline constexpr std::int64_t kLengthsPerStep = 32;
-inline constexpr std::int64_t kMostDistance = 128'000;  // 8 m: a larger correction is no correction and is cut
-inline constexpr std::int64_t kMostOffset = 2'048;      // 128 mm: likewise, of vertical and horizontal offsets
-inline constexpr std::int32_t kLeastCosine = 1 << 28;   // 75.5 degrees up or down: steeper beams expect nothing
+inline constexpr int kStepBits = 5;
+inline constexpr std::int64_t kLengthsPerStep = 1 << kStepBits;
+inline constexpr std::int64_t kTableStepsPerLength = 625;         // steps of 1e-7 m in 1/16 mm
+inline constexpr std::int64_t kMostDistanceCorrection = 128'000;  // 8 m; larger ones are cut
+inline constexpr std::int64_t kMostOffset = 2'048;                // 128 mm; larger vertical and horizontal offsets are cut
+inline constexpr std::int32_t kLeastCosine = 1 << 28;             // cosine of 75.5 degrees: steeper beams are not used
 
-// Rows of the calibration table, of each row of the image, in its steps (1e-8 rad, 1e-7 m).
+// What the calibration table says of each row of the image, in the table's steps: 1e-8 rad and 1e-7 m.
 struct BeamTable {
   std::array<std::int32_t, kRows> rotation{}, vertical{}, distance{}, vertical_offset{}, horizontal_offset{};
   Halves half{};
@@ -26,42 +29,44 @@ struct Point {
 
 struct Beam {
   bool usable = false;
-  Angle rotation = 0;
-  std::int64_t distance = 0, sideways = 0;  // corrections of its length and to its right, 1/16 mm
-  std::int64_t along = 0, across = 0, up = 0, along_0 = 0, across_0 = 0, up_0 = 0;
-  std::int64_t slope = 0, lengthen = 0;  // tan and 1 / cos of its elevation, 2^-24
-  std::int64_t back = 0;                 // what its origin lies behind the axis
+  Angle rotation = 0;                        // rotation correction
+  std::int64_t distance_correction = 0;      // added to a range
+  std::int64_t horizontal_offset = 0;        // of the laser, to the right
+  // In the frame of its block, x along the block's azimuth: where the beam begins, and its unit vector.
+  std::int64_t origin_x = 0, origin_y = 0, origin_z = 0, direction_x = 0, direction_y = 0, direction_z = 0;
+  std::int64_t tan_elevation = 0, sec_elevation = 0;  // steps of 2^-24
+  std::int64_t back = 0;                              // how far the origin lies behind the axis of the sensor
 
   Beam() = default;
   Beam(const BeamTable& table, std::size_t row) {
     rotation = angle_of_table(table.rotation[row]);
-    const Turned turn = turned(rotation), rise = turned(angle_of_table(table.vertical[row]));
-    usable = rise.cos >= kLeastCosine;
+    const CosSin rotation_cs = cos_sin(rotation), elevation = cos_sin(angle_of_table(table.vertical[row]));
+    usable = elevation.cos >= kLeastCosine;
     if (!usable) return;
-    distance = length(table.distance[row], kMostDistance);
-    sideways = length(table.horizontal_offset[row], kMostOffset);
+    distance_correction = length(table.distance[row], kMostDistanceCorrection);
+    horizontal_offset = length(table.horizontal_offset[row], kMostOffset);
     const std::int64_t offset = length(table.vertical_offset[row], kMostOffset);
-    back = rounded30(offset * rise.sin);
-    along = rounded30(std::int64_t{rise.cos} * turn.cos);
-    across = rounded30(std::int64_t{rise.cos} * turn.sin);
-    up = rise.sin;
-    along_0 = rounded30(-back * turn.cos - sideways * turn.sin);
-    across_0 = rounded30(-back * turn.sin + sideways * turn.cos);
-    up_0 = rounded30(offset * rise.cos);
-    slope = divided_down(std::int64_t{rise.sin} * (1 << 24), rise.cos);
-    lengthen = divided_down(std::int64_t{1} << 54, rise.cos);
+    back = rounded30(offset * elevation.sin);
+    direction_x = rounded30(std::int64_t{elevation.cos} * rotation_cs.cos);
+    direction_y = rounded30(std::int64_t{elevation.cos} * rotation_cs.sin);
+    direction_z = elevation.sin;
+    origin_x = rounded30(-back * rotation_cs.cos - horizontal_offset * rotation_cs.sin);
+    origin_y = rounded30(-back * rotation_cs.sin + horizontal_offset * rotation_cs.cos);
+    origin_z = rounded30(offset * elevation.cos);
+    tan_elevation = floor_divided(std::int64_t{elevation.sin} * (1 << 24), elevation.cos);
+    sec_elevation = floor_divided(std::int64_t{1} << 54, elevation.cos);
   }
 
-  // Where a range of it lies, its block being at an azimuth with this cosine and sine.
-  Point point(std::int64_t length_along, Turned azimuth) const {
-    const std::int64_t p = rounded30(length_along * along) + along_0, q = rounded30(length_along * across) + across_0;
+  // The point at a corrected range, when the block's azimuth has this cosine and sine.
+  Point point(std::int64_t length, CosSin azimuth) const {
+    const std::int64_t p = rounded30(length * direction_x) + origin_x, q = rounded30(length * direction_y) + origin_y;
     return {rounded30(p * azimuth.cos + q * azimuth.sin), rounded30(q * azimuth.cos - p * azimuth.sin),
-            rounded30(length_along * up) + up_0};
+            rounded30(length * direction_z) + origin_z};
   }
 
  private:
-  static std::int64_t length(std::int32_t steps, std::int64_t most) {
-    return std::clamp(divided_down(std::int64_t{steps} + 312, 625), -most, most);
+  static std::int64_t length(std::int32_t table_steps, std::int64_t most) {
+    return std::clamp(floor_divided(std::int64_t{table_steps} + kTableStepsPerLength / 2, kTableStepsPerLength), -most, most);
   }
 };
 
@@ -73,7 +78,7 @@ inline Beams beams_of(const BeamTable& table) {
   return beams;
 }
 
-// T_current_previous: rotation (row major, 2^-30) and translation (1/16 mm).
+// T_current_previous: rotation (row major, steps of 2^-30) and translation (1/16 mm).
 struct Motion {
   std::array<std::int32_t, 9> rotation{1 << 30, 0, 0, 0, 1 << 30, 0, 0, 0, 1 << 30};
   std::array<std::int32_t, 3> translation{};

@@ -1,8 +1,8 @@
-// Directions of a turn: 2048 of them, the same in every frame, and for every row where its laser looks.
+// The 2048 directions of a turn, the same in every frame. The direction of a cell is that of its beam.
 //
-// A reducer may choose which return of a cell stays. It prefers directions on a lattice (those whose number many powers
-// of two divide), because what lies on a lattice costs little to say; the coder of keep masks has the same lattice in its
-// contexts. Numbers are in docs/wire-format-keep.md.
+// A reducer that may choose between the returns of a voxel prefers directions on a lattice: numbers that a high power of two
+// divides. A keep mask on a lattice costs few bits, because the coder of keep masks has the same lattice in its contexts
+// (docs/wire-format-keep.md).
 #pragma once
 #include <algorithm>
 #include <array>
@@ -16,22 +16,22 @@ namespace lidarcodec {
 
 inline constexpr std::uint32_t kDirections = 2048;
 inline constexpr std::uint32_t kFinestDirection = 5;  // 1: every 16th direction, 5: every odd one; 0: every 32nd
-inline constexpr std::uint32_t kSharedDirection = 6;  // of a cell whose direction the cell before it has
+inline constexpr std::uint32_t kSharedDirection = 6;  // of a cell that has the direction of the cell before it
 inline constexpr std::uint32_t kDirectionLevels = 7;
 inline constexpr std::uint32_t kFinestRow = 3;
 inline constexpr std::uint32_t kRowLevels = 4;
 
-// Directions by which a row with this rotation correction, steps of 1e-8 rad, looks aside.
-constexpr std::uint32_t aside_of(std::int32_t rotation) {
+// The rotation correction of a row, steps of 1e-8 rad, in directions.
+constexpr std::uint32_t direction_offset(std::int32_t rotation) {
   return ((angle_of_table(rotation) + (1u << 20)) >> 21) % kDirections;
 }
 
 // Direction of a cell; azimuth: 0 to 35999, of its half of the column.
-constexpr std::uint32_t direction_of(std::uint32_t azimuth, std::uint32_t aside) {
-  return (azimuth * kDirections / kAzimuths + kDirections - aside) % kDirections;
+constexpr std::uint32_t direction_of(std::uint32_t azimuth, std::uint32_t offset) {
+  return (azimuth * kDirections / kAzimuthStepsPerTurn + kDirections - offset) % kDirections;
 }
 
-// How fine the lattice is that a direction or a row is first on: 0 the coarsest.
+// The coarsest lattice that a direction or a row lies on; 0 is the coarsest of all.
 constexpr std::uint32_t direction_level(std::uint32_t direction) {
   return kFinestDirection - std::min<std::uint32_t>(static_cast<std::uint32_t>(std::countr_zero(direction | 32u)), 5u);
 }
@@ -39,7 +39,7 @@ constexpr std::uint32_t row_level(std::size_t row) {
   return kFinestRow - static_cast<std::uint32_t>(std::countr_zero(static_cast<std::uint32_t>(row) | 8u));
 }
 
-// Directions of a turn, a bit each.
+// A set of directions, a bit each.
 class DirectionSet {
  public:
   void add(std::uint32_t direction) { words_[direction / 64] |= std::uint64_t{1} << direction % 64; }
@@ -47,7 +47,7 @@ class DirectionSet {
     for (std::size_t i = 0; i < words_.size(); ++i) words_[i] |= other.words_[i];
   }
 
-  // Which of `count` directions from `first` on are in it, up to 63; the turn wraps.
+  // Bits of `count` directions from `first` on, up to 63 of them; the turn wraps.
   std::uint64_t from(std::uint32_t first, std::uint32_t count) const {
     const std::uint32_t word = first / 64, place = first % 64;
     const std::uint64_t next = words_[(word + 1) % words_.size()];

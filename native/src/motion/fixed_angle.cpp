@@ -14,39 +14,40 @@ namespace {
 
 constexpr std::size_t kAtOnce = 16;
 
-constexpr Angle step_of(std::size_t i) { return static_cast<Angle>((kArctangent[i] + 128) >> 8); }
+// atan(2^-i), rounded to an Angle.
+constexpr Angle micro_rotation(std::size_t i) { return static_cast<Angle>((kArctangent[i] + 128) >> 8); }
 
-// What a vector is turned by that is above the axis before each step.
-constexpr Angle kAllSteps = [] {
+// The direction of a vector that is above the x axis before each rotation.
+constexpr Angle kSumOfMicroRotations = [] {
   Angle all = 0;
-  for (std::size_t i = 0; i < kLandingSteps; ++i) all += step_of(i);
+  for (std::size_t i = 0; i < kVectoringSteps; ++i) all += micro_rotation(i);
   return all;
 }();
 
 using Four = std::int32_t __attribute__((vector_size(16)));
 using FourAngles = Angle __attribute__((vector_size(16)));
 
-// All steps of two vectors while they are in registers: while one waits for its last step the other one goes on.
-inline void land_two(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
+// Two registers of vectors at once: their instructions do not wait for each other.
+inline void two_to_polar(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
   Four x[2], y[2];
   FourAngles angle[2];
   std::memcpy(x, x_at, sizeof x);
   std::memcpy(y, y_at, sizeof y);
   for (std::size_t v = 0; v < 2; ++v) {
-    const auto back = x[v] >> 31;  // all ones: on the far side
-    angle[v] = (reinterpret_cast<FourAngles>(back) << 31) + kAllSteps;
+    const auto back = x[v] >> 31;  // all ones: left of the y axis, so turned by half a turn first
+    angle[v] = (reinterpret_cast<FourAngles>(back) << 31) + kSumOfMicroRotations;
     x[v] = (x[v] ^ back) - back;
     y[v] = (y[v] ^ back) - back;
   }
 #pragma GCC unroll 20
-  for (int i = 0; i < kLandingSteps; ++i) {
-    const Angle twice = 2 * step_of(static_cast<std::size_t>(i));
+  for (int i = 0; i < kVectoringSteps; ++i) {
+    const Angle doubled = 2 * micro_rotation(static_cast<std::size_t>(i));
     for (std::size_t v = 0; v < 2; ++v) {
-      const auto down = y[v] >> 31;  // all ones: below the axis
+      const auto down = y[v] >> 31;  // all ones: below the x axis
       const auto dx = ((x[v] >> i) ^ down) - down, dy = ((y[v] >> i) ^ down) - down;
       x[v] += dy;
       y[v] -= dx;
-      angle[v] -= reinterpret_cast<FourAngles>(down) & twice;
+      angle[v] -= reinterpret_cast<FourAngles>(down) & doubled;
     }
   }
   std::memcpy(x_at, x, sizeof x);
@@ -54,16 +55,16 @@ inline void land_two(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
   std::memcpy(angle_at, angle, sizeof angle);
 }
 
-using Land = void (*)(std::int32_t*, std::int32_t*, Angle*);
+using ToPolar = void (*)(std::int32_t*, std::int32_t*, Angle*);
 
-void land_in_fours(std::int32_t* x, std::int32_t* y, Angle* angle) {
-  land_two(x, y, angle);
-  land_two(x + 8, y + 8, angle + 8);
+void to_polar_in_fours(std::int32_t* x, std::int32_t* y, Angle* angle) {
+  two_to_polar(x, y, angle);
+  two_to_polar(x + 8, y + 8, angle + 8);
 }
 
 #if defined(__x86_64__)
-// The same, eight in a vector, by an instruction that gives a number the sign of another one.
-LIDARCODEC_AVX2 void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
+// The same with eight numbers a register, by the instruction that multiplies a number by the sign of another.
+LIDARCODEC_AVX2 void to_polar_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angle* angle_at) {
   __m256i x[2], y[2], angle[2];
   for (std::size_t v = 0; v < 2; ++v) {
     x[v] = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(x_at + 8 * v));
@@ -74,8 +75,8 @@ LIDARCODEC_AVX2 void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angl
     y[v] = _mm256_sign_epi32(y[v], back);
   }
 #pragma GCC unroll 20
-  for (int i = 0; i < kLandingSteps; ++i) {
-    const __m256i step = _mm256_set1_epi32(static_cast<int>(step_of(static_cast<std::size_t>(i))));
+  for (int i = 0; i < kVectoringSteps; ++i) {
+    const __m256i step = _mm256_set1_epi32(static_cast<int>(micro_rotation(static_cast<std::size_t>(i))));
     for (std::size_t v = 0; v < 2; ++v) {
       const __m256i way = _mm256_or_si256(y[v], _mm256_set1_epi32(1));
       const __m256i dx = _mm256_sign_epi32(_mm256_srai_epi32(x[v], i), way), dy = _mm256_sign_epi32(_mm256_srai_epi32(y[v], i), way);
@@ -90,23 +91,23 @@ LIDARCODEC_AVX2 void land_in_eights(std::int32_t* x_at, std::int32_t* y_at, Angl
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(angle_at + 8 * v), angle[v]);
   }
 }
-Land quickest() { return quickest_path() == Path::Avx2 ? land_in_eights : land_in_fours; }
+ToPolar fastest() { return quickest_path() == Path::Avx2 ? to_polar_in_eights : to_polar_in_fours; }
 #else
-Land quickest() { return land_in_fours; }
+ToPolar fastest() { return to_polar_in_fours; }
 #endif
 
 }  // namespace
 
-void land(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n) {
-  static const Land land_some = quickest();
+void to_polar(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n) {
+  static const ToPolar convert = fastest();
   std::size_t k = 0;
-  for (; k + kAtOnce <= n; k += kAtOnce) land_some(x + k, y + k, angle + k);
+  for (; k + kAtOnce <= n; k += kAtOnce) convert(x + k, y + k, angle + k);
   if (k == n) return;
   std::int32_t x_left[kAtOnce] = {}, y_left[kAtOnce] = {};
   Angle angle_left[kAtOnce];
   std::copy(x + k, x + n, x_left);
   std::copy(y + k, y + n, y_left);
-  land_some(x_left, y_left, angle_left);
+  convert(x_left, y_left, angle_left);
   std::copy(x_left, x_left + (n - k), x + k);
   std::copy(angle_left, angle_left + (n - k), angle + k);
 }

@@ -1,5 +1,9 @@
-// Angles and turns in whole numbers, so that every machine gets the same ones. A turn is 2^32 and wraps.
-// The constants are printed by tools/angle_tables.py.
+// Angles, sines and polar coordinates in whole numbers: every machine gets the same ones. A turn is 2^32 and wraps.
+//
+// Sines and polar coordinates are computed by CORDIC (J. E. Volder, "The CORDIC trigonometric computing technique", IRE
+// Transactions on Electronic Computers EC-8, 1959): n rotations by +-atan(2^-i), each of shifts and additions only. Each
+// one lengthens the vector by sqrt(1 + 4^-i). The product of these factors is the CORDIC gain, 1.646760258 for n = 16 or more.
+// tools/angle_tables.py prints the constants.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -9,13 +13,16 @@ namespace lidarcodec {
 
 using Angle = std::uint32_t;
 
-inline constexpr std::int64_t kTurnOfTable = 628'318'531;      // full turn in steps of 1e-8 rad
-inline constexpr std::int64_t kAngleOfRadian = 683'565'276;    // 2^32 / 2 pi
-inline constexpr std::int64_t kShrink = 652'032'874;           // what 20 or more CORDIC steps stretch by, inverse, 2^-30
-inline constexpr std::uint32_t kAzimuths = 36'000;             // steps of 0.01 degree in a turn
-inline constexpr int kLandingSteps = 20;
+inline constexpr std::int64_t kTableStepsPerTurn = 628'318'531;  // 2 pi in the calibration table's steps of 1e-8 rad
+inline constexpr std::int64_t kAnglePerRadian = 683'565'276;     // 2^32 / (2 pi)
+inline constexpr std::uint32_t kAzimuthStepsPerTurn = 36'000;    // steps of 0.01 degree
+inline constexpr int kVectoringSteps = 20;                       // the last one turns by 2^-19 rad
 
-// atan(2^-i), 2^40 in a turn
+// The CORDIC gain for 16 or more rotations, and its inverse in steps of 2^-30.
+inline constexpr double kCordicGain = 1.646760258;
+inline constexpr std::int64_t kInverseCordicGain = 652'032'874;
+
+// atan(2^-i) in steps of 2^-40 of a turn, rounded.
 inline constexpr std::array<std::int64_t, 30> kArctangent = {
     137438953472, 81134951838, 42869480287, 21761217566, 10922836750, 5466743129, 2734038620, 1367102738,
     683561799,    341782203,   170891265,   85445653,    42722829,    21361415,   10680707,   5340354,
@@ -25,32 +32,34 @@ inline constexpr std::array<std::int64_t, 30> kArctangent = {
 // a / 2^30, rounded.
 constexpr std::int64_t rounded30(std::int64_t a) { return (a + (std::int64_t{1} << 29)) >> 30; }
 
-// a / b rounded down, b > 0.
-constexpr std::int64_t divided_down(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
+// a / b, rounded down; b > 0.
+constexpr std::int64_t floor_divided(std::int64_t a, std::int64_t b) { return a / b - (a % b < 0); }
 
+// Angle of steps of 1e-8 rad, any number of them.
 constexpr Angle angle_of_table(std::int32_t steps) {
-  std::int64_t wrapped = steps % kTurnOfTable;
-  if (wrapped < 0) wrapped += kTurnOfTable;
-  return static_cast<Angle>(static_cast<std::uint64_t>(((wrapped << 32) + kTurnOfTable / 2) / kTurnOfTable));
+  std::int64_t wrapped = steps % kTableStepsPerTurn;
+  if (wrapped < 0) wrapped += kTableStepsPerTurn;
+  return static_cast<Angle>(static_cast<std::uint64_t>(((wrapped << 32) + kTableStepsPerTurn / 2) / kTableStepsPerTurn));
 }
 
-// azimuth: 0 to 35999
+// Angle of an azimuth, 0 to 35999 steps of 0.01 degree.
 constexpr Angle angle_of_azimuth(std::uint32_t azimuth) {
-  return static_cast<Angle>(((static_cast<std::uint64_t>(azimuth) << 32) + kAzimuths / 2) / kAzimuths);
+  return static_cast<Angle>(((static_cast<std::uint64_t>(azimuth) << 32) + kAzimuthStepsPerTurn / 2) / kAzimuthStepsPerTurn);
 }
 
-struct Turned {
-  std::int32_t cos, sin;  // 2^-30
+struct CosSin {
+  std::int32_t cos, sin;  // steps of 2^-30
 };
 
-// Cosine and sine, within 2^-28. Without branches: which way a step turns is as good as random.
-inline Turned turned(Angle angle) {
+// Cosine and sine of an angle, with errors below 2^-28: CORDIC in rotation mode, 30 rotations with 10 guard bits. Signs are
+// masks and not branches, because a processor cannot predict them.
+inline CosSin cos_sin(Angle angle) {
   const bool back = angle + 0x40000000u >= 0x80000000u;
   const Angle within = back ? angle + 0x80000000u : angle;
   std::int64_t left = static_cast<std::int64_t>(static_cast<std::int32_t>(within)) * 256;
-  std::int64_t x = kShrink * 1024, y = 0;
+  std::int64_t x = kInverseCordicGain * 1024, y = 0;
   for (std::size_t i = 0; i < kArctangent.size(); ++i) {
-    const std::int64_t under = left >> 63;  // all ones: turned too far
+    const std::int64_t under = left >> 63;  // all ones: the angle that is left is negative
     const std::int64_t dx = ((x >> i) ^ under) - under, dy = ((y >> i) ^ under) - under;
     x -= dy;
     y += dx;
@@ -60,8 +69,8 @@ inline Turned turned(Angle angle) {
   return {static_cast<std::int32_t>((x + 512) >> 10), static_cast<std::int32_t>((y + 512) >> 10)};
 }
 
-// Turns (x, y), each up to 2^27, onto the x axis, n of them: then x is their length times 1.6467, and `angle` what they
-// were turned by, within 2^-19 rad.
-void land(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n);
+// Polar coordinates of n vectors (x, y), each part up to 2^27: CORDIC in vectoring mode. Then x holds the length times
+// kCordicGain, and `angle` the direction, with an error below 2^-19 rad; y is spent.
+void to_polar(std::int32_t* x, std::int32_t* y, Angle* angle, std::size_t n);
 
 }  // namespace lidarcodec

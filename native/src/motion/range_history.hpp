@@ -1,4 +1,4 @@
-// What was last seen in each direction, exact: ranges and the azimuth at which they were taken, for frames cut anywhere.
+// What was last seen in each direction: ranges, and the azimuth at which they were measured. Frames may be cut anywhere.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -7,10 +7,10 @@
 
 namespace lidarcodec {
 
-inline constexpr std::size_t kRows = 64;
-inline constexpr std::size_t kSlots = 4096;  // directions of a turn: closer together than any HDL-64E fires
+inline constexpr std::size_t kRows = 64;     // of a frame: the lasers of an HDL-64E
+inline constexpr std::size_t kSlots = 4096;  // directions of a turn: closer together than the firings of an HDL-64E
 inline constexpr std::uint16_t kNoAzimuth = 0xFFFF;
-inline constexpr std::uint32_t kSweptAtMost = 4500;  // a further advance of the azimuth is a jump, not a sweep
+inline constexpr std::uint32_t kLargestSweep = 4500;  // 45 degrees: an azimuth that advances further has jumped
 
 using Halves = std::array<std::uint8_t, kRows>;  // block of each row: 0 upper, 1 lower
 
@@ -30,13 +30,13 @@ class RangeHistory {
 
   void forget();
 
-  // Takes the ranges of a frame, (64, W). What the sensor swept over without firing is forgotten, and of two columns in
-  // one slot the last one stays. Raises Section if an azimuth is out of range.
+  // Stores the ranges of a frame, (64, W). Slots that the sensor passed without firing are emptied. Of two columns in one slot
+  // the last one stays. Raises Section if an azimuth is out of range.
   void remember(const std::uint16_t* ranges, const Columns& columns, const Halves& half);
 
-  // Azimuth at which a slot of a half was last taken, kNoAzimuth: never.
+  // Azimuth at which each slot of a half was last measured; kNoAzimuth: never.
   const std::uint16_t* azimuths(std::size_t half) const { return azimuth_.data() + half * kSlots; }
-  // Range of each slot; means something where the row's half has an azimuth.
+  // Range of each slot; valid where the row's half has an azimuth.
   const std::uint16_t* ranges(std::size_t row) const { return ranges_.data() + row * kSlots; }
 
   static std::size_t slot_of(std::uint32_t azimuth) { return azimuth * kSlots / 36'000; }

@@ -12,7 +12,7 @@
 namespace lidarcodec {
 namespace {
 
-// Columns of a half that fired, and the angles of their azimuths.
+// The columns in which a half fired, and their azimuths as angles.
 struct Fired {
   std::vector<std::uint32_t> column;
   std::vector<Angle> angle;
@@ -28,24 +28,24 @@ struct Fired {
   }
 };
 
-// In which sectors the beams of the rows look.
-std::bitset<kSectors> looked_at(const std::array<Fired, 2>& fired, const BeamTable& table, const Beams& beams) {
+// The sectors that hold a beam of the frame.
+std::bitset<kSectors> needed_sectors(const std::array<Fired, 2>& fired, const BeamTable& table, const Beams& beams) {
   std::bitset<kSectors> sectors;
   std::array<std::bitset<kSectors>, 2> blocks;
   for (std::size_t h = 0; h < 2; ++h)
     for (const Angle angle : fired[h].angle) blocks[h].set(sector_of(angle));
   for (std::size_t row = 0; row < kRows; ++row) {
-    const std::size_t turned_by = sector_of(0u - beams[row].rotation);
+    const std::size_t rotated_by = sector_of(0u - beams[row].rotation);
     for (std::size_t s = 0; s < kSectors; ++s) {
       if (!blocks[table.half[row]][s]) continue;
-      sectors.set((s + turned_by) % kSectors);
-      sectors.set((s + turned_by + 1) % kSectors);
+      sectors.set((s + rotated_by) % kSectors);
+      sectors.set((s + rotated_by + 1) % kSectors);
     }
   }
   return sectors;
 }
 
-std::bitset<kSectors> widened(const std::bitset<kSectors>& sectors, std::size_t by) {
+std::bitset<kSectors> dilated(const std::bitset<kSectors>& sectors, std::size_t by) {
   std::bitset<kSectors> wide;
   for (std::size_t s = 0; s < kSectors; ++s)
     for (std::size_t d = 0; d <= 2 * by; ++d)
@@ -53,18 +53,18 @@ std::bitset<kSectors> widened(const std::bitset<kSectors>& sectors, std::size_t 
   return wide;
 }
 
-// Lasers sit on the left and on the right of the sensor. Those of one side are taken together.
-struct Side {
+// Lasers sit to the left and to the right of the sensor's axis. The rows of a side share one surface.
+struct LaserSide {
   std::vector<std::uint8_t> rows;
-  std::int64_t sideways = 0;  // their mean
+  std::int64_t mean_offset = 0;  // of their horizontal offsets
 
-  Side(const Beams& beams, bool left) {
+  LaserSide(const Beams& beams, bool left) {
     for (std::size_t row = 0; row < kRows; ++row) {
-      if (!beams[row].usable || (beams[row].sideways < 0) != left) continue;
+      if (!beams[row].usable || (beams[row].horizontal_offset < 0) != left) continue;
       rows.push_back(static_cast<std::uint8_t>(row));
-      sideways += beams[row].sideways;
+      mean_offset += beams[row].horizontal_offset;
     }
-    if (!rows.empty()) sideways = divided_down(sideways, static_cast<std::int64_t>(rows.size()));
+    if (!rows.empty()) mean_offset = floor_divided(mean_offset, static_cast<std::int64_t>(rows.size()));
   }
 };
 
@@ -75,14 +75,13 @@ template <class Form>
   std::vector<std::uint16_t> expected(kRows * columns.width);
   const Beams beams = beams_of(table);
   const std::array<Fired, 2> fired = {Fired(columns, 0), Fired(columns, 1)};
-  const std::bitset<kSectors> looked = looked_at(fired, table, beams);
-  if (looked.none()) return expected;
+  const std::bitset<kSectors> needed = needed_sectors(fired, table, beams);
+  if (needed.none()) return expected;
 
-  const std::array<Side, 2> sides = {Side(beams, false), Side(beams, true)};
-  const Taken upper(history, 0, nullptr), lower(history, 1, &upper);
-  const std::bitset<kSectors> sources = widened(looked, 3), seen = widened(looked, 1);
-  // One piece of memory each for both sides: what is asked for and given back in small pieces, the system takes away.
-  // They are not cleared here: that takes longer than it looks.
+  const std::array<LaserSide, 2> sides = {LaserSide(beams, false), LaserSide(beams, true)};
+  const TakenSlots upper(history, 0, nullptr), lower(history, 1, &upper);
+  const std::bitset<kSectors> sources = dilated(needed, 3), seen = dilated(needed, 1);
+  // One allocation for both sides: the system takes smaller ones back when they are freed. Not cleared, which would take time.
   const std::unique_ptr<Place[]> places(new Place[2 * Surface::kPlaces]);
   const std::unique_ptr<std::int32_t[]> lengths(new std::int32_t[2 * Surface::kPlaces]);
   if (!seen.all()) std::fill_n(lengths.get(), 2 * Surface::kPlaces, 0);
@@ -93,8 +92,8 @@ template <class Form>
   for (std::size_t row = 0; row < kRows; ++row) {
     moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
     for (std::size_t side = 0; side < 2; ++side) {
-      const bool own = (beams[row].sideways < 0) == (side == 1);
-      if (!sides[side].rows.empty()) moved.lay(own ? beams[row].sideways : sides[side].sideways, surfaces[side].ring(row));
+      const bool own = (beams[row].horizontal_offset < 0) == (side == 1);
+      if (!sides[side].rows.empty()) moved.draw(own ? beams[row].horizontal_offset : sides[side].mean_offset, surfaces[side].ring(row));
     }
   }
   for (std::size_t side = 0; side < 2; ++side) {
@@ -103,19 +102,19 @@ template <class Form>
       if (seen[direction * kSectors / kDirections]) surfaces[side].template cross<Form>(direction);
     surfaces[side].close();
     for (const std::size_t row : sides[side].rows) {
-      const MetByRow met = surfaces[side].met_by(row);
+      const RowHits hits = surfaces[side].hits_of(row);
       const Fired& half = fired[table.half[row]];
       std::uint16_t* to = expected.data() + row * columns.width;
-      for (std::size_t k = 0; k < half.angle.size(); ++k) to[half.column[k]] = met.range(half.angle[k] - beams[row].rotation);
+      for (std::size_t k = 0; k < half.angle.size(); ++k) to[half.column[k]] = hits.range(half.angle[k] - beams[row].rotation);
     }
   }
   return expected;
 }
 
 #if defined(__x86_64__)
-LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_at_once(const RangeHistory& history, const BeamTable& table,
+LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_avx2(const RangeHistory& history, const BeamTable& table,
                                                                            const Motion& motion, const Columns& columns) {
-  return expect<FoursAtOnce>(history, table, motion, columns);
+  return expect<FoursInOne>(history, table, motion, columns);
 }
 #endif
 
@@ -124,10 +123,10 @@ LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_at_once(const
 std::vector<std::uint16_t> expected_ranges(const RangeHistory& history, const BeamTable& table, const Motion& motion,
                                            const Columns& columns) {
 #if defined(__x86_64__)
-  static const bool at_once = quickest_path() == Path::Avx2;
-  if (at_once) return expect_at_once(history, table, motion, columns);
+  static const bool avx2 = quickest_path() == Path::Avx2;
+  if (avx2) return expect_avx2(history, table, motion, columns);
 #endif
-  return expect<FoursByTwo>(history, table, motion, columns);
+  return expect<FoursInTwo>(history, table, motion, columns);
 }
 
 }  // namespace lidarcodec

@@ -5,16 +5,16 @@
 
 namespace lidarcodec {
 
-double Surface::graze(const Asking& beam, std::size_t direction, std::uint64_t rings) const {
-  double met = kUnknown, off = 0;
+double Surface::nearest_passed(const CrossingBeam& beam, std::size_t direction, std::uint64_t rings) const {
+  double nearest = kUnknown, off = 0;
   for (; rings != 0; rings &= rings - 1) {
     const Place& at = points_[static_cast<std::size_t>(std::countr_zero(rings)) * kStride + direction];
-    const double away = at.away, by = std::abs(at.height - beam.up_0 - std::floor((away + beam.back) * beam.slope));
-    if (by * 500 >= away * 3 || (met != kUnknown && by * met >= off * away)) continue;
+    const double away = at.away, by = std::abs(at.height - beam.origin_z - std::floor((away + beam.back) * beam.tan_elevation));
+    if (by * 500 >= away * 3 || (nearest != kUnknown && by * nearest >= off * away)) continue;
     off = by;
-    met = away;
+    nearest = away;
   }
-  return met;
+  return nearest;
 }
 
 }  // namespace lidarcodec

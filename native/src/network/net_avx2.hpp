@@ -8,7 +8,7 @@
 
 namespace lidarcodec::net_forms {
 
-// Two neighbouring values, or four that are bytes, to be multiplied with as many weights.
+// Two adjacent values of 16 bits, or four of 8 bits.
 inline std::int32_t four_bytes_at(const void* in) {
   std::int32_t bytes;
   std::memcpy(&bytes, in, sizeof bytes);
@@ -17,7 +17,7 @@ inline std::int32_t four_bytes_at(const void* in) {
 
 // N returns at once, two blocks of eight sums each.
 template <std::size_t N>
-__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<Begin, N>& begins,
+__attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::array<InitialSums, N>& initial,
                                                 const std::array<const std::int16_t*, N>& in,
                                                 const std::array<std::int16_t*, N>& out) {
   const __m128i shift = _mm_cvtsi32_si128(static_cast<int>(layer.shift));
@@ -26,8 +26,8 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
     __m256i sums[N][2];
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r) {
-      const auto* row = reinterpret_cast<const __m256i*>(begins[r].row + block * kBlock);
-      const auto* scale = reinterpret_cast<const __m256i*>(begins[r].scale + block * kBlock);
+      const auto* row = reinterpret_cast<const __m256i*>(initial[r].row + block * kTileOutputs);
+      const auto* scale = reinterpret_cast<const __m256i*>(initial[r].scale + block * kTileOutputs);
       sums[r][0] = _mm256_add_epi32(_mm256_load_si256(row), _mm256_load_si256(scale));
       sums[r][1] = _mm256_add_epi32(_mm256_load_si256(row + 1), _mm256_load_si256(scale + 1));
     }
@@ -43,7 +43,7 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
           const __m256i x = _mm256_set1_epi32(four_bytes_at(in[r] + at + 2 * pair));
           sums[r][0] = _mm256_add_epi32(sums[r][0], _mm256_madd_epi16(x, w0));
           sums[r][1] = _mm256_add_epi32(sums[r][1], _mm256_madd_epi16(x, w1));
-          // or products of both pairs would be added up first, for which there are too few registers
+          // Keeps the compiler from adding the products of both pairs first, for which there are too few registers.
           asm("" : "+x"(sums[r][0]), "+x"(sums[r][1]));
         }
       }
@@ -55,7 +55,7 @@ __attribute__((target("avx2"))) void layer_avx2(const Layer& layer, const std::a
       for (std::size_t v = 0; v < 2; ++v)
         done[v] = _mm256_min_epi32(_mm256_max_epi32(_mm256_sra_epi32(sums[r][v], shift), low), high);
       const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(done[0], done[1]), 0xd8);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + block * kBlock), packed);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(out[r] + block * kTileOutputs), packed);
     }
   }
 }

@@ -1,6 +1,6 @@
 // A layer of a network by vectors of 128 bits, which every x86-64 (SSE2), every 64-bit ARM (NEON) and WebAssembly have.
-// The body is the same for all; what differs is in Lanes: eight sums, how two inputs of a return are added to them, and how
-// many returns and eights of sums are computed at once.
+// `Lanes` has what differs between them: eight sums, how products with two inputs are added, and how many returns and eights of
+// sums are computed at once.
 #pragma once
 #include <type_traits>
 
@@ -20,7 +20,7 @@ namespace lidarcodec::net_forms {
 #if defined(__SSE2__)
 
 struct Lanes {
-  static constexpr std::size_t kReturns = 2, kEights = 1;  // which sixteen registers hold with all else
+  static constexpr std::size_t kReturns = 2, kEights = 1;  // what sixteen registers hold
   using Inputs = __m128i;
   struct Eight {
     __m128i low, high;
@@ -44,7 +44,7 @@ struct Lanes {
     to.high = _mm_add_epi32(to.high, _mm_madd_epi16(pair, w.high));
   }
 
-  static void settle(const Sums& sums, const Layer& layer, std::int16_t* out) {
+  static void clip(const Sums& sums, const Layer& layer, std::int16_t* out) {
     const auto shift = static_cast<int>(layer.shift);
     const __m128i words = _mm_packs_epi32(_mm_srai_epi32(sums.low, shift), _mm_srai_epi32(sums.high, shift));
     const __m128i low = _mm_set1_epi16(static_cast<short>(layer.low)), high = _mm_set1_epi16(static_cast<short>(layer.high));
@@ -60,7 +60,7 @@ struct Lanes {
   struct Sums {
     int32x4_t low, high;
   };
-  using Weights = int16x8x2_t;  // those of even inputs, those of odd ones
+  using Weights = int16x8x2_t;  // of even inputs, of odd inputs
 
   static Inputs inputs(const std::int16_t* from) { return vld1_s16(from); }
   static Sums sums(const std::int32_t* from) { return {vld1q_s32(from), vld1q_s32(from + 4)}; }
@@ -75,31 +75,31 @@ struct Lanes {
     to.high = vmlal_high_lane_s16(to.high, w.val[1], in, 2 * kPair + 1);
   }
 
-  static int16x8_t settled(const Sums& sums, const Layer& layer) {
+  static int16x8_t clipped(const Sums& sums, const Layer& layer) {
     const int32x4_t shift = vdupq_n_s32(-static_cast<std::int32_t>(layer.shift));
     const int16x8_t words = vqmovn_high_s32(vqmovn_s32(vshlq_s32(sums.low, shift)), vshlq_s32(sums.high, shift));
     const auto low = static_cast<std::int16_t>(layer.low), high = static_cast<std::int16_t>(layer.high);
     return vminq_s16(vmaxq_s16(words, vdupq_n_s16(low)), vdupq_n_s16(high));
   }
-  static void settle(const Sums& sums, const Layer& layer, std::int16_t* out) { vst1q_s16(out, settled(sums, layer)); }
+  static void clip(const Sums& sums, const Layer& layer, std::int16_t* out) { vst1q_s16(out, clipped(sums, layer)); }
 };
 
 #endif
 
-// N returns at once, so that weights are fetched once for all of them.
+// N returns at once, which share the reads of the weights.
 template <std::size_t N>
-void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const std::int16_t*, N>& in,
+void layer_in_lanes(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<const std::int16_t*, N>& in,
                     const std::array<std::int16_t*, N>& out) {
   constexpr std::size_t kEights = Lanes::kEights;
-  for (std::size_t at = 0; at < layer.blocks() * kBlock; at += 8 * kEights) {
+  for (std::size_t at = 0; at < layer.blocks() * kTileOutputs; at += 8 * kEights) {
     Lanes::Sums sums[N][kEights];
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 2
       for (std::size_t e = 0; e < kEights; ++e)
-        sums[r][e] = Lanes::both(Lanes::sums(begins[r].row + at + 8 * e), Lanes::sums(begins[r].scale + at + 8 * e));
-    const std::size_t block = at / kBlock, end = layer.tiles_of[block + 1];
-    const std::int16_t* w = layer.weights.data() + layer.tiles_of[block] * kTileWeights + 2 * (at % kBlock);
+        sums[r][e] = Lanes::both(Lanes::sums(initial[r].row + at + 8 * e), Lanes::sums(initial[r].scale + at + 8 * e));
+    const std::size_t block = at / kTileOutputs, end = layer.tiles_of[block + 1];
+    const std::int16_t* w = layer.weights.data() + layer.tiles_of[block] * kTileWeights + 2 * (at % kTileOutputs);
     for (std::size_t tile = layer.tiles_of[block]; tile < end; ++tile) {
       Lanes::Inputs x[N];
 #pragma GCC unroll 4
@@ -111,7 +111,7 @@ void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, cons
 #pragma GCC unroll 4
           for (std::size_t r = 0; r < N; ++r) Lanes::add<pair.value>(sums[r][e], x[r], of);
         }
-        w += 2 * kBlock;
+        w += 2 * kTileOutputs;
       };
       add(std::integral_constant<int, 0>{});
       add(std::integral_constant<int, 1>{});
@@ -119,7 +119,7 @@ void layer_in_lanes(const Layer& layer, const std::array<Begin, N>& begins, cons
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 2
-      for (std::size_t e = 0; e < kEights; ++e) Lanes::settle(sums[r][e], layer, out[r] + at + 8 * e);
+      for (std::size_t e = 0; e < kEights; ++e) Lanes::clip(sums[r][e], layer, out[r] + at + 8 * e);
   }
 }
 

@@ -9,10 +9,10 @@
 namespace lidarcodec::net_forms {
 
 struct alignas(64) Bytes {
-  std::array<std::uint8_t, kMostHidden> of;
+  std::array<std::uint8_t, kMaxHidden> of;
 };
 
-// What a layer's weights of values of a size begin at, and how many bytes of them are a tile's.
+// Where a layer's weights of a type begin, and how many bytes a tile has of them.
 template <class Value>
 const std::byte* weights_vnni(const Layer& layer) {
   return reinterpret_cast<const std::byte*>(sizeof(Value) == 1 ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data());
@@ -20,7 +20,7 @@ const std::byte* weights_vnni(const Layer& layer) {
 template <class Value>
 inline constexpr std::size_t kTileBytes = kTileWeights * sizeof(Value);
 
-// Sums and the products of a vector of weights and as many values, without a sign, as fit four bytes.
+// Adds the products of a register of weights and four bytes of values, unsigned if they are bytes.
 template <class Value>
 LIDARCODEC_VNNI __m512i with_products(__m512i sums, const Value* x, const std::byte* w) {
   const __m512i values = _mm512_set1_epi32(four_bytes_at(x)), weights = _mm512_load_si512(w);
@@ -28,7 +28,7 @@ LIDARCODEC_VNNI __m512i with_products(__m512i sums, const Value* x, const std::b
 }
 
 template <class Out>
-LIDARCODEC_VNNI void settle_vnni(__m512i sums, const Layer& layer, Out* to) {
+LIDARCODEC_VNNI void clip_vnni(__m512i sums, const Layer& layer, Out* to) {
   const __m512i shifted = _mm512_sra_epi32(sums, _mm_cvtsi32_si128(static_cast<int>(layer.shift)));
   const __m512i done = _mm512_min_epi32(_mm512_max_epi32(shifted, _mm512_set1_epi32(layer.low)), _mm512_set1_epi32(layer.high));
   if constexpr (sizeof(Out) == 1) {
@@ -38,11 +38,10 @@ LIDARCODEC_VNNI void settle_vnni(__m512i sums, const Layer& layer, Out* to) {
   }
 }
 
-// Blocks of sums of N returns, from `first` on, of a layer that has all tiles: of values without a sign, in 8 or 16 bits. Sums
-// of S steps in turns are added up apart: enough of them at once that none waits for its last product, and few enough for the
-// registers.
+// Blocks of outputs of N returns, from `first` on, of a layer without pruned tiles; values are unsigned, of 8 or 16 bits. Each
+// sum is kept in S parts: enough that no addition waits for the one before it, and few enough for the registers.
 template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
-LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, std::size_t first,
+LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, std::size_t first,
                                  const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
   constexpr std::size_t kAtOnce = 4 / sizeof(Value);  // inputs of a sum
   const std::size_t of_block = layer.in / kTileInputs * kTileBytes<Value>;
@@ -52,8 +51,8 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>&
   for (std::size_t r = 0; r < N; ++r)
 #pragma GCC unroll 8
     for (std::size_t b = 0; b < Blocks; ++b) {
-      const std::size_t at = (first + b) * kBlock;
-      sums[r][b][0] = _mm512_add_epi32(_mm512_load_si512(begins[r].row + at), _mm512_load_si512(begins[r].scale + at));
+      const std::size_t at = (first + b) * kTileOutputs;
+      sums[r][b][0] = _mm512_add_epi32(_mm512_load_si512(initial[r].row + at), _mm512_load_si512(initial[r].scale + at));
 #pragma GCC unroll 4
       for (std::size_t s = 1; s < S; ++s) sums[r][b][s] = _mm512_setzero_si512();
     }
@@ -73,18 +72,18 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<Begin, N>&
       __m512i sum = sums[r][b][0];
 #pragma GCC unroll 4
       for (std::size_t s = 1; s < S; ++s) sum = _mm512_add_epi32(sum, sums[r][b][s]);
-      settle_vnni(sum, layer, out[r] + (first + b) * kBlock);
+      clip_vnni(sum, layer, out[r] + (first + b) * kTileOutputs);
     }
 }
 
-// One block, of a layer that has some tiles. As above, sums of every other tile are added up apart.
+// One block, of a layer with pruned tiles. Each sum is kept in two parts, as above.
 template <std::size_t N, class Value, class Out>
-LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<Begin, N>& begins, std::size_t block,
+LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, std::size_t block,
                                          const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
   __m512i sums[N][2];
 #pragma GCC unroll 4
   for (std::size_t r = 0; r < N; ++r) {
-    sums[r][0] = _mm512_add_epi32(_mm512_load_si512(begins[r].row + block * kBlock), _mm512_load_si512(begins[r].scale + block * kBlock));
+    sums[r][0] = _mm512_add_epi32(_mm512_load_si512(initial[r].row + block * kTileOutputs), _mm512_load_si512(initial[r].scale + block * kTileOutputs));
     sums[r][1] = _mm512_setzero_si512();
   }
   std::size_t tile = layer.tiles_of[block];
@@ -102,27 +101,27 @@ LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<Be
   }
   if (tile < end) add(layer.inputs_of[tile], 0);
 #pragma GCC unroll 4
-  for (std::size_t r = 0; r < N; ++r) settle_vnni(_mm512_add_epi32(sums[r][0], sums[r][1]), layer, out[r] + block * kBlock);
+  for (std::size_t r = 0; r < N; ++r) clip_vnni(_mm512_add_epi32(sums[r][0], sums[r][1]), layer, out[r] + block * kTileOutputs);
 }
 
 template <std::size_t N, class Value, class Out>
-void all_blocks_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<const Value*, N>& in,
+void all_blocks_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<const Value*, N>& in,
                      const std::array<Out*, N>& out) {
   const std::size_t blocks = layer.blocks();
   if (layer.tiles() < blocks * (layer.in / kTileInputs)) {
-    for (std::size_t block = 0; block < blocks; ++block) block_of_tiles_vnni(layer, begins, block, in, out);
+    for (std::size_t block = 0; block < blocks; ++block) block_of_tiles_vnni(layer, initial, block, in, out);
     return;
   }
-  constexpr std::size_t kTurns = N == 4 ? 1 : 2;  // so that a few blocks of few returns need not wait for their sums
+  constexpr std::size_t kParts = N == 4 ? 1 : 2;  // parts of a sum: two where there are few sums
   std::size_t at = 0;
-  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, begins, at, in, out);
-  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kTurns>(layer, begins, at, in, out);
-  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, begins, at, in, out);
-  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, begins, at, in, out);
+  for (; blocks - at >= 6; at += 6) blocks_vnni<N, 6, 1>(layer, initial, at, in, out);
+  for (; blocks - at >= 3; at += 3) blocks_vnni<N, 3, kParts>(layer, initial, at, in, out);
+  if (blocks - at == 2) blocks_vnni<N, 2, 2>(layer, initial, at, in, out);
+  if (blocks - at == 1) blocks_vnni<N, 1, 2>(layer, initial, at, in, out);
 }
 
-// Inputs larger by 128, without a sign.
-LIDARCODEC_VNNI inline void shift_vnni(const std::int8_t* in, std::size_t count, Bytes& to) {
+// Inputs plus 128, unsigned.
+LIDARCODEC_VNNI inline void to_unsigned_vnni(const std::int8_t* in, std::size_t count, Bytes& to) {
   const __m512i by = _mm512_set1_epi8(-128);
   for (std::size_t i = 0; i < count; i += 64) {
     const auto here = count - i >= 64 ? ~__mmask64{0} : (__mmask64{1} << (count - i)) - 1;
@@ -137,9 +136,9 @@ LIDARCODEC_VNNI inline void widen_vnni(const std::uint8_t* in, std::size_t count
     _mm512_store_si512(to + i, _mm512_cvtepu8_epi16(_mm256_load_si256(reinterpret_cast<const __m256i*>(in + i))));
 }
 
-// in: bytes; words: the same, where the layer's weights do not fit bytes.
+// in: values of 8 bits; words: the same in 16 bits, used if the layer's weights do not fit bytes.
 template <std::size_t N, class Out>
-void layer_vnni(const Layer& layer, const std::array<Begin, N>& begins, const std::array<Bytes, N>& in,
+void layer_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<Bytes, N>& in,
                 const std::array<std::int16_t*, N>& words, const std::array<Out*, N>& out) {
   std::array<const std::uint8_t*, N> bytes_at;
   std::array<const std::int16_t*, N> words_at;
@@ -147,7 +146,7 @@ void layer_vnni(const Layer& layer, const std::array<Begin, N>& begins, const st
     bytes_at[r] = in[r].of.data();
     words_at[r] = words[r];
   }
-  in_bytes(layer) ? all_blocks_vnni(layer, begins, bytes_at, out) : all_blocks_vnni(layer, begins, words_at, out);
+  in_bytes(layer) ? all_blocks_vnni(layer, initial, bytes_at, out) : all_blocks_vnni(layer, initial, words_at, out);
 }
 
 template <std::size_t N>
@@ -157,7 +156,7 @@ void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetV
   std::array<std::uint8_t*, N> to_first, to_second;
   std::array<std::int16_t*, N> to_words, to_hidden, to_odds;
   for (std::size_t r = 0; r < N; ++r) {
-    shift_vnni(values[r]->in.data(), layers[0].in, in[r]);
+    to_unsigned_vnni(values[r]->in.data(), layers[0].in, in[r]);
     to_first[r] = first[r].of.data();
     to_second[r] = second[r].of.data();
     to_words[r] = words[r].of.data();
@@ -168,11 +167,11 @@ void run_vnni(const std::array<Layer, kNetLayers>& layers, const std::array<NetV
     for (std::size_t r = 0; r < N; ++r) widen_vnni(from[r].of.data(), layer.in, to[r]);
   };
   if (!in_bytes(layers[0])) widen(layers[0], in, to_words);
-  layer_vnni(layers[0], begins_of(layers[0], values), in, to_words, to_first);
+  layer_vnni(layers[0], initial_of(layers[0], values), in, to_words, to_first);
   if (!in_bytes(layers[1])) widen(layers[1], first, to_words);
-  layer_vnni(layers[1], begins_of(layers[1], values), first, to_words, to_second);
+  layer_vnni(layers[1], initial_of(layers[1], values), first, to_words, to_second);
   widen(layers[2], second, to_hidden);
-  layer_vnni(layers[2], begins_of(layers[2], values), second, to_hidden, to_odds);
+  layer_vnni(layers[2], initial_of(layers[2], values), second, to_hidden, to_odds);
 }
 
 }  // namespace lidarcodec::net_forms

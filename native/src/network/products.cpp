@@ -22,7 +22,7 @@ using Lanes = typename LanesOf<kLanes>::Type;
 
 constexpr std::size_t kRowsAtOnce = 4, kColumnsOfRuns = 16;
 
-// kRows rows and kVectors times kLanes columns of c at once; each of its numbers is added up by itself, in order of k.
+// kRows rows and kVectors times kLanes columns of c at once. Each number of c is a sum in the order of k.
 template <std::size_t kLanes, std::size_t kRows, std::size_t kVectors>
 LIDARCODEC_INLINE void tile(std::size_t n, const Run* run, const Run* end, const Strided& a, const float* b, float* c) {
   Lanes<kLanes> sums[kRows][kVectors];
@@ -98,7 +98,7 @@ LIDARCODEC_INLINE void product_to(const Runs& runs, std::size_t n, std::size_t k
         block<kLanes, kRowsAtOnce>(n - column, n, &all, &all + 1, {a.at + at * a.row, a.row, a.column}, b + column, c + at * n + column);
 }
 
-// The same three for a kind of processor.
+// The three products, compiled for one kind of processor.
 struct Products {
   void (*all)(std::size_t, std::size_t, std::size_t, const Strided&, const float*, float*);
   void (*with)(const Runs&, std::size_t, std::size_t, const Strided&, const float*, float*);
@@ -117,7 +117,7 @@ LIDARCODEC_PRODUCTS(kAvx2, 8, __attribute__((target("avx2"))))
 LIDARCODEC_PRODUCTS(kAvx512, 16, __attribute__((target("avx512f"))))
 #endif
 
-const Products& quickest() {
+const Products& fastest() {
 #if defined(__x86_64__)
   static const Products& chosen = []() -> const Products& {
     __builtin_cpu_init();
@@ -133,10 +133,10 @@ const Products& quickest() {
 
 }  // namespace
 
-void add_product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { quickest().all(m, n, k, a, b, c); }
+void add_product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { fastest().all(m, n, k, a, b, c); }
 
-void add_product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) { quickest().with(runs, m, n, a, b, c); }
+void add_product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) { fastest().with(runs, m, n, a, b, c); }
 
-void add_product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { quickest().to(runs, n, k, a, b, c); }
+void add_product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { fastest().to(runs, n, k, a, b, c); }
 
 }  // namespace lidarcodec

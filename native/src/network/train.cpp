@@ -9,36 +9,39 @@
 namespace lidarcodec {
 namespace {
 
-constexpr float kCaseUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kMiddleUnit = 8.0f, kTop = static_cast<float>(kMiddleTop) / kMiddleUnit;
+// Units of RiddleNet in natural ones: biases of rows and scales, inputs, hidden values, and log odds (32768 for 6). The last
+// layer's sums have steps of 1 / 4096.
+constexpr float kConditionalUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kHiddenUnit = 8.0f, kClip = static_cast<float>(kHiddenMax) / kHiddenUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
-constexpr float kRecent = 8.0f;  // the running mean is over about one in so many of all steps
-// Steps of weights that are turned are longer than those of biases, and in the last layer shorter.
-constexpr std::array<float, kNetLayers> kTurnedRates = {2.0f, 2.0f, 0.6f};
+constexpr float kRecent = 8.0f;  // the running mean is over about the last 1 / kRecent of all steps
+// Learning rates of the weights in their rotated basis, relative to that of the biases; smaller in the last layer.
+constexpr std::array<float, kNetLayers> kRotatedRates = {2.0f, 2.0f, 0.6f};
 constexpr std::int16_t kMostByte = 127;
 constexpr float kLargestByte = kMostByte;
-constexpr float kLeastLeft = 0.085f;  // (1 - u) where the coder's smallest probability lies
+constexpr float kLeastRemainder = 0.085f;  // 1 - u at the coder's smallest probability: 0.085^3 / 2 is 10 / 32768
 
-// The probability of what did not come is (1 - u)^3 / 2 where it was the less likely, u being its log odds of six.
-struct Paid {
-  float slope;  // of the natural units paid, by the log odds of a one
+// What the coder spends on a bit, given log odds. With u = |odds| / 6, the less likely value has the probability
+// (1 - u)^3 / 2: the cubic that stands for the logistic function (bits/cells.hpp).
+struct Cost {
+  float gradient;  // of the cost in natural units, by the log odds of a one
   float bits;
 };
-Paid paid(float odds, bool one) {
-  const float u = std::min(std::fabs(odds) / 6.0f, 1.0f), left = std::max(1.0f - u, kLeastLeft);
+Cost cost_of(float odds, bool one) {
+  const float u = std::min(std::fabs(odds) / 6.0f, 1.0f), left = std::max(1.0f - u, kLeastRemainder);
   const float rare = 0.5f * left * left * left;
   const bool rare_came = (odds >= 0.0f) != one;
   const float size = rare_came ? 0.5f / left : 0.25f * left * left / (1.0f - rare);
   return {one ? -size : size, std::log2(rare_came ? rare : 1.0f - rare) * -1.0f};
 }
 
-// A decision of a return: the output that speaks of it, how much of its log odds counts, and whether it came as a one.
+// A decision of a return: the output that predicts it, the factor of its log odds, and the value.
 struct Decision {
   std::size_t output = 0;
   float share = 1.0f;
   bool one = false;
 };
 
-// Those of a return, `count` of them.
+// The decisions of a return.
 struct Decisions {
   std::array<Decision, RiddleSamples::kDecisions> of;
   std::size_t count = 4;
@@ -52,31 +55,31 @@ struct Decisions {
   }
 };
 
-// Of a number that is not negative. (std::floor would take a call each where processors are not asked what they can do.)
+// A number that is not negative, rounded. (std::floor would be a call on processors without an instruction for it.)
 float rounded(float value) { return static_cast<float>(static_cast<std::int32_t>(value + 0.5f)); }
 
-// In single precision, as compilers find vectors for it. (Of std::clamp they take addresses.)
-float within(float value, float least, float most) {
+// Like std::clamp, but by value, so that compilers vectorise it.
+float clamped(float value, float least, float most) {
   value = value > least ? value : least;
   return value < most ? value : most;
 }
 
-// As eight bits will hold it.
-float in_bytes(float weight) { return rounded(within(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
+// A weight as eight bits will hold it.
+float to_byte(float weight) { return rounded(clamped(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
 
-// Hidden values of their sums, and which of them move with these.
-void settle(std::size_t count, float* __restrict values, std::uint8_t* __restrict moves) {
-  for (std::size_t i = 0; i < count; ++i) moves[i] = static_cast<std::uint8_t>((values[i] > 0.0f) & (values[i] < kTop));
-  for (std::size_t i = 0; i < count; ++i) values[i] = rounded(within(values[i], 0.0f, kTop) * kMiddleUnit) * (1.0f / kMiddleUnit);
+// Turns sums into hidden values, clipped and rounded, and notes which of them were not clipped: only these pass gradients.
+void clip_and_round(std::size_t count, float* __restrict values, std::uint8_t* __restrict unclipped) {
+  for (std::size_t i = 0; i < count; ++i) unclipped[i] = static_cast<std::uint8_t>((values[i] > 0.0f) & (values[i] < kClip));
+  for (std::size_t i = 0; i < count; ++i) values[i] = rounded(clamped(values[i], 0.0f, kClip) * kHiddenUnit) * (1.0f / kHiddenUnit);
 }
 
-// Which inputs each block of sums looks at.
+// The inputs of each block of outputs whose tiles are not pruned.
 Runs runs_of(const GivenLayer& layer) {
   Runs found;
-  for (std::size_t block = 0; block * kBlock < layer.out; ++block) {
+  for (std::size_t block = 0; block * kTileOutputs < layer.out; ++block) {
     std::vector<Run>& runs = found.emplace_back();
     for (std::size_t in = 0; in < layer.in; in += kTileInputs) {
-      if (is_tile_empty(layer, block, in)) continue;
+      if (is_pruned(layer, block, in)) continue;
       if (runs.empty() || runs.back().to != in) runs.push_back({in, in});
       runs.back().to = in + kTileInputs;
     }
@@ -85,26 +88,26 @@ Runs runs_of(const GivenLayer& layer) {
 }
 
 RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
-  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()), std::vector<float>(like.cases.size())};
+  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()), std::vector<float>(like.conditional_bias.size())};
 }
 
-// Which biases of cases a sample has, (96, out) as they lie: those of its row, and those of its scale.
-std::array<std::size_t, 2> cases_of(const std::int8_t* in, std::size_t out) {
-  return {row_case(in[kRowInput]) * out, (kRowCases + scale_case(in[kScaleInput])) * out};
+// Where the biases of a sample's row and of its scale begin in (96, out).
+std::array<std::size_t, 2> conditional_biases_of(const std::int8_t* in, std::size_t out) {
+  return {row_bias_of(in[kRowInput]) * out, (kRowBiases + scale_bias_of(in[kScaleInput])) * out};
 }
 
 }  // namespace
 
-void SampleRoom::put(const RiddleSamples& from, std::size_t i, std::size_t at) {
+void SampleBuffer::put(const RiddleSamples& from, std::size_t i, std::size_t at) {
   if (at == size()) {
     in_.resize((at + 1) * inputs_);
-    said_.resize((at + 1) * RiddleSamples::kDecisions);
+    context_odds_.resize((at + 1) * RiddleSamples::kDecisions);
     offsets_.resize((at + 1) * RiddleSamples::kOffsets);
     leaf_.push_back(0);
   }
   std::copy_n(from.in.data() + i * inputs_, inputs_, in_.data() + at * inputs_);
   constexpr std::size_t kDecisions = RiddleSamples::kDecisions, kOffsets = RiddleSamples::kOffsets;
-  std::copy_n(from.said.data() + i * kDecisions, kDecisions, said_.data() + at * kDecisions);
+  std::copy_n(from.context_odds.data() + i * kDecisions, kDecisions, context_odds_.data() + at * kDecisions);
   std::copy_n(from.offset.data() + i * kOffsets, kOffsets, offsets_.data() + at * kOffsets);
   leaf_[at] = from.leaf[i];
 }
@@ -126,19 +129,19 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     for (std::size_t o = 0; o < layer.out; ++o) {
       for (std::size_t i = 0; i < layer.in; ++i)
         layer.weights[i * layer.out + o] = static_cast<float>(given[l].weights[o * layer.in + i]) * scale;
-      layer.bias.push_back(static_cast<float>(given[l].bias[o]) * scale / (l == 0 ? kInputUnit : kMiddleUnit));
+      layer.bias.push_back(static_cast<float>(given[l].bias[o]) * scale / (l == 0 ? kInputUnit : kHiddenUnit));
     }
-    if (l == 0) layer.cases.resize(kCases * layer.out);
-    if (given[l].cases != nullptr)
-      std::transform(given[l].cases, given[l].cases + layer.cases.size(), layer.cases.begin(), [](std::int8_t c) { return static_cast<float>(c) * kCaseUnit; });
+    if (l == 0) layer.conditional_bias.resize(kConditionalBiases * layer.out);
+    if (given[l].conditional_bias != nullptr)
+      std::transform(given[l].conditional_bias, given[l].conditional_bias + layer.conditional_bias.size(), layer.conditional_bias.begin(), [](std::int8_t c) { return static_cast<float>(c) * kConditionalUnit; });
     runs_[l] = runs_of(given[l]);
     gradient_[l] = of_zeros(layer);
     const Layer none = of_zeros(layer);
-    moments_[l] = {{{none.bias, none.bias}, {none.cases, none.cases}}};
-    turned_weights_[l] = turned_weights(runs_[l], layer.out);
+    moments_[l] = {{{none.bias, none.bias}, {none.conditional_bias, none.conditional_bias}}};
+    rotated_weights_[l] = rotated_weights(runs_[l], layer.out);
     values_[l + 1].resize(settings.batch * layer.out);
-    slopes_[l + 1].resize(settings.batch * layer.out);
-    if (l + 1 < kNetLayers) moves_[l].resize(settings.batch * layer.out);
+    gradients_[l + 1].resize(settings.batch * layer.out);
+    if (l + 1 < kNetLayers) unclipped_[l].resize(settings.batch * layer.out);
   }
   const std::int16_t* const first = given[0].weights;
   if (std::all_of(first, first + given[0].in * given[0].out, [](std::int16_t w) { return w >= -kMostByte && w <= kMostByte; }))
@@ -150,11 +153,11 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
 void RiddleTrainer::add(const RiddleSamples& samples, bool held) {
   if (samples.size() == 0) return;
   if (samples.inputs != inputs()) throw Error(ErrorCode::Section, "samples of other inputs than the network's");
-  const std::size_t room = std::min(learned_.room(), samples.size() * settings_.turns);
+  const std::size_t room = std::min(learned_.capacity(), samples.size() * settings_.turns);
   for (std::size_t i = 0; i < samples.size(); ++i) {
     if (held) {
       held_.put(samples, i, next_held_);
-      next_held_ = (next_held_ + 1) % held_.room();
+      next_held_ = (next_held_ + 1) % held_.capacity();
     } else {
       learned_.put(samples, i, learned_.size() < room ? learned_.size() : random() % learned_.size());
     }
@@ -162,7 +165,7 @@ void RiddleTrainer::add(const RiddleSamples& samples, bool held) {
 }
 
 std::uint32_t RiddleTrainer::random() {
-  seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
+  seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;  // the linear congruential generator of Knuth's MMIX
   return static_cast<std::uint32_t>(seed_ >> 33);
 }
 
@@ -188,72 +191,72 @@ void RiddleTrainer::step() {
 void RiddleTrainer::forward() {
   rounded_ = layers_[0].weights;
   if (byte_unit_ > 0.0f)
-    for (float& weight : rounded_) weight = in_bytes(weight / byte_unit_) * byte_unit_;
+    for (float& weight : rounded_) weight = to_byte(weight / byte_unit_) * byte_unit_;
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     const Layer& layer = layers_[l];
     std::vector<float>& out = values_[l + 1];
     for (std::size_t b = 0; b < settings_.batch; ++b) std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
-      for (const std::size_t from : cases_of(learned_.in(drawn_[b]), layer.out))
-        for (std::size_t o = 0; o < layer.out; ++o) out[b * layer.out + o] += layer.cases[from + o];
+      for (const std::size_t from : conditional_biases_of(learned_.in(drawn_[b]), layer.out))
+        for (std::size_t o = 0; o < layer.out; ++o) out[b * layer.out + o] += layer.conditional_bias[from + o];
     const std::vector<float>& weights = l == 0 ? rounded_ : layer.weights;
     add_product_with(runs_[l], settings_.batch, layer.out, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
     if (l + 1 == kNetLayers) break;
-    settle(out.size(), out.data(), moves_[l].data());
+    clip_and_round(out.size(), out.data(), unclipped_[l].data());
   }
 }
 
 void RiddleTrainer::backward() {
-  std::vector<float>& last = slopes_[kNetLayers];
+  std::vector<float>& last = gradients_[kNetLayers];
   std::fill(last.begin(), last.end(), 0.0f);
   const float share = 1.0f / static_cast<float>(settings_.batch);
   for (std::size_t b = 0; b < settings_.batch; ++b) {
     const std::size_t sample = drawn_[b];
     const Decisions decisions(learned_.leaf(sample), learned_.offsets(sample));
-    const std::int16_t* const said = learned_.said(sample);
+    const std::int16_t* const context_odds = learned_.context_odds(sample);
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];
       const std::size_t at = b * kNetOutputs + of.output;
-      const float beside = settings_.beside * static_cast<float>(said[d]) * (1.0f / kOutputUnit);
-      last[at] += paid(values_[kNetLayers][at] * of.share + beside, of.one).slope * of.share * share;
+      const float beside = settings_.beside * static_cast<float>(context_odds[d]) * (1.0f / kOutputUnit);
+      last[at] += cost_of(values_[kNetLayers][at] * of.share + beside, of.one).gradient * of.share * share;
     }
   }
   for (std::size_t l = kNetLayers; l-- > 0;) {
     const Layer& layer = layers_[l];
-    const std::vector<float>& slopes = slopes_[l + 1];
+    const std::vector<float>& gradients = gradients_[l + 1];
     Layer& gradient = gradient_[l];
     std::fill(gradient.weights.begin(), gradient.weights.end(), 0.0f);
     std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
-    std::fill(gradient.cases.begin(), gradient.cases.end(), 0.0f);
-    add_product_to(runs_[l], layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, slopes.data(), gradient.weights.data());
+    std::fill(gradient.conditional_bias.begin(), gradient.conditional_bias.end(), 0.0f);
+    add_product_to(runs_[l], layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, gradients.data(), gradient.weights.data());
     for (std::size_t b = 0; b < settings_.batch; ++b)
-      for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += slopes[b * layer.out + o];
+      for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += gradients[b * layer.out + o];
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
-      for (const std::size_t to : cases_of(learned_.in(drawn_[b]), layer.out))
-        for (std::size_t o = 0; o < layer.out; ++o) gradient.cases[to + o] += slopes[b * layer.out + o];
+      for (const std::size_t to : conditional_biases_of(learned_.in(drawn_[b]), layer.out))
+        for (std::size_t o = 0; o < layer.out; ++o) gradient.conditional_bias[to + o] += gradients[b * layer.out + o];
     if (l == 0) break;
-    turned_.resize(layer.weights.size());
+    transposed_.resize(layer.weights.size());
     for (std::size_t i = 0; i < layer.in; ++i)
-      for (std::size_t o = 0; o < layer.out; ++o) turned_[o * layer.in + i] = layer.weights[i * layer.out + o];
-    std::vector<float>& before = slopes_[l];
+      for (std::size_t o = 0; o < layer.out; ++o) transposed_[o * layer.in + i] = layer.weights[i * layer.out + o];
+    std::vector<float>& before = gradients_[l];
     std::fill(before.begin(), before.end(), 0.0f);
-    add_product(settings_.batch, layer.in, layer.out, {slopes.data(), layer.out, 1}, turned_.data(), before.data());
-    for (std::size_t i = 0; i < before.size(); ++i) before[i] = moves_[l - 1][i] != 0 ? before[i] : 0.0f;
+    add_product(settings_.batch, layer.in, layer.out, {gradients.data(), layer.out, 1}, transposed_.data(), before.data());
+    for (std::size_t i = 0; i < before.size(); ++i) before[i] = unclipped_[l - 1][i] != 0 ? before[i] : 0.0f;
   }
 }
 
 void RiddleTrainer::update() {
-  left_first_ *= kFirstDecay;
-  left_second_ *= kSecondDecay;
-  const AdamStep step{settings_.rate, 1.0f / (1.0f - left_first_), 1.0f / (1.0f - left_second_),
+  beta1_power_ *= kBeta1;
+  beta2_power_ *= kBeta2;
+  const AdamStep step{settings_.rate, 1.0f / (1.0f - beta1_power_), 1.0f / (1.0f - beta2_power_),
                       std::clamp(1.0f - kRecent / static_cast<float>(steps_ + 1), 0.0f, settings_.mean)};
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     Layer &layer = layers_[l], &mean = mean_[l];
-    AdamStep turned = step;
-    turned.rate *= kTurnedRates[l];
-    for (TurnedWeights& weights : turned_weights_[l]) weights.take_step(turned, steps_, layer.out, gradient_[l].weights, layer.weights, mean.weights);
+    AdamStep rotated = step;
+    rotated.rate *= kRotatedRates[l];
+    for (RotatedWeights& weights : rotated_weights_[l]) weights.take_step(rotated, steps_, layer.out, gradient_[l].weights, layer.weights, mean.weights);
     take_step(step, gradient_[l].bias, moments_[l][0], layer.bias, mean.bias);
-    take_step(step, gradient_[l].cases, moments_[l][1], layer.cases, mean.cases);
+    take_step(step, gradient_[l].conditional_bias, moments_[l][1], layer.conditional_bias, mean.conditional_bias);
   }
 }
 
@@ -267,9 +270,9 @@ double RiddleTrainer::cost(const RiddleNet& net, float beside) const {
     const Decisions decisions(held_.leaf(i), held_.offsets(i));
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];
-      const std::int16_t said = of.output < kTreeOdds ? values.out[of.output] : net.leaf_odds(values, of.output - kTreeOdds);
-      const float odds = static_cast<float>(said) * of.share + beside * static_cast<float>(held_.said(i)[d]);
-      bits += static_cast<double>(paid(odds * (1.0f / kOutputUnit), of.one).bits);
+      const std::int16_t net_odds = of.output < kTreeOdds ? values.out[of.output] : net.leaf_odds(values, of.output - kTreeOdds);
+      const float odds = static_cast<float>(net_odds) * of.share + beside * static_cast<float>(held_.context_odds(i)[d]);
+      bits += static_cast<double>(cost_of(odds * (1.0f / kOutputUnit), of.one).bits);
     }
   }
   return held_.size() == 0 ? 0.0 : bits / static_cast<double>(held_.size());

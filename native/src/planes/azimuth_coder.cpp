@@ -11,11 +11,11 @@ namespace lidarcodec {
 namespace {
 
 constexpr std::uint32_t kTurn = 36000;
-constexpr std::size_t kSteps = 4;  // at most so many steps get a number
+constexpr std::size_t kSteps = 4;  // most steps that get a number
 
 enum Flag : std::uint8_t { kAllFired = 1, kLowerFirst = 2, kStepsShift = 2, kKnown = 0x1F };
 
-// Numbers of the most frequent steps: 0 is the most frequent, kSteps any other step.
+// The most frequent steps by number: 0 is the most frequent one, kSteps stands for any other.
 struct StepTable {
   std::array<std::uint16_t, kSteps> steps{};
   std::size_t count = 0;
@@ -33,7 +33,7 @@ class StepModel {
   explicit StepModel(const StepTable& table)
       : table_(table), by_two_runs_(kRuns * kRuns * 4), by_three_runs_(kRuns * kRuns * kRuns) {}
 
-  // Step from one rotation to the next, 0 to 35999.
+  // Codes the step from one azimuth to the next, 0 to 35999.
   template <class Bits>
   std::uint32_t code(Bits& bits, std::uint32_t step) {
     const std::size_t wanted = table_.number(step);
@@ -68,7 +68,7 @@ class StepModel {
   }
 
  private:
-  static constexpr std::size_t kRuns = 16;  // lengths of runs, the last means "or more"
+  static constexpr std::size_t kRuns = 16;  // lengths of runs; the last one stands for all longer ones
   const StepTable& table_;
   std::vector<BitModel> by_two_runs_, by_three_runs_;
   Mixer mixer_;
@@ -78,7 +78,7 @@ class StepModel {
   std::array<std::size_t, 2> runs_{};
 };
 
-// Which halves of a column fired, 0 to 3 = upper + 2 * lower, by those of the three columns before.
+// Codes which halves of a column fired, upper + 2 * lower, in the context of the three columns before.
 class FiredModel {
  public:
   template <class Bits>
@@ -109,7 +109,7 @@ void code_columns(Bits& bits, const StepTable& table, std::uint8_t flags, std::s
   StepModel steps(table);
   FiredModel firing;
   std::array<BitModel, 4> same;
-  std::size_t recent = 3;  // whether the last two second blocks had the rotation of the first
+  std::size_t recent = 3;  // whether the last two second blocks had the azimuth of the first
   std::uint32_t at = 0;
   const auto rotate = [&](std::uint32_t to) {
     at += steps.code(bits, step_between(at, to));
@@ -159,7 +159,7 @@ void for_each_step(const std::uint16_t* azimuth, const std::uint8_t* fired, std:
 
 StepTable frequent_steps(const std::uint16_t* azimuth, const std::uint8_t* fired, std::size_t width, bool lower_first) {
   std::vector<std::uint32_t> counts(kTurn);
-  std::vector<std::uint16_t> steps;  // that there are
+  std::vector<std::uint16_t> steps;  // that occur
   for_each_step(azimuth, fired, width, lower_first, [&](std::uint32_t step) {
     if (counts[step]++ == 0) steps.push_back(static_cast<std::uint16_t>(step));
   });

@@ -1,9 +1,8 @@
-// Azimuth coder: the rotation of each block of a frame, and which blocks fired. The format is
-// docs/wire-format-sections.md, section "azimuth".
+// Azimuth coder: the azimuth of each block of a frame, and which blocks fired. docs/wire-format-sections.md has the format.
 //
-// A sensor turns evenly and counts coarsely: its steps are two values whose order nearly repeats (KITTI: one 9 after
-// six or seven 18s). The most frequent steps get a number; "again the most frequent" is told by the lengths of the last
-// runs of it. A second block at the same rotation costs next to nothing.
+// A sensor rotates evenly, but its azimuth has coarse steps. So the differences have few values, in an order that almost repeats
+// (KITTI: a 9 after six or seven 18s). The most frequent differences get a number. Whether the most frequent one follows is
+// predicted from the lengths of its last runs. A second block with the same azimuth costs almost nothing.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -22,7 +21,7 @@ std::vector<std::uint8_t> encode_azimuth(const std::uint16_t* azimuth, const std
 // Raises Section or Truncated.
 Azimuths decode_azimuth(const std::uint8_t* data, std::size_t size, std::size_t width);
 
-// Columns in a full turn at the mean step of so many rotations; gaps are left out. 0 if the sensor does not turn.
+// Columns in a full turn, from the mean difference of these azimuths without gaps. 0 if the sensor does not rotate.
 std::uint32_t columns_in_turn(const std::uint16_t* rotations, std::size_t count);
 
 }  // namespace lidarcodec

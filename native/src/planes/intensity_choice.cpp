@@ -15,17 +15,17 @@ namespace {
 using Counts = std::array<std::size_t, 256>;
 using Values = std::vector<std::uint8_t>;
 
-constexpr std::size_t kSampled = 16384;   // returns whose rows tell how levels follow each other
-constexpr int kRounds = 4;               // of learning it
-constexpr std::size_t kMostLevels = 64;  // among more a choice is worth little: each return becomes the nearest
+constexpr std::size_t kSampledReturns = 16384;   // returns whose rows give the costs of transitions
+constexpr int kRounds = 4;               // of estimating them
+constexpr std::size_t kMaxLevels = 64;  // with more levels each return gets the nearest one: a choice would save little
 
-// Levels for a histogram, each the mean of the intensities that are nearest to it (Max 1960, Lloyd 1982). They begin evenly
-// spaced. `error`: the mean squared error, 16 times.
-struct Means {
+// Levels for a histogram by the algorithm of Lloyd (1982) and Max (1960): each is the mean of the intensities that are nearest to
+// it. They begin evenly spaced. error: 16 times the mean squared error.
+struct LloydMaxLevels {
   Values value;
   Cost error = 0;
 
-  Means(const Counts& counts, std::size_t levels) {
+  LloydMaxLevels(const Counts& counts, std::size_t levels) {
     Values used;
     for (std::size_t x = 0; x < counts.size(); ++x)
       if (counts[x] != 0) used.push_back(static_cast<std::uint8_t>(x));
@@ -35,7 +35,7 @@ struct Means {
     const std::int64_t low = used.front(), high = used.back();
     for (std::size_t s = 0; s < levels; ++s)
       at16[s] = 16 * low + 16 * (high - low) * static_cast<std::int64_t>(s) / static_cast<std::int64_t>(levels - 1);
-    for (int round = levels > kMostLevels ? 6 : 24; round > 0; --round) {
+    for (int round = levels > kMaxLevels ? 6 : 24; round > 0; --round) {
       std::vector<std::size_t> sum(at16.size()), count(at16.size());
       std::size_t s = 0;
       for (const std::uint8_t x : used) {
@@ -63,22 +63,22 @@ struct Means {
   }
 };
 
-// What a bit is worth: some times the error that so many levels leave at least. Among few, many bits are to be saved by few
-// errors, as neighbours are alike but for noise; among many, noise is most of what is coded.
-Worth worth_for(const Means& means) {
-  const std::size_t levels = std::max<std::size_t>(means.value.size(), 10);
-  return {static_cast<Cost>(std::int64_t{48} * means.error / static_cast<std::int64_t>(levels))};
+// The price of a bit, in proportion to the least error with so many levels. It is higher for few levels: neighbours are then
+// equal except for noise, and small errors save many bits. With many levels most bits are noise.
+Lambda lambda_for(const LloydMaxLevels& lloyd_max) {
+  const std::size_t levels = std::max<std::size_t>(lloyd_max.value.size(), 10);
+  return {static_cast<Cost>(std::int64_t{48} * lloyd_max.error / static_cast<std::int64_t>(levels))};
 }
 
-// What became which level.
-class Became {
+// The number and the mean of each level's returns.
+class Centroids {
  public:
   void count(std::size_t level, std::uint8_t intensity) {
     ++returns_[level];
     sum_[level] += intensity;
   }
 
-  // Moves each level to the mean of what became it. They stay distinct, and rising.
+  // Moves each level to the mean of its returns. Levels stay distinct and rising.
   void move(Values& value) const {
     for (std::size_t s = 0; s < value.size(); ++s) {
       if (returns_[s] == 0) continue;
@@ -100,43 +100,43 @@ void for_each_return(const MaskLayout& layout, const ClosedRows& returned, std::
     if (returned.cells[row * width + k] != 0) act(row * width + columns[k]);
 }
 
-// The levels of a row's intensities, those that cost least by `turns` alone.
-void choose(const Candidates& candidates, const Turns& turns, Ahead& ahead, const Values& row, Values& levels) {
-  ahead.look(candidates, turns, row.data(), row.size());
+// The levels of a row that minimise error plus the costs of transitions: dynamic programming, as in Viterbi's algorithm (1967).
+void choose(const Candidates& candidates, const Transitions& transitions, CostToGo& to_go, const Values& row, Values& levels) {
+  to_go.compute(candidates, transitions, row.data(), row.size());
   levels.resize(row.size());
   for (std::size_t k = 0; k < row.size(); ++k) {
     const Candidates::Choices& choices = candidates.of(row[k]);
     std::array<Cost, kCandidates> costs;
     for (std::size_t i = 0; i < kCandidates; ++i)
-      costs[i] = choices.error[i] + ahead.of(k)[i] + (k == 0 ? 0 : turns.after(levels[k - 1])[choices.first + i]);
+      costs[i] = choices.error[i] + to_go.of(k)[i] + (k == 0 ? 0 : transitions.after(levels[k - 1])[choices.first + i]);
     levels[k] = static_cast<std::uint8_t>(std::min_element(costs.begin(), costs.end()) - costs.begin() + choices.first);
   }
 }
 
-// How levels follow each other once they are chosen, from some rows; moves the levels to the means of what becomes them.
-Turns turns_of(const std::vector<Values>& rows, Values& value, Worth worth) {
-  Turns turns(value.size());
-  Ahead ahead;
+// Costs of transitions, estimated from some rows in turns with the choice of their levels; moves the levels to their means.
+Transitions transitions_of(const std::vector<Values>& rows, Values& value, Lambda lambda) {
+  Transitions transitions(value.size());
+  CostToGo to_go;
   Values levels;
   for (int round = 0; round <= kRounds; ++round) {
     const Candidates candidates(value);
-    Became became;
+    Centroids centroids;
     for (const Values& row : rows) {
       if (round == 0) {
         levels.clear();
         for (const std::uint8_t x : row) levels.push_back(candidates.of(x).nearest);
       } else {
-        choose(candidates, turns, ahead, row, levels);
+        choose(candidates, transitions, to_go, row, levels);
       }
       for (std::size_t k = 0; k < row.size(); ++k) {
-        became.count(levels[k], row[k]);
-        if (k > 0) turns.see(levels[k - 1], levels[k]);
+        centroids.count(levels[k], row[k]);
+        if (k > 0) transitions.count(levels[k - 1], levels[k]);
       }
     }
-    became.move(value);
-    turns.learn(worth);
+    centroids.move(value);
+    transitions.learn(lambda);
   }
-  return turns;
+  return transitions;
 }
 
 }  // namespace
@@ -154,31 +154,31 @@ std::vector<std::uint8_t> choose_levels(const std::uint8_t* values, const std::u
       rows[row].push_back(values[at]);
       ++counts[values[at]];
     });
-  Means means(counts, levels);
-  Values& value = means.value;
-  const Worth worth = worth_for(means);
-  const bool looks = means.error != 0 && value.size() <= kMostLevels;
+  LloydMaxLevels lloyd_max(counts, levels);
+  Values& value = lloyd_max.value;
+  const Lambda lambda = lambda_for(lloyd_max);
+  const bool optimises = lloyd_max.error != 0 && value.size() <= kMaxLevels;
 
-  std::optional<Turns> turns;
-  if (looks) {
-    const std::size_t every = 1 + returned.returns / kSampled;
+  std::optional<Transitions> transitions;
+  if (optimises) {
+    const std::size_t every = 1 + returned.returns / kSampledReturns;
     std::vector<Values> some;
     for (std::size_t row = every / 2; row < kMaskRows; row += every) some.push_back(rows[row]);
-    turns = turns_of(some, value, worth);
+    transitions = transitions_of(some, value, lambda);
   }
   const Candidates candidates(value);
-  Ahead ahead;
-  Became became;
+  CostToGo to_go;
+  Centroids centroids;
   std::vector<Values> chosen(kMaskRows);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
-    if (looks) {
-      choose(candidates, *turns, ahead, rows[row], chosen[row]);
+    if (optimises) {
+      choose(candidates, *transitions, to_go, rows[row], chosen[row]);
     } else {
       for (const std::uint8_t x : rows[row]) chosen[row].push_back(candidates.of(x).nearest);
     }
-    for (std::size_t k = 0; k < rows[row].size(); ++k) became.count(chosen[row][k], rows[row][k]);
+    for (std::size_t k = 0; k < rows[row].size(); ++k) centroids.count(chosen[row][k], rows[row][k]);
   }
-  became.move(value);
+  centroids.move(value);
   Values image(kMaskRows * width);
   for (std::size_t row = 0; row < kMaskRows; ++row) {
     std::size_t k = 0;

@@ -15,7 +15,7 @@ constexpr std::size_t kConstantBytes = 2;  // kind, value
 constexpr std::size_t kHeadBytes = 11;     // kind, turn u16, rate u16, bytes of the symbols u16 and first stream u32
 constexpr std::uint32_t kMaxRate = 8191;
 
-// The less there is to learn from, the faster: best of KITTI frames cut into pieces of each size.
+// The learning rate: higher for frames with fewer returns. Fitted to KITTI frames cut into pieces of each size.
 std::uint32_t rate_for(std::size_t returns) {
   constexpr std::array<std::uint32_t, 5> rates = {1700, 1450, 1220, 1020, 860};
   std::size_t size = 0;
@@ -27,7 +27,7 @@ struct Stream {
   std::uint32_t turn, rate;
 };
 
-// Codes all rows of an image, (64, W); only returns are looked at, or written.
+// Codes all rows of an image, (64, W). Cells without a return are neither read nor written.
 template <int Depth, class Coder, class Image>
 void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& layout, const ClosedRows& returned,
                std::size_t width, typename RowCoder<Depth, Coder>::Halves& halves, Image* image) {
@@ -53,7 +53,7 @@ void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& l
     coder.code(returns, above.cells(), here.data());
     if constexpr (coder.kReads) for_each_return([&](auto& symbol, auto& value) { value = symbols.value[symbol]; });
 
-    // For the row below: no returns take the symbol to their left, those at the start the first one.
+    // For the row below, cells without a return take the symbol to their left, or the first one of the row.
     if (returns.count == 0) {
       std::copy_n(above.cells(), n, here.begin());
     } else {

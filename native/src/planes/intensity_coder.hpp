@@ -1,8 +1,7 @@
-// Intensity coder: the intensities of the returns of a frame, by adaptive models of their neighbours.
-// The format is docs/wire-format-intensity.md.
+// Intensity coder: the intensities of the returns of a frame, by context mixing. docs/wire-format-intensity.md has the format.
 //
-// Rows are coded from the top. The two halves of a row are coded at the same time, each with a range coder of its own and
-// both with the same models, so that a core has something to do while one of them waits for its next decision.
+// Rows are coded from the top. The two halves of a row are coded at the same time: each has a range coder, and both use the same
+// models. So a core works on one half while the other waits for its decision.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -12,8 +11,8 @@
 
 namespace lidarcodec {
 
-// Intensities of the cells set in `returns`; both (64, W). `turn`: columns in a full turn, up to 65535; 0: found from
-// the mask. Raises Section if a cell is set in a block that did not fire.
+// Intensities of the cells set in `returns`; both (64, W). `turn`: columns in a full turn, up to 65535; 0: it is
+// found from the mask. Raises Section if a cell is set in a block that did not fire.
 std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std::uint8_t* returns,
                                            const MaskGeometry& geometry, std::uint32_t turn = 0);
 

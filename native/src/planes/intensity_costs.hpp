@@ -1,6 +1,6 @@
-// Levels that a return may become, and what each of them costs the rest of its row.
+// The levels that a return may get, and what each of them costs together with the rest of its row.
 //
-// A cost is 16 times a squared error, or what bits are worth in it. All is done in whole numbers: the same on every machine.
+// A cost is 16 times a squared error, or a number of bits times lambda. In whole numbers, so every machine gives the same.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -13,10 +13,10 @@
 namespace lidarcodec {
 
 using Cost = std::int32_t;
-inline constexpr Cost kNever = 1 << 28;        // of a level that there is not
-inline constexpr std::size_t kCandidates = 4;  // levels next to an intensity among which is chosen
+inline constexpr Cost kNever = 1 << 28;        // of a level that does not exist
+inline constexpr std::size_t kCandidates = 4;  // levels that a return may get
 
-// 256 log2(x), rounded down; x is not 0.
+// 256 log2(x), rounded down; x is not 0. A bit of the fraction comes from squaring the mantissa.
 constexpr std::uint32_t log2_256(std::uint32_t x) {
   const int whole = std::bit_width(x) - 1;
   std::uint64_t part = std::uint64_t{x} << (31 - whole);
@@ -30,13 +30,13 @@ constexpr std::uint32_t log2_256(std::uint32_t x) {
   return log;
 }
 
-// What a bit is worth, as a cost.
-struct Worth {
+// The cost of a bit: the Lagrange multiplier between error and rate.
+struct Lambda {
   Cost bit;
   Cost of(std::uint32_t bits_256) const { return static_cast<Cost>(std::int64_t{bit} * bits_256 >> 8); }
 };
 
-// Of each intensity, the kCandidates levels next to it.
+// The kCandidates levels nearest to each intensity.
 class Candidates {
  public:
   struct Choices {
@@ -45,7 +45,7 @@ class Candidates {
     std::uint8_t nearest;
   };
 
-  // `value`: of each level, rising.
+  // value: of each level, rising.
   explicit Candidates(const std::vector<std::uint8_t>& value) {
     const std::size_t n = value.size();
     const auto off = [&](std::size_t x, std::size_t level) {
@@ -70,39 +70,40 @@ class Candidates {
   std::array<Choices, 256> of_{};
 };
 
-// What the level of a return costs after that of the return before: a first-order model of rows.
-class Turns {
+// The cost of a return's level after the level of the return before: a first-order Markov model of rows.
+class Transitions {
  public:
-  explicit Turns(std::size_t levels) : stride_(std::max(levels, kCandidates)), count_(stride_ * stride_) {}
+  explicit Transitions(std::size_t levels) : stride_(std::max(levels, kCandidates)), counts_(stride_ * stride_) {}
 
-  void see(std::size_t before, std::size_t level) { ++count_[before * stride_ + level]; }
+  void count(std::size_t before, std::size_t level) { ++counts_[before * stride_ + level]; }
 
-  // Costs from what was seen since it learned last.
-  void learn(Worth worth) {
-    cost_.resize(count_.size());
-    for (std::size_t from = 0; from < count_.size(); from += stride_) {
+  // Computes the costs from the transitions counted since the last call.
+  void learn(Lambda lambda) {
+    cost_.resize(counts_.size());
+    for (std::size_t from = 0; from < counts_.size(); from += stride_) {
       std::uint32_t all = 0;
-      for (std::size_t to = 0; to < stride_; ++to) all += count_[from + to];
+      for (std::size_t to = 0; to < stride_; ++to) all += counts_[from + to];
       const std::uint32_t total = log2_256(2 * all + static_cast<std::uint32_t>(stride_));
       for (std::size_t to = 0; to < stride_; ++to)
-        cost_[from + to] = worth.of(total - log2_256(2 * count_[from + to] + 1));
+        cost_[from + to] = lambda.of(total - log2_256(2 * counts_[from + to] + 1));
     }
-    std::fill(count_.begin(), count_.end(), 0);
+    std::fill(counts_.begin(), counts_.end(), 0);
   }
   const Cost* after(std::size_t level) const { return cost_.data() + level * stride_; }
 
  private:
   std::size_t stride_;
-  std::vector<std::uint32_t> count_;
+  std::vector<std::uint32_t> counts_;
   std::vector<Cost> cost_;
 };
 
-// Of each candidate of a return, what the rest of the row costs after it, above what it costs after the best of them.
-class Ahead {
+// For each candidate of a return the least cost of the rest of the row, relative to the best candidate: the cost-to-go of
+// dynamic programming.
+class CostToGo {
  public:
   using Costs = std::array<Cost, kCandidates>;
 
-  void look(const Candidates& candidates, const Turns& turns, const std::uint8_t* intensities, std::size_t count) {
+  void compute(const Candidates& candidates, const Transitions& transitions, const std::uint8_t* intensities, std::size_t count) {
     costs_.resize(std::max(costs_.size(), count + 1));
     if (count == 0) return;
     costs_[count - 1] = {};
@@ -112,9 +113,9 @@ class Ahead {
       for (std::size_t i = 0; i < kCandidates; ++i) then[i] = next.error[i] + costs_[k + 1][i];
       Costs& costs = costs_[k];
       for (std::size_t s = 0; s < kCandidates; ++s) {
-        const Cost* turn = turns.after(here.first + s) + next.first;
+        const Cost* transition = transitions.after(here.first + s) + next.first;
         Cost least = kNever;
-        for (std::size_t i = 0; i < kCandidates; ++i) least = std::min(least, turn[i] + then[i]);
+        for (std::size_t i = 0; i < kCandidates; ++i) least = std::min(least, transition[i] + then[i]);
         costs[s] = least;
       }
       const Cost least = *std::min_element(costs.begin(), costs.end());

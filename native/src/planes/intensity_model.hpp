@@ -1,15 +1,15 @@
-// What is known of a return before its intensity is coded: its seven contexts, and the cells (bits/cells.hpp) of each.
+// The seven contexts of an intensity, and the cells (bits/cells.hpp) of each.
 //
-// A symbol is coded as a walk down a binary tree, at most four levels first and then the others. A context has cells for
-// the decisions of the first levels, and for each of their ends cells for those of the others. The contexts are
+// A symbol is coded as the path to its leaf in a binary tree, up to four levels first and then the others. A context has cells
+// for the decisions of the first levels, and for each of their ends cells for the others. The contexts are
 //
 //   0 a guess from symbols around, and the last symbol of the row      1 the last symbol, and the one before
 //   2 the one before, and the last                                     3 the last three
 //   4 the last four                                                    5 no-return cells since the last return
 //   6 no returns beside this one, the last symbol, and the row above
 //
-// mostly in classes of about equal mass. Symbols of the same row tell most: each laser has a scale of its own, and its
-// intensities alternate, so that the last but one is often nearer than the last.
+// mostly in classes with about equal numbers of returns. Symbols of the same row predict best: each laser has its own scale, and
+// its intensities alternate, so the symbol before the last one is often closer than the last one.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -37,8 +37,8 @@ struct Surroundings {
 template <int Depth>
 class IntensityModel {
  public:
-  static constexpr int kFirst = std::min(Depth, 4);  // levels decided together at first,
-  static constexpr int kSecond = Depth - kFirst;     // and then
+  static constexpr int kFirst = std::min(Depth, 4);  // levels whose probabilities are computed together first
+  static constexpr int kSecond = Depth - kFirst;     // the other levels
   static constexpr std::uint32_t kFirstCells = 2;
   static constexpr std::uint32_t kSecondCells = kSecond == 0 ? 0 : kSecond < 4 ? 1 : 2;
   static constexpr std::uint32_t kRecord = kFirstCells + 16 * kSecondCells;  // cells of a context
@@ -75,7 +75,7 @@ class IntensityModel {
   }
 
  private:
-  // What a symbol adds to where the cells of a context are, by its place among those around. One cache line.
+  // What a symbol adds to the index of a context's cells, by its place in the surroundings. One cache line.
   struct alignas(64) Parts {
     std::array<std::uint32_t, 6> last;    // to contexts 0 to 4, and 6
     std::array<std::uint32_t, 4> second;  // to contexts 1 to 4
@@ -97,7 +97,7 @@ class IntensityModel {
             in4 * r};
   }
 
-  // Sets one log odds: that of the decision at `level` to which the leaves that begin with `way` lead.
+  // Sets the log odds of one decision: at `level`, on the path `way` from the root.
   void set(Cells* record, int level, std::uint32_t way, int odds) {
     std::uint32_t cell = 0, node = (1u << level) + way;
     if (level >= kFirst) {
@@ -109,7 +109,7 @@ class IntensityModel {
     std::memcpy(reinterpret_cast<char*>(record + cell) + sizeof value * node, &value, sizeof value);
   }
 
-  // Context 0 starts from a distribution that falls off on both sides of its guess, by e in an eighth of the leaves.
+  // Context 0 begins with a distribution that decreases on both sides of its guess, by a factor of e in an eighth of the leaves.
   void expect_guess(const Symbols& symbols) {
     const std::size_t n = symbols.count();
     for (std::size_t s = 0, end = 0; s < n; s = end) {
@@ -129,7 +129,7 @@ class IntensityModel {
     }
   }
 
-  // Context 5 knows where the tree has no symbols.
+  // Context 5 begins with certainty where a side of the tree has no symbols.
   void rule_out_empty_leaves(const Symbols& symbols) {
     for (int level = 0; level < Depth; ++level) {
       const std::uint32_t half = 1u << (Depth - level - 1);

@@ -1,4 +1,4 @@
-// Rows of intensities: what is coded when, and how models learn from it.
+// Rows of intensities: the order of coding, and the updates of models.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@
 
 namespace lidarcodec {
 
-// The returns of a row: their cells, and the no returns about each.
+// The returns of a row: their cells, and the no-return cells around each.
 struct RowReturns {
   std::size_t count = 0;
   std::vector<std::uint32_t> cell;
@@ -22,7 +22,7 @@ struct RowReturns {
 
   explicit RowReturns(std::size_t width) : cell(width + 1), gap(width + 1), edges(width + 1) {}
 
-  // `row`: n closed-up cells of a mask.
+  // row: the n fired cells of a row of a mask.
   void find(const std::uint8_t* row, std::size_t n) {
     std::uint32_t* to_cell = cell.data();
     std::uint8_t *to_gap = gap.data(), *to_edges = edges.data();
@@ -41,16 +41,16 @@ struct RowReturns {
   }
 };
 
-// One half of each row: its coder, and where that has come to.
+// One half of each row: its coder and its state.
 template <class Coder>
 struct Half {
   Coder coder;
   WideInterval interval{};
   std::array<std::uint8_t, 4> last{};  // symbols, the latest first
-  std::size_t next = 0;                // return of the row
+  std::size_t next = 0;                // index of the next return of the row
 };
 
-// Codes rows of symbols; `Coder` is WideEncoder or WideDecoder. The two halves of a row take turns, a symbol each.
+// Codes rows of symbols; `Coder` is WideEncoder or WideDecoder. The two halves of a row alternate, symbol by symbol.
 template <int Depth, class Coder>
 class RowCoder {
  public:
@@ -60,7 +60,7 @@ class RowCoder {
   RowCoder(const Symbols& symbols, std::uint32_t rate, Halves& halves)
       : symbols_(symbols), model_(symbols), rate_(static_cast<std::int16_t>(rate)), halves_(halves) {}
 
-  // Writes or reads the symbols of the returns of a row. `above`: the row above as seen from this one, with its margin.
+  // Writes or reads the symbols of the returns of a row. above: the row above, aligned with this one, with its margin.
   // Raises Section or Truncated.
   void code(const RowReturns& returns, const std::uint8_t* above, std::uint8_t* symbols) {
     const std::size_t n = returns.count, half = (n + 1) / 2;
@@ -72,13 +72,13 @@ class RowCoder {
     }
     for (std::size_t i = half; i < n; ++i) step<2>(returns, above, symbols);
     if (n % 2 != 0) step<1>(returns, above, symbols);
-    if (unknown_) throw Error(ErrorCode::Section, "an intensity that is none of those announced");
+    if (unknown_) throw Error(ErrorCode::Section, "an intensity that the section does not list");
   }
 
  private:
   using Model = IntensityModel<Depth>;
   template <std::size_t N, class T>
-  using Each = std::array<T, N>;  // of the halves that code a symbol
+  using Each = std::array<T, N>;  // for each half that codes a symbol
 
   // The next symbol of the first N halves.
   template <std::size_t N>
@@ -111,8 +111,8 @@ class RowCoder {
     }
   }
 
-  // `Levels` decisions of each of N leaves, of which `below` bits come later: `way` is what was decided. All that is
-  // known of them is computed first, all is learned last: what is the same for both halves counts for both.
+  // Codes `Levels` decisions of each of N leaves, which have `below` further bits; `way` gets the decisions. Probabilities are
+  // computed before and models updated after all of them, so both halves may share a cell.
   template <int Levels, std::uint32_t Vectors, std::size_t N>
   void walk(const Each<N, typename Model::Named>& cells, Each<N, WideInterval>& interval, int below,
             const Each<N, std::uint32_t>& leaf, Each<N, std::uint32_t>& way) {

@@ -1,5 +1,5 @@
-// The intensities in use in a frame, numbered upwards: these numbers are *symbols*. What is announced of them before the
-// returns are coded: which they are, and their classes by mass, so that contexts can be classes of about equal size.
+// *Symbols*: the numbers of the intensities that occur in a frame, in rising order. A section begins with these intensities and
+// their classes. Classes have about equal numbers of returns, so that contexts have, too.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -17,13 +17,13 @@ struct Symbols {
   std::vector<std::uint8_t> value;           // of each symbol, rising
   std::vector<std::uint8_t> mass_class;      // of each symbol, never falling, below kMassClasses
   std::array<std::uint8_t, 256> of_value{};  // symbol of a value in use
-  int depth = 0;                             // levels of the tree whose leaves are the symbols: 1 to 8
-  std::array<std::uint8_t, 256> leaf{};      // of a symbol; they are spread evenly
+  int depth = 0;                             // of the binary tree whose leaves are the symbols: 1 to 8
+  std::array<std::uint8_t, 256> leaf{};      // of each symbol; spread evenly
   std::array<std::uint16_t, 256> of_leaf{};  // symbol of a leaf, or kNoSymbol
 
   std::size_t count() const { return value.size(); }
 
-  // Fills the rest once value, at least two of them, and mass_class are there.
+  // Sets the other fields from value, which has two or more elements, and mass_class.
   void place() {
     const std::size_t n = count();
     for (depth = 1; (std::size_t{1} << depth) < n; ++depth) {
@@ -37,7 +37,7 @@ struct Symbols {
   }
 };
 
-// The values that occur, each in the class of the middle of its returns among all, sorted by value.
+// The symbols of a histogram. The class of a symbol is the quantile of the middle of its returns.
 inline Symbols symbols_of(const std::array<std::size_t, 256>& returns_of_value) {
   std::size_t total = 0, before = 0;
   for (const std::size_t returns : returns_of_value) total += returns;
@@ -60,7 +60,7 @@ void code_symbols(Bits& bits, Symbols& symbols) {
     model.update(is);
     return is;
   };
-  std::array<BitModel, 8> used;  // by which of the three values before are in use
+  std::array<BitModel, 8> used;  // context: which of the three values before are in use
   std::uint32_t recent = 0;
   std::size_t count = 0;
   for (std::uint32_t value = 0; value < 256; ++value) {
@@ -71,7 +71,7 @@ void code_symbols(Bits& bits, Symbols& symbols) {
     recent = (recent << 1 | static_cast<std::uint32_t>(is_used)) & 7u;
   }
   if (Bits::kReads) symbols.mass_class.resize(count);
-  std::array<BitModel, 2> rise;  // by whether the decision before was to rise
+  std::array<BitModel, 2> rise;  // context: whether the decision before was a one
   std::uint8_t mass_class = 0;
   bool rises = false;
   for (std::uint8_t& of_symbol : symbols.mass_class) {

@@ -11,10 +11,10 @@ namespace {
 
 enum Kind : std::uint8_t { kSparse = 4, kSparseWithEarlier = 5 };
 
-// Surer than 1 in 128, the first model is used alone.
+// Below 1 in 128, or above 127 in 128, the first model is used alone.
 constexpr std::uint32_t kSure = 512;
 
-// Directions of the cells of a row, and how fine the lattice is that each is on.
+// The direction and the level of each cell of a row.
 struct RowDirections {
   std::vector<std::uint16_t> direction;
   std::vector<std::uint8_t> level;
@@ -22,7 +22,7 @@ struct RowDirections {
   void of(const MaskLayout& layout, const MaskGeometry& geometry, const std::uint16_t* azimuth, std::size_t row) {
     const std::vector<std::uint32_t>& columns = layout.columns(row);
     const std::uint16_t* at = azimuth + layout.half(row) * geometry.width;
-    const std::uint32_t aside = aside_of(static_cast<std::int32_t>(geometry.rotation[row]));
+    const std::uint32_t aside = direction_offset(static_cast<std::int32_t>(geometry.rotation[row]));
     direction.resize(columns.size());
     level.resize(columns.size());
     std::uint32_t before = kDirections;
@@ -35,7 +35,7 @@ struct RowDirections {
   }
 };
 
-// The earlier mask by direction: of each row, which directions it kept.
+// The directions that each row of the earlier mask kept.
 class EarlierDirections {
  public:
   EarlierDirections(const MaskLayout& layout, const MaskGeometry& geometry, const std::uint16_t* azimuth,
@@ -50,7 +50,7 @@ class EarlierDirections {
     }
   }
 
-  // The direction itself, one beside it, and the rows above and below: a bit each.
+  // Whether the direction was kept, one beside it, or the same one in the row above or below; a bit each.
   std::uint32_t about(std::size_t row, std::uint32_t direction) const {
     const std::uint64_t three = kept_[row + 1].from((direction + kDirections - 1) % kDirections, 3);
     const std::uint64_t upright = kept_[row].from(direction, 1) | kept_[row + 2].from(direction, 1);
@@ -58,7 +58,7 @@ class EarlierDirections {
   }
 
  private:
-  std::vector<DirectionSet> kept_;  // the row that is asked for is one further on: there is none above the first
+  std::vector<DirectionSet> kept_;  // with an empty row before the first and after the last
 };
 
 // Codes all rows, writing or reading as `Bits` does. `keep`: (64, W), read or written.

@@ -1,4 +1,4 @@
-// What is likely of a cell of a keep mask: models, their contexts, and how they are weighed. docs/wire-format-keep.md.
+// Models of the cells of a keep mask, their contexts, and their logistic mixing. docs/wire-format-keep.md has the format.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -13,8 +13,8 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kKeepModels = 4;
 
-// Weighs the log odds of several models; the weights follow the error four times as fast as those of `Mixer`: a mask has
-// few cells that are kept, and each message begins anew.
+// Logistic mixing of several models (Mahoney 2005). The learning rate is four times that of `Mixer`: a mask has few kept cells,
+// and each message begins with new weights.
 class KeepMixer {
  public:
   KeepMixer() { weights_.fill(26214); }  // 0.4
@@ -26,22 +26,22 @@ class KeepMixer {
       sum += static_cast<std::int64_t>(weights_[i]) * inputs_[i];
     }
     mixed_ = kSquash[static_cast<std::size_t>(std::clamp<std::int64_t>(sum >> 16, -2048, 2047) + 2048)];
-    return std::clamp<std::uint32_t>(mixed_, kSurest, 65536u - kSurest);
+    return std::clamp<std::uint32_t>(mixed_, kMinProbability, 65536u - kMinProbability);
   }
 
   void update(bool bit) {
     const std::int32_t error = (bit ? 65536 : 0) - static_cast<std::int32_t>(mixed_);
     for (std::size_t i = 0; i < kKeepModels; ++i)
-      weights_[i] = std::clamp(weights_[i] + ((error * inputs_[i] + 0x2000) >> 14), -kHeaviest, kHeaviest);
+      weights_[i] = std::clamp(weights_[i] + ((error * inputs_[i] + 0x2000) >> 14), -kMaxWeight, kMaxWeight);
   }
 
  private:
-  static constexpr std::int32_t kHeaviest = 1 << 20;  // 16.0
+  static constexpr std::int32_t kMaxWeight = 1 << 20;  // 16.0
   std::array<std::int32_t, kKeepModels> weights_{}, inputs_{};
   std::uint32_t mixed_ = 0;
 };
 
-// Cells since the last kept one, in classes.
+// Classes of the number of cells since the last kept one.
 inline constexpr std::array<std::uint8_t, 13> kGapLimits = {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 100};
 inline constexpr std::uint32_t kGapClasses = 14;
 inline constexpr std::uint32_t kLongestGap = 101;
@@ -52,22 +52,22 @@ inline constexpr auto kGapClass = [] {
   return classes;
 }();
 
-// Rows since a direction was last kept, in classes: 0 up to the first of these limits; and how many directions around were lately.
+// Classes of the number of rows since a direction was last kept, by these limits, and of the number of directions kept nearby.
 inline constexpr std::array<std::uint8_t, 4> kAgeLimits = {1, 2, 4, 8};
 constexpr std::uint32_t crowd_class(std::uint32_t count) {
   return count < 3 ? count : count < 5 ? 3 : count < 9 ? 4 : count < 16 ? 5 : 6;
 }
 
-// Where a context begins, by the level of its direction.
+// The first probability of a context, of 65536, by the level of its direction.
 inline constexpr std::array<std::uint32_t, kDirectionLevels> kKeepPrior = {20000, 12000, 8500, 6000, 3600, 1800, 1200};
 
-// Of each direction, what the rows above say of it.
+// What the rows above kept, by direction.
 class RowsAbove {
  public:
   std::uint32_t near(std::uint32_t direction) const { return age_class(direction, 2); }
   std::uint32_t wide(std::uint32_t direction) const { return age_class(direction, 8); }
 
-  // crowd_class * 6 + finest level, of what was kept lately up to 16 directions away.
+  // crowd_class * 6 + finest level of the directions up to 16 away that the last three rows kept.
   std::uint32_t crowd(std::uint32_t direction) const {
     const std::uint32_t first = (direction + kDirections - 16) % kDirections;
     const std::uint64_t around = lately_.from(first, 33);
@@ -78,7 +78,7 @@ class RowsAbove {
 
   void keep(std::uint32_t direction) { kept_[0].add(direction); }
 
-  // The row is over.
+  // Ends the row.
   void next() {
     DirectionSet within;
     for (std::size_t row = 0, limit = 0; row < kept_.size(); ++row) {
@@ -92,14 +92,14 @@ class RowsAbove {
 
  private:
   static constexpr std::size_t kLately = 3;
-  // The directions of each level among 64 of them that begin at direction 0.
+  // The directions of each level among the first 64, a bit each.
   static constexpr auto kOfLevel = [] {
     std::array<std::uint64_t, kFinestDirection + 1> of{};
     for (std::uint32_t direction = 0; direction < 64; ++direction) of[direction_level(direction)] |= std::uint64_t{1} << direction;
     return of;
   }();
 
-  // Of the directions up to `reach` away, the one that was kept last.
+  // The class of the number of rows since a direction up to `reach` away was kept.
   std::uint32_t age_class(std::uint32_t direction, std::uint32_t reach) const {
     const std::uint32_t first = (direction + kDirections - reach) % kDirections;
     std::uint32_t age = 0;
@@ -107,12 +107,12 @@ class RowsAbove {
     return age;
   }
 
-  std::array<DirectionSet, kAgeLimits.back()> kept_;  // by this row, by the one above it, and so on
-  std::array<DirectionSet, kAgeLimits.size()> within_;  // by as many rows above as the limit says
+  std::array<DirectionSet, kAgeLimits.back()> kept_;  // kept by this row, by the one above it, and so on
+  std::array<DirectionSet, kAgeLimits.size()> within_;  // kept by as many rows above as the limit
   DirectionSet lately_;
 };
 
-// A table of models, one for each level of direction and whatever else a context holds.
+// Models by level of direction and by a context.
 template <std::size_t PerLevel>
 class KeepTable {
  public:

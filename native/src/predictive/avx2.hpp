@@ -131,7 +131,7 @@ struct Avx2Forms {
 
   LIDARCODEC_AVX2 static std::int32_t products(const std::int16_t* a, const std::int16_t* b, std::size_t blocks) {
     __m256i sums = _mm256_madd_epi16(load(a), load(b));
-    for (std::size_t at = kBlock; at < blocks * kBlock; at += kBlock)
+    for (std::size_t at = kTileOutputs; at < blocks * kTileOutputs; at += kTileOutputs)
       sums = _mm256_add_epi32(sums, _mm256_madd_epi16(load(a + at), load(b + at)));
     const __m128i four = _mm_add_epi32(_mm256_castsi256_si128(sums), _mm256_extracti128_si256(sums, 1));
     const __m128i two = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0x4E));

@@ -9,7 +9,7 @@ namespace lidarcodec {
 namespace {
 
 unsigned activity_of(std::uint32_t sum) {
-  return 31u - static_cast<unsigned>(std::countl_zero(2u * sum + 1u));  // its bit width, and never of a zero
+  return 31u - static_cast<unsigned>(std::countl_zero(2u * sum + 1u));  // the bit width of the sum; the argument is never 0
 }
 
 // The last four absolute differences, at most 32768 each.
@@ -26,13 +26,13 @@ class Activity {
 
  private:
   std::uint32_t last_ = 0, second_ = 0, third_ = 0;
-  std::uint32_t before_ = 0;  // sum of the three before the last: known early, so that only the last is waited for
+  std::uint32_t before_ = 0;  // sum of the three before the last one, computed early to shorten the chain of dependencies
 };
 
-// Differences of values that are all known, and the activity before each: the same, many at a time.
+// Differences and activities of values that are all known: the same, in loops that compilers vectorise.
 struct Stream {
   std::vector<std::uint16_t> differences;
-  std::vector<std::uint16_t> sizes;  // absolute ones, those of differences[i] at i + 4
+  std::vector<std::uint16_t> sizes;  // absolute values, of differences[i] at i + 4
 
   Stream(const std::uint16_t* values, std::size_t size) : differences(size), sizes(size + 4) {
     if (size != 0) differences[0] = values[0];
@@ -51,13 +51,13 @@ struct Stream {
 void check_groups(const std::array<std::uint8_t, kActivities>& group_of) {
   for (std::size_t i = 0; i < kActivities; ++i)
     if (group_of[i] >= kActivities || (i > 0 && group_of[i] < group_of[i - 1]))
-      throw Error(ErrorCode::Section, "groups of activities that do not follow each other");
+      throw Error(ErrorCode::Section, "groups of activities are not in rising order");
 }
 
 }  // namespace
 
 std::array<std::uint32_t, kActivities> count_activities(const std::uint16_t* values, std::size_t size) {
-  // Four counts each, taken in turn: to raise the same one again would wait for the last time.
+  // Four counts for each activity, used in turn: incrementing one counter in a row would wait for the last increment.
   std::array<std::array<std::uint32_t, kActivities>, 4> parts{};
   const Stream stream(values, size);
   for (std::size_t i = 0; i < size; ++i) ++parts[i & 3u][stream.activity(i)];
@@ -98,7 +98,7 @@ std::vector<std::uint16_t> join_by_activity(const std::uint16_t* differences, st
     total += counts[g];
     end[g] = total;
   }
-  if (total != size) throw Error(ErrorCode::Section, "groups that do not add up to the differences given");
+  if (total != size) throw Error(ErrorCode::Section, "the counts of groups do not add up to the differences");
 
   std::vector<std::uint16_t> values(size);
   Activity activity;

@@ -1,4 +1,4 @@
-// The orthonormal 8 x 8 cosine transform of JPEG, on floats. Plain loops that a compiler turns into vector code.
+// The orthonormal 8 x 8 discrete cosine transform (DCT-II) of JPEG (ITU-T T.81, A.3.3), on floats. Loops that compilers vectorise.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -10,7 +10,7 @@ using Block = std::array<float, kSide * kSide>;
 
 namespace dct {
 
-// cos(k pi / 16) for k = 0..8, as literals: no maths library, so the same on every machine.
+// cos(k pi / 16) for k = 0 to 8, as literals: results of maths libraries differ between machines.
 inline constexpr std::array<double, 9> kCosine = {1.0,
                                                   0.98078528040323044913,
                                                   0.92387953251128675613,
@@ -66,7 +66,7 @@ inline Block forward_dct(const Block& x) {
   return dct::product(dct::product(dct::kBasis, x), dct::kBasisTransposed);
 }
 
-// The block of these coefficients.
+// The samples of a block from its coefficients.
 inline Block inverse_dct(const Block& c) {
   return dct::product(dct::product(dct::kBasisTransposed, c), dct::kBasis);
 }

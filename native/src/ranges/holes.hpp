@@ -1,4 +1,4 @@
-// Values for cells without a return, chosen so that they cost an image codec least. What they are is never decoded.
+// Values for cells without a return that cost an image codec few bits. The decoder discards them.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -7,18 +7,18 @@
 
 namespace lidarcodec {
 
-using StepTable = std::array<std::uint16_t, 64>;
+using StepTable = std::array<std::uint16_t, 64>;  // of the coefficients of a block, row by row
 
-// For a codec of 8 x 8 cosine blocks. Samples, rows x width, both multiples of 8, with the holes (known = 0) filled:
-// first by straight lines along each row; then, in blocks that have both, `rounds` times by what is left of the block
-// when coefficients that its steps would quantise to nothing are dropped. Blocks of nothing but holes repeat the mean
-// of the block to their left. Rows without any known sample take the row above.
-// Throws Error(Settings) for sizes that are no multiples of 8.
+// For a codec of 8 x 8 DCT blocks. Gives samples, rows x width, both multiples of 8, with the holes (known = 0) filled. Holes are
+// first interpolated along each row. Then, in blocks with samples and holes, `rounds` projections follow: coefficients that the
+// quantiser would set to 0 are dropped, and the holes move towards the result (as in the method of convex projections: Youla and Webb 1982).
+// Blocks of holes alone repeat the mean of the block to their left. Rows without samples repeat the row above.
+// Throws Error(Settings) for sizes that are not multiples of 8.
 std::vector<float> fill_blocks(const float* samples, const std::uint8_t* known, std::size_t rows, std::size_t width,
                                const StepTable& steps, unsigned rounds);
 
-// For codecs that predict from left, above and above left. In place: each hole takes the clamped gradient
-// left + above - above left of the image so filled.
+// For codecs that predict from the left, above and above left. In place: each hole gets the clamped gradient left + above - above
+// left of the image filled so far.
 void fill_predicted(std::uint16_t* values, const std::uint8_t* known, std::size_t rows, std::size_t width);
 
 }  // namespace lidarcodec

@@ -1,4 +1,4 @@
-// Huffman tables as JPEG defines them: at most 16 bits a code, and no code of all ones.
+// Huffman tables as JPEG defines them (ITU-T T.81, K.2): codes of at most 16 bits, none of them all ones.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -17,7 +17,7 @@ struct HuffmanTable {
   std::array<std::uint8_t, kSymbols> bits{};  // 0: the symbol has no code
 };
 
-// The best table for symbols that occur this often. At least one must occur.
+// The table with the fewest bits for these counts of symbols, of which one or more is not 0.
 HuffmanTable best_table(const std::array<std::uint32_t, kSymbols>& occurs);
 
 }  // namespace lidarcodec

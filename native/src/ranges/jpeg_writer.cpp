@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kCoefficients = kSide * kSide;
 constexpr std::uint8_t kEndOfBlock = 0x00, kSixteenZeros = 0xF0;
-// A coefficient is rounded to zero from 0.6 steps downwards: 1 % fewer bits at equal mean squared error than 0.5.
+// Quantisation with a dead zone: coefficients below 0.6 steps become 0, which saves bits at an equal mean squared error.
 constexpr float kRounding = 0.4f;
 
 constexpr std::array<std::uint8_t, kCoefficients> make_zigzag() {
@@ -34,7 +34,7 @@ struct Symbol {
   std::uint8_t name;
   std::uint8_t bits;    // extra bits
   std::uint16_t extra;  // their value
-  bool first;           // of a block: coded with the table of the mean
+  bool first;           // the DC coefficient, which has its own table
 };
 
 Symbol symbol_of(int value, unsigned run, bool first) {
@@ -49,12 +49,12 @@ class Quantiser {
   Quantiser(const StepTable& steps, unsigned bits) : limit_(static_cast<float>((1 << (bits + 2)) - 1)) {
     for (std::size_t i = 0; i < kCoefficients; ++i) inverse_[i] = 1.0f / static_cast<float>(steps[i]);
   }
-  // Levels of a block in zigzag order. The limit is what the format can write: holes may have been filled beyond it.
+  // Levels of a block in zigzag order, clipped to what the format can write: filled holes may be larger.
   std::array<int, kCoefficients> levels(const Block& c) const {
     Block scaled;
     for (std::size_t i = 0; i < kCoefficients; ++i) {
       const float level = c[i] * inverse_[i];
-      scaled[i] = !(level > -limit_) ? -limit_ : level < limit_ ? level : limit_;  // what is no number: -limit
+      scaled[i] = !(level > -limit_) ? -limit_ : level < limit_ ? level : limit_;  // NaN: -limit
     }
     std::array<int, kCoefficients> raster, out;
     for (std::size_t i = 0; i < kCoefficients; ++i) {
@@ -77,15 +77,15 @@ std::vector<Symbol> symbols_of(const float* samples, std::size_t rows, std::size
   const float middle = static_cast<float>(1 << (bits - 1));
   std::vector<Symbol> symbols;
   symbols.reserve(rows * width / 2);
-  int mean = 0;
+  int last_dc = 0;
   for (std::size_t y = 0; y < rows; y += kSide)
     for (std::size_t x = 0; x < width; x += kSide) {
       Block block;
       for (std::size_t i = 0; i < kSide; ++i)
         for (std::size_t j = 0; j < kSide; ++j) block[i * kSide + j] = samples[(y + i) * width + x + j] - middle;
       const auto level = quantiser.levels(forward_dct(block));
-      symbols.push_back(symbol_of(level[0] - mean, 0, true));
-      mean = level[0];
+      symbols.push_back(symbol_of(level[0] - last_dc, 0, true));
+      last_dc = level[0];
       unsigned run = 0;
       for (std::size_t i = 1; i < kCoefficients; ++i) {
         if (!level[i]) {
@@ -113,7 +113,7 @@ class Writer {
     for (waiting_ += count; waiting_ >= 8; waiting_ -= 8) {
       const unsigned out = static_cast<unsigned>(pending_ >> (waiting_ - 8) & 0xFF);
       byte(out);
-      if (out == 0xFF) byte(0);  // so that no data looks like a marker
+      if (out == 0xFF) byte(0);  // byte stuffing: data must not look like a marker
     }
   }
   void pad() {
@@ -151,10 +151,10 @@ std::vector<std::uint8_t> write_jpeg(const float* samples, std::size_t rows, std
   if (std::find(steps.begin(), steps.end(), 0) != steps.end())
     throw Error(ErrorCode::Settings, "a JPEG has no step of 0");
   const auto symbols = symbols_of(samples, rows, width, bits, steps);
-  std::array<std::uint32_t, kSymbols> means{}, details{};
-  for (const Symbol& s : symbols) ++(s.first ? means : details)[s.name];
-  if (std::all_of(details.begin(), details.end(), [](std::uint32_t n) { return n == 0; })) details[kEndOfBlock] = 1;
-  const HuffmanTable mean = best_table(means), detail = best_table(details);
+  std::array<std::uint32_t, kSymbols> dc_counts{}, ac_counts{};
+  for (const Symbol& s : symbols) ++(s.first ? dc_counts : ac_counts)[s.name];
+  if (std::all_of(ac_counts.begin(), ac_counts.end(), [](std::uint32_t n) { return n == 0; })) ac_counts[kEndOfBlock] = 1;
+  const HuffmanTable dc = best_table(dc_counts), ac = best_table(ac_counts);
 
   Writer out;
   out.word(0xFFD8);
@@ -165,13 +165,13 @@ std::vector<std::uint8_t> write_jpeg(const float* samples, std::size_t rows, std
   out.word(rows);
   out.word(width);
   for (unsigned b : {1u, 1u, 0x11u, 0u}) out.byte(b);  // one component: number, no subsampling, table of steps 0
-  out.table(0x00, mean);
-  out.table(0x10, detail);
+  out.table(0x00, dc);
+  out.table(0x10, ac);
   out.word(0xFFDA);
   out.word(8);
   for (unsigned b : {1u, 1u, 0u, 0u, 63u, 0u}) out.byte(b);  // that component, tables 0, all coefficients
   for (const Symbol& s : symbols) {
-    const HuffmanTable& t = s.first ? mean : detail;
+    const HuffmanTable& t = s.first ? dc : ac;
     out.bits(t.code[s.name], t.bits[s.name]);
     if (s.bits) out.bits(s.extra, s.bits);
   }

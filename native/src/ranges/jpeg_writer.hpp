@@ -1,7 +1,7 @@
-// A JPEG of one component (ITU-T T.81, sequential, Huffman), 8 or 12 bits a sample, with any table of steps.
+// A JPEG of one component (ITU-T T.81, sequential, Huffman), 8 or 12 bits a sample, with any quantisation table.
 //
-// libjpeg's own tables follow the eye, which forgives errors in fine detail. Nobody looks at a range image: for the
-// least mean squared error all coefficients want the same step, and that saves 20 % of the bits.
+// The usual tables are for the eye, which tolerates errors of high frequencies. For the least mean squared error all coefficients
+// have the same step, which saves 20 % of the bits.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace lidarcodec {
 
-// The file. samples: rows x width, 0..2^bits - 1, not rounded; both sides multiples of 8 and at most 65528.
-// steps: of each coefficient, 1 or more, row by row. Huffman tables are made for the image.
+// Gives the file. samples: rows x width, 0 to 2^bits - 1, not rounded; both sides multiples of 8 and at most 65528.
+// steps: of each coefficient, 1 or more, row by row. Huffman tables are optimised for the image.
 // Throws Error(Settings) for sizes, bits or steps that a JPEG cannot have.
 std::vector<std::uint8_t> write_jpeg(const float* samples, std::size_t rows, std::size_t width, unsigned bits,
                                      const StepTable& steps);

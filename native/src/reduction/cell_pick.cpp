@@ -12,14 +12,15 @@ namespace {
 constexpr int kMostTries = 24;
 constexpr std::int32_t kFarthest = 1 << 22;
 constexpr std::uint64_t kFree = ~std::uint64_t{0};
+constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15;  // 2^64 divided by the golden ratio: Knuth's multiplicative hash
 
-// Points in the order of choice, and a table of the cells that have one.
+// The points in the order of choice, and a hash table of the voxels that have one.
 class Search {
  public:
   Search(const std::int32_t* xyz, const std::uint32_t* order, std::size_t count, std::size_t want)
       : most_(std::min(3 * want + 64, count + 1)), points_(3 * count), table_(std::bit_ceil(4 * most_), kFree) {
     for (std::size_t i = 0; i < count; ++i) {
-      if (order[i] >= count) throw Error(ErrorCode::Section, "an order names a point that there is not");
+      if (order[i] >= count) throw Error(ErrorCode::Section, "an order names a point that does not exist");
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::int32_t at = xyz[3 * std::size_t{order[i]} + axis];
         if (at >= kFarthest || at < -kFarthest) throw Error(ErrorCode::Section, "a point beyond 262 m");
@@ -30,11 +31,11 @@ class Search {
     chosen_.reserve(most_);
   }
 
-  // Chooses the first point of each cell of that side. How many cells there are; a guess above `most_`.
+  // Chooses the first point of each voxel of that side. Gives the number of voxels, extrapolated if it is above `most_`.
   double choose(std::int32_t side) {
     std::fill(table_.begin(), table_.end(), kFree);
     chosen_.clear();
-    // p / side as a product: 2^40 / side, rounded up, is exact enough that a cell's border moves by less than a step.
+    // p / side by a product: with 2^40 / side, rounded up, the border of a voxel moves by less than a step.
     const std::int64_t factor = ((std::int64_t{1} << 40) + side - 1) / side;
     const std::size_t count = points_.size() / 3, mask = table_.size() - 1;
     for (std::size_t i = 0; i < count; ++i) {
@@ -43,7 +44,7 @@ class Search {
         const std::int64_t cell = (points_[3 * i + axis] * factor) >> 40;
         key = key << 20 | (static_cast<std::uint64_t>(cell) & 0xFFFFFu);
       }
-      std::size_t at = (key * 0x9E3779B97F4A7C15u) >> shift_;
+      std::size_t at = (key * kGolden) >> shift_;
       while (table_[at] != kFree && table_[at] != key) at = (at + 1) & mask;
       if (table_[at] == key) continue;
       table_[at] = key;
@@ -64,7 +65,7 @@ class Search {
   int shift_ = 0;
 };
 
-// Number of cells falls with about the 1.6th power of their side: this is ratio^0.625, by exact operations only.
+// The number of voxels falls with about the power 1.6 of their side: side * ratio^0.625, from square roots, which are exact.
 double stretched(double side, double ratio) { return side * std::sqrt(ratio) * std::sqrt(std::sqrt(std::sqrt(ratio))); }
 
 }  // namespace
@@ -80,8 +81,8 @@ Picked pick_cells(const std::int32_t* xyz, const std::uint32_t* order, std::size
   Search search(xyz, order, count, want);
   const std::size_t enough = want + want / 50;
   const double aim = static_cast<double>(want + enough) / 2;
-  std::int32_t small = kLeastSide - 1, large = kMostSide + 1;  // sides known to give too many, and too few
-  std::vector<std::uint32_t> most, least;                     // best choice of too few, and of enough
+  std::int32_t small = kLeastSide - 1, large = kMostSide + 1;  // sides that give too many, and too few
+  std::vector<std::uint32_t> most, least;                     // the best choice of too few, and of enough
   for (int i = 0; i < kMostTries; ++i) {
     const double cells = search.choose(picked.side);
     const std::size_t found = search.chosen().size();
@@ -89,7 +90,7 @@ Picked pick_cells(const std::int32_t* xyz, const std::uint32_t* order, std::size
     if (found < want && found > most.size()) most = search.chosen();
     if (search.complete() && found >= want && found <= enough) break;
     (found < want ? large : small) = picked.side;
-    if (large - small <= 1) break;  // no side is left to try
+    if (large - small <= 1) break;  // all sides are tried
     double next = stretched(picked.side, cells / aim);
     if (!(next > small && next < large) || i > 4) next = std::sqrt(static_cast<double>(small) * large);
     if (i > 12) next = (static_cast<double>(small) + large) / 2;

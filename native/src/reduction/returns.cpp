@@ -11,10 +11,10 @@ namespace lidarcodec {
 Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table) {
   check_azimuths(columns);
   const std::size_t width = columns.width;
-  std::vector<Turned> at(2 * width);
+  std::vector<CosSin> at(2 * width);
   for (std::size_t i = 0; i < 2 * width; ++i) {
     const bool as_upper = i >= width && columns.azimuth[i] == columns.azimuth[i - width];
-    at[i] = as_upper ? at[i - width] : turned(angle_of_azimuth(columns.azimuth[i]));
+    at[i] = as_upper ? at[i - width] : cos_sin(angle_of_azimuth(columns.azimuth[i]));
   }
   std::size_t count = 0;
   for (std::size_t i = 0; i < kRows * width; ++i) count += ranges[i] != 0;
@@ -25,12 +25,12 @@ Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const Be
   std::size_t n = 0;
   for (std::size_t row = 0; row < kRows; ++row) {
     const Beam& beam = beams[row];
-    const Turned* turn = at.data() + (table.half[row] ? width : 0);
+    const CosSin* turn = at.data() + (table.half[row] ? width : 0);
     const std::uint16_t* range = ranges + row * width;
     const std::int64_t upwards = table.vertical[row] < 0 ? -1 : 1;
     for (std::size_t column = 0; column < width; ++column) {
       if (range[column] == 0) continue;
-      const std::int64_t length = range[column] * kLengthsPerStep + beam.distance;
+      const std::int64_t length = range[column] * kLengthsPerStep + beam.distance_correction;
       const Point p = beam.usable ? beam.point(length, turn[column]) : Point{0, 0, upwards * length};
       returns.xyz[3 * n] = static_cast<std::int32_t>(p.x);
       returns.xyz[3 * n + 1] = static_cast<std::int32_t>(p.y);
@@ -53,7 +53,7 @@ Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& 
     const std::size_t end = (row + 1) * width;
     if (cell[n] >= end) continue;
     const std::uint16_t* azimuth = columns.azimuth + (table.half[row] ? width : 0);
-    const std::uint32_t aside = aside_of(table.rotation[row]);
+    const std::uint32_t aside = direction_offset(table.rotation[row]);
     std::uint32_t before = kDirections;
     for (std::size_t column = 0; column < width; ++column) {
       const std::uint32_t direction = direction_of(azimuth[column], aside);
@@ -61,12 +61,12 @@ Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& 
       before = direction;
     }
     for (; n < count && cell[n] < end; ++n) {
-      if (n > 0 && cell[n] <= cell[n - 1]) throw Error(ErrorCode::Section, "cells of returns do not rise");
+      if (n > 0 && cell[n] <= cell[n - 1]) throw Error(ErrorCode::Section, "the cells of returns do not rise");
       level[n] = static_cast<std::uint8_t>(of_column[cell[n] - row * width] * kRowLevels + row_level(row));
       ++begin[level[n] + 1u];
     }
   }
-  if (n < count) throw Error(ErrorCode::Section, "a return in a cell that the frame has not");
+  if (n < count) throw Error(ErrorCode::Section, "a return in a cell beyond the frame");
   for (std::size_t i = 0; i < kLevels; ++i) begin[i + 1] += begin[i];
   std::vector<std::uint32_t> order(count);
   for (std::size_t i = 0; i < count; ++i) order[begin[level[i]]++] = static_cast<std::uint32_t>(i);

@@ -1,4 +1,4 @@
-// The returns of a frame as a list of points, in whole numbers: what reducers choose from.
+// The returns of a frame as a list of points, in whole numbers: the input of reducers.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -19,14 +19,14 @@ struct Returns {
 // or down. Raises Section if an azimuth is out of range.
 Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table);
 
-// What returns cost to send: `level`, (N,), how fine the lattice of directions is that each is on, and then that of rows
-// (0 to 27); `order`, (N,), places in the list, those on the coarsest lattice first, then in range-image order.
+// How cheap returns are to send. level: (N,), 0 to 27, the lattice level of the direction times kRowLevels plus that of the row.
+// order: (N,), places in the list, by rising level, then in range-image order.
 struct Lattice {
   std::vector<std::uint32_t> order;
   std::vector<std::uint8_t> level;
 };
 
-// cell: (N,), each below 64 * W, rising.  Raises Section otherwise.
+// cell: (N,), each below 64 * W, rising. Raises Section otherwise.
 Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& columns, const BeamTable& table);
 
 }  // namespace lidarcodec

@@ -19,9 +19,10 @@ std::uint64_t key_of(const std::array<std::int64_t, 3>& place) {
          static_cast<std::uint64_t>(place[2]);
 }
 
-std::uint64_t mixed(std::uint64_t key) {  // neighbouring cells must not share their slots
+// Spreads keys, so that adjacent cells get distant slots: Knuth's multiplicative hash, between two xor-shifts.
+std::uint64_t mixed(std::uint64_t key) {
   key ^= key >> 31;
-  key *= 0x9E3779B97F4A7C15ull;
+  key *= 0x9E3779B97F4A7C15ull;  // 2^64 divided by the golden ratio
   return key ^ (key >> 29);
 }
 
@@ -124,7 +125,7 @@ void VoxelIndex::nearest(const double* queries, std::size_t count, double reach_
     for (std::int64_t ring = 0; ring <= rings; ++ring) {
       if (ring > 0) {
         const double reached = inside + static_cast<double>(ring - 1) * cell_m_;
-        if (reached > 0.0 && best <= reached * reached) break;  // whatever is in this ring is further away
+        if (reached > 0.0 && best <= reached * reached) break;  // all points of this ring are further away
       }
       for (std::int64_t x = -ring; x <= ring; ++x)
         for (std::int64_t y = -ring; y <= ring; ++y) {
