@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native web wasm site clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables web wasm site clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -94,6 +94,10 @@ format: $(STAMPS)/dev ## put every file into the house's form
 	$(BIN)/ruff format .
 
 native: $(NATIVE) ## build the native core into lidarcodec/
+
+tables: $(STAMPS)/dev $(NATIVE) ## write the tables of the documents that repeat tables of the code, and docs/openapi.json
+	@PYTHONPATH=. $(BIN)/python tools/tables.py
+	@$(BIN)/python -m lidarcodec_server.openapi docs/openapi.json
 
 web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
 	cd clients/web && $(NPM_INSTALL) && npm run --silent build

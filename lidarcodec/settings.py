@@ -12,7 +12,7 @@ import math
 import re
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
@@ -26,6 +26,8 @@ AUTO: Literal["auto"] = "auto"
 """As target: the bitrate that the path carries, found while the stream runs. As intensity or reduction: what the target
 has bits for, all without a target."""
 LATTICE: Final = "lattice"
+MORE: Final[dict[str, JsonValue]] = {"more": True}
+"""In the schema of a setting: forms show it among those that few people change."""
 Purpose = Literal["look", "localise", "detect", "archive"]
 UNFILLED: Final[tuple[Purpose, ...]] = ("localise", "detect")
 """Purposes for which receivers make up no returns between those that were sent."""
@@ -51,6 +53,10 @@ class StreamSettings(BaseModel):
     target, of those that are fast enough on this machine."""
     codec_settings: dict[str, Any] = Field(default_factory=dict)
     """The codec's own settings."""
+    purpose: Purpose = "look"
+    """What matters most at a target bitrate. `look`: the picture for people. `localise`: few returns with a small error
+    bound, chosen for localisation. `detect`: near and small objects. `archive`: all returns; only intensity and error
+    bound are adjusted."""
     max_error_m: float | None = Field(default=None, ge=0.0, le=MAX_BOUND_M)
     """Largest error of any range, in metres, at most 20. 0: lossless. null: the default of the codec."""
     target_kbps: float | Literal["auto"] | None = None
@@ -66,18 +72,14 @@ class StreamSettings(BaseModel):
     """Number of returns that a reduction keeps in each frame."""
     keep_fraction: float | None = Field(default=None, gt=0.0, le=1.0)
     """Share of the returns that a reduction keeps in each frame. It replaces `keep_points`."""
-    framing: str = "packets"
+    framing: str = Field(default="packets", json_schema_extra=MORE)
     """Size of a frame: `packets` (348 packets, about a turn), `packets:N` (N packets), or `revolution` (a turn)."""
-    key_interval: int = Field(default=50, ge=1, le=100_000)
+    key_interval: int = Field(default=50, ge=1, le=100_000, json_schema_extra=MORE)
     """Number of frames from one key frame to the next."""
-    purpose: Purpose = "look"
-    """What matters most at a target bitrate. `look`: the picture for people. `localise`: few returns with a small error
-    bound, chosen for localisation. `detect`: near and small objects. `archive`: all returns; only intensity and error
-    bound are adjusted."""
-    shape: Shape = "free"
+    shape: Shape = Field(default="free", json_schema_extra=MORE)
     """How `riddle` and `predictive` use an error bound. `free`: each return gets a value within the bound that costs
     few bits. `rounded`: each return gets the nearest value of a fixed grid."""
-    follow: str | None = None
+    follow: str | None = Field(default=None, json_schema_extra=MORE)
     """Name of the receiver whose arrival reports control the stream. null: chosen automatically."""
 
     @field_validator("max_error_m", "target_kbps", "keep_points", "keep_fraction", "key_interval", mode="before")

@@ -11,7 +11,7 @@ import pytest
 from lidarcodec.codecs import table
 from tests.command_line import environment, run_here
 
-CORE = ("raw", "zstd", "pcodec", "riddle", "predictive")
+CORE = [name for name, entry in table.entries().items() if entry.extra is None]
 EXTRAS = (
     "PIL", "alembic", "av", "cryptography", "cv2", "dpkt", "fastapi", "foxglove", "imagecodecs", "laspy", "matplotlib",
     "onnxruntime", "rosbags", "sqlalchemy", "starlette", "torch", "uvicorn",
@@ -56,7 +56,7 @@ def test_core_codecs_need_no_extra(capture, tmp_path):
 
 
 def test_other_codecs_and_outputs_name_their_extra_and_auto_does_without(capture, tmp_path):
-    others = {name: "video" if name.startswith("h264") else "images" for name in table.names() if name not in CORE}
+    others = {name: entry.extra for name, entry in table.entries().items() if entry.extra is not None}
     fine, *refused = bare(
         ("encode", capture, tmp_path / "auto.mcap", "--codec", "auto", "--set", "target_kbps=2000"),
         *(("encode", capture, tmp_path / "drive.mcap", "--codec", name) for name in others),

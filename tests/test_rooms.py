@@ -8,9 +8,12 @@ import subprocess
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from lidarcodec.codecs import table as codecs
+from lidarcodec.reduction import table as reducers
 from tests.conftest import ROOT
 
 PARTS = ("lidarcodec", "server", "native", "clients")
@@ -63,6 +66,25 @@ def test_no_imports_go_round_in_a_circle() -> None:
         TopologicalSorter(arrows).prepare()
     except CycleError as error:
         raise AssertionError(f"a circle: {' -> '.join(error.args[1])}") from None
+
+
+def reached_from(name: str, known: dict[str, Path]) -> set[str]:
+    """Every module that one imports, at once or later, by itself or by others."""
+    found: set[str] = set()
+    waiting = [name]
+    while waiting:
+        one = waiting.pop()
+        fresh = imports_of(ast.parse(known[one].read_text()), known) - found - {name}
+        found |= fresh
+        waiting += fresh
+    return found
+
+
+@pytest.mark.parametrize("table", [codecs, reducers], ids=["codecs", "reducers"])
+def test_who_stands_in_a_table_knows_no_other_and_not_the_table(table: ModuleType) -> None:
+    known, members = modules(), {entry.module for entry in table.entries().values()}
+    for member in members:
+        assert reached_from(member, known) & (members | {table.__name__}) == set(), member
 
 
 BELOW = {

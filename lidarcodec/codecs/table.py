@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 from lidarcodec.codecs.base import Codec, Decoder, Encoder, own_settings
 from lidarcodec.errors import (
@@ -21,29 +21,31 @@ from lidarcodec.errors import (
 )
 from lidarcodec.settings import StreamSettings
 
-_TABLE: Final[dict[str, tuple[int, str]]] = {
-    "raw": (1, "lidarcodec.codecs.raw"),
-    "zstd": (2, "lidarcodec.codecs.zstd"),
-    "pcodec": (3, "lidarcodec.codecs.pcodec"),
-    "png": (4, "lidarcodec.codecs.png"),
-    "jxl": (5, "lidarcodec.codecs.jxl"),
-    "jpeg": (6, "lidarcodec.codecs.jpeg"),
-    "jpeg-layered": (7, "lidarcodec.codecs.jpeg_layered"),
-    "h264": (8, "lidarcodec.codecs.h264"),
-    "h264-log": (9, "lidarcodec.codecs.h264_log"),
-    "riddle": (10, "lidarcodec.codecs.riddle"),
-    "predictive": (11, "lidarcodec.codecs.predictive"),
+
+class Entry(NamedTuple):
+    """number: in messages, never given to another codec; module: what offers `CODEC`
+    package: what the codec codes by, if that is no dependency of the core; extra: brings it
+    """
+
+    number: int
+    module: str
+    package: str | None = None
+    extra: str | None = None
+
+
+_TABLE: Final = {
+    "raw": Entry(1, "lidarcodec.codecs.raw"),
+    "zstd": Entry(2, "lidarcodec.codecs.zstd"),
+    "pcodec": Entry(3, "lidarcodec.codecs.pcodec"),
+    "png": Entry(4, "lidarcodec.codecs.png", "imagecodecs", "images"),
+    "jxl": Entry(5, "lidarcodec.codecs.jxl", "imagecodecs", "images"),
+    "jpeg": Entry(6, "lidarcodec.codecs.jpeg", "imagecodecs", "images"),
+    "jpeg-layered": Entry(7, "lidarcodec.codecs.jpeg_layered", "imagecodecs", "images"),
+    "h264": Entry(8, "lidarcodec.codecs.h264", "av", "video"),
+    "h264-log": Entry(9, "lidarcodec.codecs.h264_log", "av", "video"),
+    "riddle": Entry(10, "lidarcodec.codecs.riddle"),
+    "predictive": Entry(11, "lidarcodec.codecs.predictive"),
 }
-"""Name: number in messages, never given to another codec; module."""
-_NEEDED: Final[dict[str, tuple[str, str]]] = {
-    "png": ("imagecodecs", "images"),
-    "jxl": ("imagecodecs", "images"),
-    "jpeg": ("imagecodecs", "images"),
-    "jpeg-layered": ("imagecodecs", "images"),
-    "h264": ("av", "video"),
-    "h264-log": ("av", "video"),
-}
-"""Name: the package that it codes by; the extra that brings it. What a codec's file offers is there without."""
 
 
 def names() -> tuple[str, ...]:
@@ -51,10 +53,15 @@ def names() -> tuple[str, ...]:
     return tuple(_TABLE)
 
 
+def entries() -> dict[str, Entry]:
+    """The table: entries by name."""
+    return dict(_TABLE)
+
+
 def missing_extra(name: str) -> str | None:
     """The extra without which the codec cannot be used here; None where it can."""
-    package, extra = _NEEDED.get(name, (None, None))
-    return None if package is None or find_spec(package) is not None else extra
+    entry = _TABLE.get(name)
+    return None if entry is None or entry.package is None or find_spec(entry.package) is not None else entry.extra
 
 
 def installed() -> tuple[str, ...]:
@@ -76,8 +83,9 @@ def load(name: str) -> Codec:
     """
     found = codec(name)
     check_installed(name)
-    if name in _NEEDED:
-        import_module(_NEEDED[name][0])
+    package = _TABLE[name].package
+    if package is not None:
+        import_module(package)
     return found
 
 
@@ -88,7 +96,7 @@ def codec_id(name: str) -> int:
     """
     if name not in _TABLE:
         raise UnknownNameError("codec", name, _TABLE)
-    return _TABLE[name][0]
+    return _TABLE[name].number
 
 
 def codec_name(number: int) -> str:
@@ -96,8 +104,8 @@ def codec_name(number: int) -> str:
 
     Raises UnsupportedVersionError if this build has none.
     """
-    for name, (known, _) in _TABLE.items():
-        if known == number:
+    for name, entry in _TABLE.items():
+        if entry.number == number:
             return name
     raise UnsupportedVersionError(f"this build does not know codec {number}: its codecs are {', '.join(_TABLE)}", 12)
 
@@ -109,7 +117,7 @@ def codec(name: str) -> Codec:
     Raises UnknownNameError.
     """
     codec_id(name)
-    return cast(Codec, import_module(_TABLE[name][1]).CODEC)
+    return cast(Codec, import_module(_TABLE[name].module).CODEC)
 
 
 def check(settings: StreamSettings) -> StreamSettings:

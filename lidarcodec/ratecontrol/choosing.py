@@ -20,7 +20,7 @@ from lidarcodec.codecs import table
 from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.adaptive import START_KBPS
 from lidarcodec.ratecontrol.control import pins_of
-from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, operating_curve
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_curve
 from lidarcodec.settings import AUTO, StreamSettings
 
 SHARE: Final = 0.3
@@ -43,11 +43,13 @@ def ranked(settings: StreamSettings) -> tuple[str, ...]:
     """Names of the codecs that `auto` chooses from, the one that shows most at the target first; without a target the
     one that takes the fewest bits.
 
-    Only codecs that are installed here, keep a bound, can be steered and need no process of their own: the others show
-    less at every target and take longer.
+    Only codecs that are installed here, keep a bound, can be steered, were measured and need no process of their own:
+    the others show less at every target and take longer, or nobody knows what they show.
     """
     able = [
-        name for name in table.installed() if (codec := table.codec(name)).knob and codec.bounded and not codec.isolated
+        name
+        for name in table.installed()
+        if (codec := table.codec(name)).knob and codec.bounded and not codec.isolated and has_curve(name)
     ]
     return tuple(sorted(able, key=lambda name: _shortcoming(with_codec(settings, name))))
 

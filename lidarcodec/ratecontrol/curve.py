@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.rate_knob import BOUND
+from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.chain import chain
 from lidarcodec.settings import Purpose, step_of
 from lidarcodec.units import RANGE_STEP_M
@@ -124,20 +125,37 @@ def _worth_of(things: dict[str, Any], entry: dict[str, Any]) -> list[list[float]
 
 
 def has_curve(codec: str) -> bool:
-    """Whether the working points of a codec were measured."""
+    """Whether the working points of a codec were measured. Only such a codec is chosen by `auto`."""
     return codec in _measured()
+
+
+def _points(codec: str, purpose: Purpose) -> dict[str, Any]:
+    """What was measured of a codec; else of the measured codec with the same knob that takes the most bits.
+
+    Rate control begins with it, and corrects it by what is sent.
+    """
+    found = _measured(purpose)
+    if codec in found:
+        entry: dict[str, Any] = found[codec]
+        return entry
+    knob = table.codec(codec).knob
+    alike = [entry for entry in found.values() if knob is not None and entry["knob"] == knob.setting]
+    if not alike:
+        raise SettingsError(f"no working points of codec {codec} were measured, and none with its knob", "codec")
+    return max(alike, key=lambda entry: float(entry["range_bits"][0][-1]))
 
 
 @lru_cache(maxsize=64)
 def operating_curve(codec: str, pins: Pins) -> Curve:
     """The curve of a codec around what is pinned. At least one point.
 
-    Where a pinned value was not measured, what lies nearest is where the rate control begins to learn.
+    Where a pinned value was not measured, what lies nearest is where the rate control begins to learn. A codec that was
+    not measured has the curve of the most similar one (`has_curve`).
     """
     if pins.purpose in ("localise", "detect") and pins.levels is None:
         pins = pins._replace(levels=0)
     thinned = pins.purpose != "localise" or pins.step is None
-    entry = _measured(pins.purpose if thinned else "look")[codec]
+    entry = _points(codec, pins.purpose if thinned else "look")
     values, grids = _fine(entry, codec, pins.bound_m)
     steps = np.array(entry["steps"])
     levels = np.array(entry["levels"])

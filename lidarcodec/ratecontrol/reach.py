@@ -17,7 +17,7 @@ from lidarcodec.codecs import table
 from lidarcodec.ratecontrol.choosing import without_auto
 from lidarcodec.ratecontrol.control import pins_of
 from lidarcodec.ratecontrol.controller import TOLERANCE
-from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, operating_curve
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, has_curve, operating_curve
 from lidarcodec.settings import AUTO, LATTICE, StreamSettings
 
 FREE: Final = {"max_error_m": None, "intensity": AUTO, "reduction": AUTO, "purpose": "look"}
@@ -55,7 +55,7 @@ def pinned(settings: StreamSettings) -> list[str]:
 def least_kbps(settings: StreamSettings) -> float | None:
     """What the smallest working point is expected to take, all frames sent; None where that was never measured."""
     settings = without_auto(settings)
-    if table.codec(settings.codec).knob is None:
+    if table.codec(settings.codec).knob is None or not has_curve(settings.codec):
         return None
     if settings.reduces and settings.reduction.partition(":")[0] != LATTICE:
         return None

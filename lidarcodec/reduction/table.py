@@ -10,25 +10,32 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 from lidarcodec.errors import SettingsError
 from lidarcodec.reduction.base import DEFAULT_SEED, Budget, Reducer, Reduction
 from lidarcodec.settings import StreamSettings
 
+
+class Entry(NamedTuple):
+    """module: what offers `REDUCTION`; package: what it needs, if the core does not; extra: brings the package"""
+
+    module: str
+    package: str | None = None
+    extra: str | None = None
+
+
 _TABLE: Final = {
-    "auto": "lidarcodec.reduction.keep_all",
-    "all": "lidarcodec.reduction.keep_all",
-    "lattice": "lidarcodec.reduction.lattice",
-    "columns": "lidarcodec.reduction.columns",
-    "random": "lidarcodec.reduction.random_points",
-    "voxel": "lidarcodec.reduction.voxel",
-    "voxel-seen": "lidarcodec.reduction.voxel_seen",
-    "poconet": "lidarcodec.reduction.poconet",
-    "poconet-paper": "lidarcodec.reduction.poconet_paper",
+    "auto": Entry("lidarcodec.reduction.keep_all"),
+    "all": Entry("lidarcodec.reduction.keep_all"),
+    "lattice": Entry("lidarcodec.reduction.lattice"),
+    "columns": Entry("lidarcodec.reduction.columns"),
+    "random": Entry("lidarcodec.reduction.random_points"),
+    "voxel": Entry("lidarcodec.reduction.voxel"),
+    "voxel-seen": Entry("lidarcodec.reduction.voxel_seen"),
+    "poconet": Entry("lidarcodec.reduction.poconet", "onnxruntime", "poconet"),
+    "poconet-paper": Entry("lidarcodec.reduction.poconet_paper", "onnxruntime", "poconet"),
 }
-_NEEDED: Final = {"poconet": "onnxruntime", "poconet-paper": "onnxruntime"}
-"""Packages of an extra, `poconet`, without which a reducer is not offered."""
 
 
 def names() -> tuple[str, ...]:
@@ -37,7 +44,13 @@ def names() -> tuple[str, ...]:
 
 
 def _is_offered(name: str) -> bool:
-    return name not in _NEEDED or find_spec(_NEEDED[name]) is not None
+    package = _TABLE[name].package
+    return package is None or find_spec(package) is not None
+
+
+def entries() -> dict[str, Entry]:
+    """The table: entries by name."""
+    return dict(_TABLE)
 
 
 @cache
@@ -47,14 +60,15 @@ def reduction(name: str) -> Reduction:
     Raises SettingsError.
     """
     if name not in _TABLE:
-        known = ", ".join(f"{name}:n" if name in ("columns", "lattice") else name for name in names())
+        known = ", ".join(f"{other}:n" if reduction(other).argument else other for other in names())
         raise SettingsError(f"unknown reduction '{name}': known are {known}", "reduction")
     if not _is_offered(name):
         raise SettingsError(
-            f"reduction {name} needs {_NEEDED[name]}, which is not installed: pip install 'lidarcodec[poconet]'",
+            f"reduction {name} needs {_TABLE[name].package}, which is not installed: "
+            f"pip install 'lidarcodec[{_TABLE[name].extra}]'",
             "reduction",
         )
-    return cast(Reduction, import_module(_TABLE[name]).REDUCTION)
+    return cast(Reduction, import_module(_TABLE[name].module).REDUCTION)
 
 
 def _parts(text: str) -> tuple[str, str | None]:

@@ -183,7 +183,7 @@ class CodecAnswer(BaseModel):
     bound: bool = Field(description="Whether the codec supports `max_error_m`.")
     target: bool = Field(description="Whether the codec supports `target_kbps`.")
     settings_schema: dict[str, Any] = Field(description="JSON schema of its `codec_settings`.")
-    reach: Reach | None = Field(description="Null if the codec supports no target.")
+    reach: Reach | None = Field(description="Null if the codec supports no target, or was not measured.")
 
 
 class LinkSettings(BaseModel):

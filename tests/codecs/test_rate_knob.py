@@ -7,14 +7,19 @@ import pytest
 
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import own_settings
+from lidarcodec.errors import SettingsError
 from lidarcodec.settings import StreamSettings
 
 STEERED = [name for name in table.names() if table.codec(name).knob is not None]
 
 
-def test_codecs_without_one() -> None:
+def test_a_codec_without_one_refuses_a_target() -> None:
     """`raw` has nothing to turn."""
-    assert set(table.names()) - set(STEERED) == {"raw"}
+    without = set(table.names()) - set(STEERED)
+    assert "raw" in without
+    for name in without:
+        with pytest.raises(SettingsError, match="cannot keep a target bitrate"):
+            table.check(StreamSettings(codec=name, target_kbps=2000))
 
 
 @pytest.mark.parametrize("name", STEERED)

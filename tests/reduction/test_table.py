@@ -44,7 +44,7 @@ def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], f
 
 def test_settings_that_can_be_followed() -> None:
     for name in names():
-        settings = StreamSettings(reduction=f"{name}:8" if name in ("columns", "lattice") else name)
+        settings = StreamSettings(reduction=f"{name}:8" if table.reduction(name).argument else name)
         assert check(settings) is settings
     assert check(StreamSettings(reduction="voxel", keep_points=4500)).keep_points == 4500
 

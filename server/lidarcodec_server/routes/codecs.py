@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Codec
 from lidarcodec.network.shelf import shipped
-from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, Pins, operating_curve
+from lidarcodec.ratecontrol.curve import RETURNS_A_SECOND, Pins, has_curve, operating_curve
 from lidarcodec_server.auth import Viewer
 from lidarcodec_server.problems import ProblemError
 from lidarcodec_server.schemas import CodecAnswer, Reach
@@ -66,7 +66,7 @@ def _answer(name: str) -> CodecAnswer:
 
 
 def _reach(name: str, codec: Codec) -> Reach | None:
-    if codec.knob is None:
+    if codec.knob is None or not has_curve(name):
         return None
     curve = operating_curve(name, Pins())
     low, high = float(curve.range[0]), float(curve.range[-1])

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { type Field, fieldOf, limitsOf, numberIn, same } from "./schema";
+import { type Field, fieldOf, fieldsOf, limitsOf, numberIn, same } from "./schema";
 
 test("a schema gets the control that its values need", () => {
   expect(fieldOf({ type: "boolean" }).kind).toBe("switch");
@@ -35,4 +35,10 @@ test("values are compared by what they hold", () => {
   expect(same({ level: 3 }, { level: 3 })).toBe(true);
   expect(same({ level: 3 }, { level: 3, more: null })).toBe(false);
   expect(same(null, {})).toBe(false);
+});
+
+test("a setting that is new is shown, and a codec has its own place", () => {
+  const properties = { codec: {}, codec_settings: {}, target_kbps: {}, framing: { more: true }, brand_new: {} };
+  expect(fieldsOf({ properties })).toEqual({ first: ["target_kbps", "brand_new"], more: ["framing"] });
+  expect(fieldsOf(null)).toEqual({ first: [], more: [] });
 });

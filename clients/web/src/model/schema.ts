@@ -36,6 +36,20 @@ export function fieldOf(schema: Schema): Field {
   return { kind: "text", nullable };
 }
 
+/**
+ * Names of the settings that a form shows one after the other, and of those that few people change. The codec and its
+ * own settings have places of their own.
+ */
+export function fieldsOf(schema: Schema | null): { first: string[]; more: string[] } {
+  const all = Object.entries(schema?.properties ?? {}).filter(
+    ([name]) => name !== "codec" && name !== "codec_settings",
+  );
+  return {
+    first: all.filter(([, about]) => !about.more).map(([name]) => name),
+    more: all.filter(([, about]) => about.more).map(([name]) => name),
+  };
+}
+
 /** The value that a text in a number's control means; undefined for what is no number. */
 export function numberIn(text: string, field: Field & { kind: "number" }): Value | undefined {
   const trimmed = text.trim().replace(",", ".");

@@ -104,6 +104,8 @@ export interface Schema {
   budgeted?: string[];
   /** The value with which a setting is not set, and left to the target bitrate; only where it can be. */
   free?: Value;
+  /** Whether few people change the setting. */
+  more?: boolean;
 }
 
 /** A preset for streams over such a link: nothing but these settings. */

@@ -16,6 +16,7 @@ import {
 } from "../model/draft";
 import { type Outcome, outcomeOf, sentenceOf } from "../model/outcome";
 import { type Poller, poll } from "../model/poll";
+import { fieldsOf } from "../model/schema";
 import type { Change, Codec, Settings, SettingsState, Value } from "../model/wire";
 import {
   call,
@@ -36,8 +37,6 @@ import { InForce } from "./inforce";
 import { Links } from "./links";
 
 const STATE_MS = 5000;
-const FIRST = ["purpose", "target_kbps", "max_error_m", "intensity", "reduction", "keep_points", "keep_fraction"];
-const REST = ["framing", "key_interval", "follow"];
 
 /** The settings of a stream: what is in force, and a form, made from the schemas, that changes it. */
 export function SettingsForm({ name }: { name: string }) {
@@ -162,6 +161,7 @@ export function SettingsForm({ name }: { name: string }) {
       />
     );
   };
+  const fields = fieldsOf(schema.value);
   const ownFields = Object.entries(codec?.settings_schema.properties ?? {});
 
   return (
@@ -201,10 +201,10 @@ export function SettingsForm({ name }: { name: string }) {
           ))}
         </fieldset>
       )}
-      {FIRST.map(fieldFor)}
+      {fields.first.map(fieldFor)}
       <details>
         <summary>More settings</summary>
-        {REST.map(fieldFor)}
+        {fields.more.map(fieldFor)}
       </details>
       <div class="actions">
         <Button look="primary" off={!changed || sending || !mayChange.value}>
