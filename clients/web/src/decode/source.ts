@@ -1,11 +1,22 @@
-/** Frames that the page decodes itself. Messages of a codec that it cannot decode are asked for decoded, from the server,
- * until the stream has another codec; `note` says so. */
+/** Frames that the page decodes itself. Those of a stream that it cannot decode are asked for decoded, from the server,
+ * until there is another stream, or another codec that the page knows; `note` says so. */
 
 import { parseFrame } from "../view/stream/frame";
 import { type SensorTable, sensorTable } from "../view/stream/sensor";
 import { CloudSocket, type Reception } from "../view/stream/socket";
 import type { FrameSource, Sink, SourceOptions } from "../view/stream/source";
 import { createDecoder, DECODED_HERE, DecodeFailure } from "./index";
+
+/** Whether a frame from the server is one that the page should try to decode itself again. The first frame tells which codec
+ * of which stream was refused: that one is not tried again, though the page may know the codec, in an older kind. */
+export function afterRefusal(): (frame: { codec: number; streamId: string }) => boolean {
+  let refused: string | null = null;
+  return ({ codec, streamId }) => {
+    const of = `${codec} ${streamId}`;
+    refused ??= of;
+    return of !== refused && DECODED_HERE.has(codec);
+  };
+}
 
 export class DecodingSource implements FrameSource {
   note: string | null = null;
@@ -67,15 +78,16 @@ export class DecodingSource implements FrameSource {
     return new CloudSocket(this.options, this.sink, reception);
   }
 
-  /** The server decodes, as long as frames are of a codec that is not decoded here. */
+  /** The server decodes, until there is something else to try here. */
   #elsewhere(why: string): void {
     if (this.#ended) return;
     this.#socket.close();
     this.note = `The server decodes this stream: ${why}.`;
     const { sink } = this;
+    const another = afterRefusal();
     const watched: Sink = {
       frame: (frame, sensor, shown) => {
-        if (DECODED_HERE.has(frame.codec)) this.#back();
+        if (another(frame)) this.#back();
         else sink.frame(frame, sensor, shown);
       },
       restarted: () => sink.restarted(),
