@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, SURE, TURN, Layout
-from tests.reference.range_coder import SQUASH, STRETCH, MIN_PROBABILITY, BitModel, BitReader, Bits, BitWriter
+from tests.reference.range_coder import MIN_PROBABILITY, SQUASH, STRETCH, BitModel, BitReader, Bits, BitWriter
 
 DIRECTIONS: Final = 2048
 SHARED: Final = 6

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError, TruncatedError
 from tests.reference.mask import ROWS, closed_rows
-from tests.reference.range_coder import SQUASH, MIN_PROBABILITY, BitModel, BitReader, Bits, BitWriter
+from tests.reference.range_coder import MIN_PROBABILITY, SQUASH, BitModel, BitReader, Bits, BitWriter
 from tests.reference.warp import angle_of_table, cos_sin, rounded30
 
 BEGINS, GOES_ON = 6, 7
@@ -225,7 +225,9 @@ class MaskStreamReference:
     def _by_contexts(self, bits: Bits, value: int, numbers: tuple[int, ...]) -> int:
         keys = list(enumerate(numbers))
         total = sum(self.cells.get(key, 0) for key in keys)
-        probability = max(MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, SQUASH[max(-2048, min(2047, total >> 4)) + 2048]))
+        probability = max(
+            MIN_PROBABILITY, min(65536 - MIN_PROBABILITY, SQUASH[max(-2048, min(2047, total >> 4)) + 2048])
+        )
         bit = bits.bit(value, probability)
         moves = (65536 * bit - probability) * RATE + self.left_over
         self.left_over = moves & 0xFFFF

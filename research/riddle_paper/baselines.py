@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcodec.training.riddle_paper.images import Cells, Mask, previous_valid
+from research.riddle_paper.images import Cells, Mask, previous_valid
 
 
 def extrapolated(cells: Cells, valid: Mask) -> Cells:

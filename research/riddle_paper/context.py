@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.training.riddle_paper.images import Cells, Mask, PaperImage, previous_valid
-from lidarcodec.training.riddle_paper.moved import MovedPoints
 from lidarcodec.units import RANGE_STEP_M
+from research.riddle_paper.images import Cells, Mask, PaperImage, previous_valid
+from research.riddle_paper.moved import MovedPoints
 
 PATCH: Final = 10
 """Rows and columns of a patch."""

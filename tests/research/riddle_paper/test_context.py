@@ -8,10 +8,10 @@ import pytest
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
 from lidarcodec.motion.motion import STILL, Motion
-from lidarcodec.training.riddle_paper.context import OFFSETS, SPATIAL, ContextReader, nearest_anchor
-from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
-from lidarcodec.training.riddle_paper.moved import MovedPoints
-from tests.training.riddle_paper.scenes import toy_frame, toy_ranges, toy_sensor
+from research.riddle_paper.context import OFFSETS, SPATIAL, ContextReader, nearest_anchor
+from research.riddle_paper.images import PaperImage, image_of, ranges_of
+from research.riddle_paper.moved import MovedPoints
+from tests.research.riddle_paper.scenes import toy_frame, toy_ranges, toy_sensor
 
 
 def test_the_patch_is_what_is_before_a_cell_in_ten_rows_and_ten_columns() -> None:

@@ -15,9 +15,9 @@ from lidarcodec.motion.motion import Motion
 from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.pipeline import frames_of
 from lidarcodec.sources import open_source
-from lidarcodec.training.riddle_paper.context import ContextReader, Contexts, nearest_anchor
-from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
-from lidarcodec.training.riddle_paper.moved import MovedPoints
+from research.riddle_paper.context import ContextReader, Contexts, nearest_anchor
+from research.riddle_paper.images import PaperImage, image_of, ranges_of
+from research.riddle_paper.moved import MovedPoints
 
 LEAST_COLUMNS = 1000
 """A frame with fewer is the beginning or end of a capture, not a turn."""

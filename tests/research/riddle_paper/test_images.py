@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lidarcodec.errors import LidarCodecError
-from lidarcodec.training.riddle_paper.baselines import BASELINES
-from lidarcodec.training.riddle_paper.images import PaperImage, image_of, previous_valid, ranges_of
-from tests.training.riddle_paper.scenes import toy_frame, toy_ranges
+from research.riddle_paper.baselines import BASELINES
+from research.riddle_paper.images import PaperImage, image_of, previous_valid, ranges_of
+from tests.research.riddle_paper.scenes import toy_frame, toy_ranges
 
 
 def some_ranges(seed: int = 3) -> np.ndarray:

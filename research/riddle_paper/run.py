@@ -13,10 +13,10 @@ import torch
 
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.training import runs
-from lidarcodec.training.nets.riddle_paper import RESIDUAL_UNIT_M, NetShape, RiddlePaper, loss_of, predicted
-from lidarcodec.training.riddle_paper.context import FEATURES, SPATIAL, step_feature
-from lidarcodec.training.riddle_paper.data import Samples, Scan, batch_of
 from lidarcodec.units import RANGE_STEP_M
+from research.riddle_paper.context import FEATURES, SPATIAL, step_feature
+from research.riddle_paper.data import Samples, Scan, batch_of
+from research.riddle_paper.net import RESIDUAL_UNIT_M, NetShape, RiddlePaper, loss_of, predicted
 
 CHECKPOINT: Final = "checkpoint.pt"
 _CHUNK: Final = 64

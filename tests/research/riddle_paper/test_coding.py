@@ -11,12 +11,12 @@ torch = pytest.importorskip("torch", reason="training needs torch: the extra `le
 
 from lidarcodec.motion.motion import Motion  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
-from lidarcodec.training.nets.riddle_paper import NetShape, RiddlePaper  # noqa: E402
-from lidarcodec.training.riddle_paper.coding import CODERS, Predictor, decode_image, encode_image  # noqa: E402
-from lidarcodec.training.riddle_paper.context import ContextReader  # noqa: E402
-from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of  # noqa: E402
-from lidarcodec.training.riddle_paper.moved import MovedPoints  # noqa: E402
-from tests.training.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
+from research.riddle_paper.coding import CODERS, Predictor, decode_image, encode_image  # noqa: E402
+from research.riddle_paper.context import ContextReader  # noqa: E402
+from research.riddle_paper.images import PaperImage, image_of, ranges_of  # noqa: E402
+from research.riddle_paper.moved import MovedPoints  # noqa: E402
+from research.riddle_paper.net import NetShape, RiddlePaper  # noqa: E402
+from tests.research.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
 
 
 def a_predictor(temporal: int = 0) -> Predictor:

@@ -12,12 +12,12 @@ import numpy as np
 from lidarcodec import entropy
 from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.ranges.image.canvas import level_offsets
-from lidarcodec.training.riddle_paper.baselines import BASELINES
-from lidarcodec.training.riddle_paper.coding import Predictor, decode_image, encode_image
-from lidarcodec.training.riddle_paper.context import ContextReader
-from lidarcodec.training.riddle_paper.data import Scan
-from lidarcodec.training.riddle_paper.images import PaperImage, image_of, ranges_of
-from lidarcodec.training.riddle_paper.residuals import Residuals, encode_sparse, encode_varint, entropy_bits
+from research.riddle_paper.baselines import BASELINES
+from research.riddle_paper.coding import Predictor, decode_image, encode_image
+from research.riddle_paper.context import ContextReader
+from research.riddle_paper.data import Scan
+from research.riddle_paper.images import PaperImage, image_of, ranges_of
+from research.riddle_paper.residuals import Residuals, encode_sparse, encode_varint, entropy_bits
 
 NEAR_M = 0.1
 """The paper counts a prediction as right within this."""

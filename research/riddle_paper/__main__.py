@@ -1,8 +1,8 @@
 """RIDDLE as its paper has it, trained and measured: docs/riddle-paper.md holds what came of it.
 
-    python -m benchmarks.riddle_paper train SOURCE... --calibration FILE --out DIR [--temporal 100]
-    python -m benchmarks.riddle_paper evaluate SOURCE --calibration FILE --intra DIR --temporal DIR [--json FILE]
-    python -m benchmarks.riddle_paper table FILE...
+    python -m research.riddle_paper train SOURCE... --calibration FILE --out DIR [--temporal 100]
+    python -m research.riddle_paper evaluate SOURCE --calibration FILE --intra DIR --temporal DIR [--json FILE]
+    python -m research.riddle_paper table FILE...
 
 `train` goes on where a run in DIR stands. `evaluate` measures each predictor on the same turns; `table` prints what it
 wrote. Needs the extra `learned`; a GPU is used when there is one.
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,13 @@ from lidarcodec.errors import LidarCodecError, SourceError
 from lidarcodec.training import training_module
 
 
+def _module(name: str) -> Any:
+    """A module of this folder. They import torch, so `training_module` comes first: it says what is missing."""
+    return import_module(f"research.riddle_paper.{name}")
+
+
 def _train(chosen: argparse.Namespace) -> int:
-    runs, data, run = (training_module(name) for name in ("runs", "riddle_paper.data", "riddle_paper.run"))
+    runs, data, run = training_module("runs"), _module("data"), _module("run")
     runs.limit_threads(chosen.threads)
     settings = run.RunSettings(
         temporal=chosen.temporal,
@@ -53,8 +59,8 @@ def _train(chosen: argparse.Namespace) -> int:
 
 
 def _evaluate(chosen: argparse.Namespace) -> int:
-    names = ("runs", "riddle_paper.data", "riddle_paper.run", "riddle_paper.coding", "riddle_paper.measure")
-    runs, data, run, coding, measure = map(training_module, names)
+    runs = training_module("runs")
+    data, run, coding, measure = map(_module, ("data", "run", "coding", "measure"))
     runs.limit_threads(chosen.threads)
     device = runs.choose_device(chosen.device)
     nets, trained = {}, {}
@@ -118,7 +124,7 @@ def _print_tables(chosen: argparse.Namespace) -> int:
 
 def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.riddle_paper",
+        prog="python -m research.riddle_paper",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcodec.errors import DecodeError, SectionError
-from lidarcodec.training.riddle_paper.residuals import (
+from research.riddle_paper.residuals import (
     MOST,
     decode_sparse,
     decode_varint,

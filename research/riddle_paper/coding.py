@@ -15,11 +15,11 @@ import numpy.typing as npt
 import torch
 
 from lidarcodec.errors import UnknownNameError
-from lidarcodec.training.nets.riddle_paper import RiddlePaper, predicted
-from lidarcodec.training.riddle_paper.context import ContextReader, Contexts, Indices, step_feature
-from lidarcodec.training.riddle_paper.images import Cells, PaperImage
-from lidarcodec.training.riddle_paper.moved import MovedPoints
-from lidarcodec.training.riddle_paper.residuals import (
+from research.riddle_paper.context import ContextReader, Contexts, Indices, step_feature
+from research.riddle_paper.images import Cells, PaperImage
+from research.riddle_paper.moved import MovedPoints
+from research.riddle_paper.net import RiddlePaper, predicted
+from research.riddle_paper.residuals import (
     Residuals,
     decode_sparse,
     decode_varint,

@@ -13,12 +13,12 @@ torch = pytest.importorskip("torch", reason="training needs torch: the extra `le
 
 from lidarcodec.motion.motion import STILL  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
-from lidarcodec.training.riddle_paper.coding import Predictor  # noqa: E402
-from lidarcodec.training.riddle_paper.data import Scan, read_scans  # noqa: E402
-from lidarcodec.training.riddle_paper.images import image_of, previous_valid  # noqa: E402
-from lidarcodec.training.riddle_paper.residuals import entropy_bits  # noqa: E402
-from lidarcodec.training.riddle_paper.run import CHECKPOINT, Progress, RunSettings, load_net, train  # noqa: E402
-from tests.training.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
+from research.riddle_paper.coding import Predictor  # noqa: E402
+from research.riddle_paper.data import Scan, read_scans  # noqa: E402
+from research.riddle_paper.images import image_of, previous_valid  # noqa: E402
+from research.riddle_paper.residuals import entropy_bits  # noqa: E402
+from research.riddle_paper.run import CHECKPOINT, Progress, RunSettings, load_net, train  # noqa: E402
+from tests.research.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
 
 SMALL = RunSettings(steps=12, batch=64, encoder=(8, 16), decoder=(16,), quanta=(10,))
 

@@ -11,15 +11,15 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch: the extra `learned`")
 
-from benchmarks import riddle_paper  # noqa: E402
 from lidarcodec.motion.motion import STILL  # noqa: E402
 from lidarcodec.training import runs  # noqa: E402
-from lidarcodec.training.nets.riddle_paper import NetShape, RiddlePaper  # noqa: E402
-from lidarcodec.training.riddle_paper.coding import Predictor  # noqa: E402
-from lidarcodec.training.riddle_paper.data import Scan  # noqa: E402
-from lidarcodec.training.riddle_paper.images import image_of, previous_valid  # noqa: E402
-from lidarcodec.training.riddle_paper.measure import Learned, comes_back, drawn_returns, ours, whole_frames  # noqa: E402
-from tests.training.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
+from research.riddle_paper import __main__ as command  # noqa: E402
+from research.riddle_paper.coding import Predictor  # noqa: E402
+from research.riddle_paper.data import Scan  # noqa: E402
+from research.riddle_paper.images import image_of, previous_valid  # noqa: E402
+from research.riddle_paper.measure import Learned, comes_back, drawn_returns, ours, whole_frames  # noqa: E402
+from research.riddle_paper.net import NetShape, RiddlePaper  # noqa: E402
+from tests.research.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
 
 
 def scan(seed: int = 30, columns: int = 40) -> Scan:
@@ -73,7 +73,7 @@ def test_the_command_trains_measures_and_prints(
 ) -> None:
     def call(*words: str) -> int:
         monkeypatch.setattr(sys, "argv", ["riddle_paper", *words])
-        return riddle_paper.main()
+        return command.main()
 
     source, out, found = "sim:street?seed=2&frames=4", str(tmp_path / "run"), tmp_path / "found.json"
     small = ["--steps", "2", "--batch", "32", "--hold-out", "1"]
