@@ -24,10 +24,10 @@ WEB := $(STAMPS)/web
 NPM_INSTALL := npm install --no-save --ignore-scripts --silent
 NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
-# Tests wait for each other's processes more than they compute: on two cores three at a time are done sooner than two.
+# Tests wait for each other's processes more than they compute: on two cores four at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
 # when it has done its own.
-JOBS ?= 3
+JOBS ?= 4
 export PYTHON CXX
 # Tests start some five hundred processes. Where the environment forbids bytecode, as in many containers, each would compile
 # all that it imports.
@@ -83,8 +83,8 @@ faults: $(STAMPS)/dev $(NATIVE) ## break everything that can break under a runni
 	$(BIN)/python -m tests.faults $(ARGS)
 	$(BIN)/python -m tests.failing
 
-sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them (2 min)
-	$(BIN)/python -m pytest -n $(JOBS) -m sweep $(ARGS)
+sweeps: $(STAMPS)/dev $(NATIVE) ## tests that take long and show little more than others like them, and all random examples (5 min)
+	LIDARCODEC_EXAMPLES=all $(BIN)/python -m pytest -n $(JOBS) -m "sweep or hypothesis" $(ARGS)
 
 images-check: $(STAMPS)/dev ## build both images step by step in a chroot and run them together: docs/images.md (root, 30 min)
 	$(BIN)/python -m tests.images --write docs/images.md $(ARGS)

@@ -13,6 +13,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.side import Role
 from tests.packets import LOWER, UPPER, payload, read_plain_pcap, sensor, turning
+from tests.sweeps import examples
 
 
 def frames_of(packets: list[Packet], framing: str = "packets") -> tuple[list[Frame], Assembler]:
@@ -122,7 +123,7 @@ blocks = st.tuples(
 
 
 @given(st.lists(st.lists(blocks, min_size=12, max_size=12), max_size=6), st.sampled_from(["packets:2", "revolution"]))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_any_order_of_blocks_comes_back(orders: list[list[tuple[int, int]]], framing: str) -> None:
     rng = np.random.default_rng(1)
     packets = [Packet(payload(order, rng, gps_us=i * 7919), i) for i, order in enumerate(orders)]
@@ -131,7 +132,7 @@ def test_any_order_of_blocks_comes_back(orders: list[list[tuple[int, int]]], fra
 
 
 @given(st.lists(st.binary(min_size=1206, max_size=1206), max_size=3))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_any_bytes_come_back(payloads: list[bytes]) -> None:
     packets = [Packet(p, i) for i, p in enumerate(payloads)]
     assert rebuilt(frames_of(packets)[0]) == packets

@@ -16,6 +16,7 @@ from lidarcodec.motion.motion import Motion
 from lidarcodec.motion.warp import RangeHistory, beam_rows
 from tests.entropy.frames import frames, sensor
 from tests.reference.mask_stream import MaskStreamReference, View
+from tests.sweeps import examples
 
 SENSOR = sensor()
 BEAMS = beam_rows(SENSOR)
@@ -66,7 +67,7 @@ def streams(draw: st.DrawFn) -> list[Seen]:
     return [Seen(int(rng.integers(2**32)), width, fired=fired, turn=turn, beams=beams) for width in widths]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(streams())
 def test_any_stream_comes_back_and_native_writes_what_the_reference_writes(stream):
     sender, receiver, writes, reads = MaskStream(), MaskStream(), MaskStreamReference(), MaskStreamReference()
@@ -116,7 +117,7 @@ def test_forgetting_begins_again():
     assert stream.encode(seen.mask, *seen.known()) == first
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.binary(max_size=60), st.integers(0, 30), st.sampled_from([6, 7]))
 def test_any_bytes_give_a_mask_or_an_error_of_the_tree(data, width, kind):
     stream, seen = MaskStream(), Seen(3, width, fired=0.7)

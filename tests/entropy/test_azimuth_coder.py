@@ -23,6 +23,7 @@ from lidarcodec.entropy.azimuth_coder import RotationRuns
 from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from tests.entropy.frames import all_fired, frames, one_in_three
 from tests.reference import azimuth as reference_azimuth
+from tests.sweeps import examples
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 
@@ -68,7 +69,7 @@ def cases(draw: st.DrawFn):
     return azimuth, fired
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(cases())
 def test_any_rotations_come_back_and_native_writes_what_the_reference_writes(case):
     azimuth, fired = case
@@ -122,7 +123,7 @@ def test_what_no_frame_can_hold_is_refused():
         decode_azimuth(b"\x01", 10**9)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.binary(max_size=60), st.integers(0, 40))
 def test_any_bytes_give_rotations_or_an_error_of_the_tree(data, width):
     try:

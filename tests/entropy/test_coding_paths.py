@@ -23,6 +23,7 @@ from tests.entropy.test_predictive_coder import (
     guess,
     scene,
 )
+from tests.sweeps import examples
 
 PATHS = fast.coding_paths()
 
@@ -48,7 +49,7 @@ def test_every_path_chooses_the_free_ranges_of_every_other_machine(path: str) ->
 
 
 @pytest.mark.parametrize("path", PATHS[1:])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(case=cases())
 def test_what_one_path_wrote_another_reads_and_would_have_written(path: str, case) -> None:
     ranges, returns, fired, of, step, levels, expected, firing, quick = case

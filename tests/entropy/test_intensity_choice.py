@@ -11,6 +11,7 @@ from lidarcodec.entropy import choose_levels, decode_intensity, encode_intensity
 from lidarcodec.errors import SectionError
 from tests.entropy.frames import all_fired, sensor
 from tests.entropy.test_intensity_coder import cases, scene
+from tests.sweeps import examples
 
 SENSOR = sensor()
 
@@ -27,7 +28,7 @@ def evenly(values: np.ndarray, levels: int) -> np.ndarray:
     return np.rint(np.rint(values / 255 * (levels - 1)) * 255 / (levels - 1)).astype(np.uint8)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(cases(), st.integers(2, 255))
 def test_any_intensities_become_at_most_so_many_values_that_come_back(case, levels) -> None:
     values, returns, fired, of = case

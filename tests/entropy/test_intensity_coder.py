@@ -18,6 +18,7 @@ from lidarcodec.sensor_model import SensorModel
 from tests.entropy.frames import all_fired, frames, mask, one_in_three, sensor
 from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calibration
 from tests.reference import intensity
+from tests.sweeps import examples
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 SENSOR = sensor()
@@ -53,7 +54,7 @@ def cases(draw: st.DrawFn):
     return noise if draw(st.booleans()) else scene(width, levels, seed), returns, fired, of
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(cases())
 def test_any_intensities_come_back_and_native_writes_what_the_reference_writes(case) -> None:
     values, returns, fired, of = case
@@ -200,7 +201,7 @@ def test_bytes_where_there_are_no_returns_are_refused() -> None:
         decode_intensity(b"\0\0", np.zeros((64, 5), np.bool_), all_fired(5), SENSOR)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.binary(max_size=200), st.integers(0, 30), st.booleans())
 def test_any_bytes_give_an_image_or_our_error(data: bytes, width: int, coded: bool) -> None:
     returns = np.random.default_rng(width).random((64, width)) < 0.7

@@ -22,6 +22,7 @@ from tests.entropy.frames import all_fired, one_in_three, sensor
 from tests.entropy.test_mask_coder import SENSOR, golden_sensor, layout_of, random_calibration
 from tests.entropy.test_mask_coder import SensorModel as Sensor
 from tests.reference import keep as reference_keep
+from tests.sweeps import examples
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 
@@ -58,7 +59,7 @@ def cases(draw: st.DrawFn):
     return keep, azimuth, fired, rng.random((64, width)) < 0.1 if draw(st.booleans()) else None, of
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(cases())
 def test_any_mask_comes_back_and_native_writes_what_the_reference_writes(case):
     keep, azimuth, fired, earlier, of = case
@@ -125,7 +126,7 @@ def test_a_mask_that_needs_an_earlier_one_says_so():
         decode_keep(data, azimuth, fired, golden_sensor())
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.binary(max_size=60), st.integers(0, 30), st.booleans(), st.integers(0, 6))
 def test_any_bytes_give_a_mask_or_an_error_of_the_tree(data, width, with_earlier, kind):
     fired, earlier = one_in_three(width), np.zeros((64, width), np.bool_) if with_earlier else None

@@ -18,6 +18,7 @@ from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.sensor_model import Calibration, SensorModel
 from tests.entropy.frames import all_fired, frames, mask, one_in_three, sensor
 from tests.reference import mask as reference_mask
+from tests.sweeps import examples
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 SENSOR = sensor()
@@ -61,7 +62,7 @@ def layout_of(fired: np.ndarray, of: SensorModel) -> reference_mask.Layout:
     return reference_mask.Layout(fired.view(np.uint8), *row_geometry(of))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(cases())
 def test_any_mask_comes_back_and_native_writes_what_the_reference_writes(case):
     cells, fired, earlier, of = case
@@ -161,7 +162,7 @@ def test_a_mask_that_needs_an_earlier_one_says_so():
         decode_mask(encode_mask(cells, all_fired(50), SENSOR, cells), all_fired(50), SENSOR)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.binary(max_size=60), st.integers(0, 30), st.sampled_from([None, mask(9)]), st.integers(0, 4))
 def test_any_bytes_give_a_mask_or_an_error_of_the_tree(data, width, earlier, kind):
     data = bytes([kind]) + data

@@ -19,6 +19,7 @@ from tests.entropy.frames import all_fired, mask, one_in_three, sensor
 from tests.entropy.test_mask_coder import golden_sensor, layout_of, random_calibration
 from tests.reference import predictive
 from tests.reference.predictive import FREE, QUICK, Given, Model
+from tests.sweeps import examples
 
 SENSOR = sensor()
 LEVELS = (np.arange(64) * 37 % 130).astype(np.int32)
@@ -82,7 +83,7 @@ def cases(draw: st.DrawFn):
     return ranges, returns, fired, of, step, levels, expected, firing, quick
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(cases())
 def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) -> None:
     ranges, returns, fired, of, step, levels, expected, firing, quick = case
@@ -97,7 +98,7 @@ def test_any_ranges_come_back_and_native_writes_what_the_reference_writes(case) 
     assert data == predictive.encode(ranges, cells, counted, turn, Model())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(cases())
 def test_free_ranges_keep_the_bound_and_come_back_as_the_encoder_says(case) -> None:
     """Else a picture shows what is not there, or the next frame is told to expect what no decoder has."""

@@ -16,6 +16,7 @@ from tests.entropy.test_mask_coder import layout_of, random_calibration
 from tests.entropy.test_predictive_coder import LEVELS, STEPS, check_bound, guess, scene
 from tests.reference import predictive
 from tests.reference.predictive import Given, Model
+from tests.sweeps import examples
 
 SENSOR = sensor()
 TURN = 2000
@@ -45,7 +46,7 @@ def streams(draw: st.DrawFn):
     return of, rng.integers(0, 1001, 64).astype(np.int32), slabs, draw(st.booleans())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(streams())
 def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None:
     of, levels, slabs, quick = stream
@@ -69,7 +70,7 @@ def test_native_writes_what_the_reference_writes_slab_after_slab(stream) -> None
         edge = edge.and_then(KnownColumns(came, fired, came * np.uint16(0) if expected is None else expected))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(streams(), st.lists(st.booleans(), min_size=4, max_size=4))
 def test_slabs_go_on_from_free_ones_and_from_rounded_ones(stream, free) -> None:
     """A bound, a target or an operator changes the form in the middle of a stream."""

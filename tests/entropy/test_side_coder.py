@@ -18,6 +18,7 @@ from lidarcodec.errors import DecodeError, SectionError, TruncatedError
 from lidarcodec.side import SideInfo
 from tests.entropy.frames import frames, s2_side, same_side
 from tests.reference import series as reference_series
+from tests.sweeps import examples
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 
@@ -65,13 +66,13 @@ def sides(draw: st.DrawFn) -> SideInfo:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(sides())
 def test_any_side_information_comes_back(side):
     assert same_side(decode_side(encode_side(side, host_step_ns=1), side.packets), side)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(sides(), st.sampled_from([10, 1000, 1_000_000]))
 def test_host_times_are_rounded_to_their_step_and_nothing_else_is(side, step):
     decoded = decode_side(encode_side(side, host_step_ns=step), side.packets)
@@ -82,7 +83,7 @@ _EDGES = st.sampled_from([0, 1, -1, 2**62, -(2**62), 2**63 - 1, -(2**63), 3_600_
 _NUMBERS = st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(-1000, 1000), _EDGES)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.lists(_NUMBERS, max_size=40), st.sampled_from([0, 256, 3_600_000_000, 1 << 32]))
 def test_the_form_of_a_series_is_the_reference_s_and_tells_all_of_it(values, modulus):
     values = [value % modulus for value in values] if modulus else values
@@ -93,7 +94,7 @@ def test_the_form_of_a_series_is_the_reference_s_and_tells_all_of_it(values, mod
     assert (back % modulus if modulus else back).tolist() == values
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(st.integers(0, 3), max_size=80), st.integers(1, 32))
 def test_the_period_of_types_is_the_reference_s(types, longest):
     assert fast.best_period(np.array(types, np.uint8), longest) == reference_series.best_period(types, longest)
@@ -187,14 +188,14 @@ def test_a_step_of_no_use_is_refused(step):
         encode_side(SideInfo.regular(4), host_step_ns=step)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.binary(max_size=120), st.integers(-1, 60))
 def test_any_bytes_give_side_information_or_an_error_of_the_tree(data, packets):
     with suppress(SectionError, TruncatedError):
         assert decode_side(data, packets).packets == packets
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(sides(), st.data())
 def test_damaged_bytes_give_side_information_or_an_error_of_the_tree(side, data):
     encoded = bytearray(encode_side(side)[:300])

@@ -11,10 +11,11 @@ from lidarcodec._native import join_by_neighbour, split_by_neighbour
 from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.errors import SectionError
 from lidarcodec.planes.neighbour import MIN_GROUP, decode_bytes, encode_bytes
+from tests.sweeps import examples
 
 
 @given(st.lists(st.integers(0, 255), max_size=200).map(lambda given: np.array(given, np.uint8)), st.integers(1, 256))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_native_agrees_with_a_stable_sort(values: np.ndarray, groups: int) -> None:
     group_of = (np.arange(256) * groups // 256).astype(np.uint8)
     before = np.concatenate([[0], values[:-1]]).astype(np.uint8)[: len(values)]
@@ -26,7 +27,7 @@ def test_native_agrees_with_a_stable_sort(values: np.ndarray, groups: int) -> No
 
 
 @given(st.integers(0, 60_000), st.integers(1, 256), st.integers(0, 2**32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_everything_comes_back(size: int, levels: int, seed: int) -> None:
     values = np.random.default_rng(seed).integers(0, levels, size).astype(np.uint8)
     data = encode_bytes(values)

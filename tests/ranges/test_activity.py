@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from lidarcodec._native import count_activities, join_by_activity, split_by_activity
 from lidarcodec.errors import SectionError
 from lidarcodec.ranges.activity import ACTIVITIES, MIN_GROUP, Groups
+from tests.sweeps import examples
 
 
 def activities(values: np.ndarray) -> list[int]:
@@ -29,7 +30,7 @@ values_of = st.lists(st.one_of(st.integers(0, 65535), st.integers(5000, 5010)), 
 
 
 @given(values_of)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_native_agrees_with_the_written_rule(values: np.ndarray) -> None:
     assert count_activities(values).tolist() == np.bincount(activities(values), minlength=ACTIVITIES).tolist()
     every = np.arange(ACTIVITIES, dtype=np.uint8)
@@ -41,7 +42,7 @@ def test_native_agrees_with_the_written_rule(values: np.ndarray) -> None:
 
 
 @given(st.integers(0, 20000), st.integers(0, 2**32))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_every_stream_comes_back(size: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     scale = 2 ** rng.integers(0, 16, size)

@@ -16,6 +16,7 @@ from lidarcodec.ranges.image.layers import MAX_SAMPLES, Layers, group_fits, laye
 from lidarcodec.settings import StreamSettings, settings_from
 from tests.contracts import frames
 from tests.contracts.codec import from_table, send
+from tests.sweeps import examples
 
 
 def stream(**own: object) -> StreamSettings:
@@ -143,7 +144,7 @@ def test_rows_look_in_one_direction_whatever_a_frame_is() -> None:
         assert layout.height == 8
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 12))
 def test_any_group_comes_back_from_its_layers(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

@@ -21,6 +21,7 @@ from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.units import MAX_COLUMNS, MAX_PACKETS
 from lidarcodec.wire import pack, peek, unpack
 from lidarcodec.wire.checksum import with_checksum
+from tests.sweeps import examples
 
 
 def message(**changes: object) -> Message:
@@ -56,7 +57,7 @@ sections = st.lists(
     frame_count=st.integers(1, 64),
     sections=sections,
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_every_message_comes_back(frame_index, key, **fields) -> None:
     given_message = Message(frame_index=frame_index, key=key, needs=None if key else frame_index - 1, **fields)
     data = pack(given_message)
@@ -178,7 +179,7 @@ def test_contradictions_behind_a_right_checksum_are_found(offset: int, value: by
 
 
 @given(st.binary(max_size=120))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_random_bytes_are_refused(noise: bytes) -> None:
     for data in (noise, b"\x93LDC\x01" + noise, pack(message())[:56] + noise):
         with pytest.raises(DecodeError):
