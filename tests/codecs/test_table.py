@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 import lidarcodec.codecs
-from lidarcodec.codecs import table
-from lidarcodec.codecs.base import CodecSettings
+from lidarcodec.codecs import base, table
+from lidarcodec.codecs.base import CodecSettings, own_settings
 from lidarcodec.errors import SettingsError, UnknownNameError, UnsupportedVersionError
 from lidarcodec.settings import StreamSettings
+from tests.contracts import frames
 
 
 def test_numbers_stay_what_they_are() -> None:
@@ -79,6 +80,26 @@ def test_settings_that_can_be_followed() -> None:
         settings = StreamSettings(codec=name)
         assert table.check(settings) is settings
     assert table.check(StreamSettings(max_error_m=0.02, codec_settings={"level": 12}))
+
+
+@pytest.mark.parametrize("name", table.installed())
+def test_own_settings_are_checked_when_they_are_taken_and_not_with_each_frame(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checks: list[str] = []
+
+    def counted(model: type[CodecSettings], settings: StreamSettings) -> CodecSettings:
+        checks.append(settings.codec)
+        return own_settings(model, settings)
+
+    monkeypatch.setattr(base, "own_settings", counted)
+    encoder = table.make_encoder(StreamSettings(codec=name), 1)
+    checks.clear()
+    for index in range(3):
+        encoder.encode(frames.scene(4).with_(index=index))
+        encoder.apply(StreamSettings(codec=name, key_interval=7 + index))
+    encoder.flush()
+    assert checks == []
 
 
 def test_an_encoder_stays_the_codec_that_it_is() -> None:
