@@ -51,11 +51,9 @@ def test_the_limits_are_the_documented_ones() -> None:
 
 def test_every_section_type_and_codec_is_documented() -> None:
     assert {int(row[0]): row[1] for row in rows("### Sections")} == {int(kind): kind.name for kind in SectionType}
-    codecs: dict[str, str] = {}
-    for row in rows("## Codecs"):
-        codecs |= {row[1]: row[0], row[5]: row[4]}
+    codecs = {row[0]: row[1] for row in rows("## Codecs")}
     for name in table.names():
-        assert codecs[name] == str(table.codec_id(name))
+        assert codecs[str(table.codec_id(name))].startswith(f"[{name}]")
 
 
 def test_every_codec_and_setting_has_its_place() -> None:
