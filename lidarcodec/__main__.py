@@ -11,6 +11,8 @@ def main() -> NoReturn:
     """Run the command line. An interrupt before it can listen ends it without a traceback."""
     # Looking for plugins of pydantic through all installed packages takes a tenth of a start; we need none.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # OpenBLAS sends this process an interrupt where it gets no thread. What we compute with it is small: it needs none.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from lidarcodec.cli import main as run
 

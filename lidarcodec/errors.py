@@ -26,6 +26,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 
+def is_panic(error: BaseException) -> bool:
+    """Whether it is a panic of a library written in Rust: a PanicException, which is no Exception."""
+    return type(error).__name__ == "PanicException"
+
+
+def told(error: BaseException) -> Exception:
+    """The error itself, or of a panic one that is an Exception: what ended a thread, as it is told outside of it."""
+    return error if isinstance(error, Exception) else LidarCodecError(f"a library of native code failed: {error}")
+
+
 class LidarCodecError(Exception):
     """Base class of every error that this package raises on purpose."""
 

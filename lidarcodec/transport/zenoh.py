@@ -12,13 +12,14 @@ import json
 import logging
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
 import zenoh
 
-from lidarcodec.errors import TransportError
+from lidarcodec.errors import TransportError, is_panic
 from lidarcodec.transport.base import (
     AliveHandler,
     Closeable,
@@ -69,10 +70,26 @@ _QOS: dict[Priority, dict[str, Any]] = {
 }
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     """What Zenoh says, without where in its source, and without the whole configuration: that may hold a password."""
     said = re.sub(r" at /\S+", "", str(error)).strip()
     return said.partition('{"')[0].rstrip(": ")
+
+
+@contextmanager
+def _telling(what: str) -> Iterator[None]:
+    """Errors of Zenoh as TransportError, and its panics, and threads that the machine does not give.
+
+    A panic arrives as a PanicException, which is no Exception: what catches these would take it for a good end.
+    """
+    try:
+        yield
+    except (zenoh.ZError, RuntimeError) as error:
+        raise TransportError(f"{what}: {_reason(error)}") from None
+    except BaseException as error:
+        if not is_panic(error):
+            raise
+        raise TransportError(f"{what}: the network library failed: {_reason(error)}") from None
 
 
 def _config_of(options: dict[str, Any], base: zenoh.Config | None = None) -> zenoh.Config:
@@ -133,10 +150,8 @@ class _Sender(_Declared):
 
     def put(self, data: bytes, attachment: bytes | None = None) -> None:
         """Hand over the bytes; at most a few milliseconds. Raises TransportError when closed."""
-        try:
+        with _telling(f"cannot send on {self._key}"):
             self._publisher.put(data, attachment=attachment)
-        except zenoh.ZError as error:
-            raise TransportError(f"cannot send on {self._key}: {_reason(error)}") from None
 
 
 class _Inbox(_Declared):
@@ -182,10 +197,11 @@ class ZenohTransport:
         client = json.loads(config.get_json("mode")) == "client"
         point = MeetingPoint(endpoints.loopback_port, lambda: _open(_config_of(endpoints.rendezvous_options())).close)
         watch = CertificateWatch(certificates_in(_option_of(config)), str(endpoints.config))
-        if endpoints.local:
-            point.start()
-        watch.start()  # first: with a certificate that has ended, no session may ever be opened
         try:
+            with _telling("cannot open a Zenoh session"):
+                if endpoints.local:
+                    point.start()
+                watch.start()  # first: with a certificate that has ended, no session may ever be opened
             session = _open_at_last(config, stop, None if not client else "" if base is None else UNREACHABLE)
         except TransportError:
             point.close()
@@ -220,7 +236,8 @@ class ZenohTransport:
             def changed(status: zenoh.MatchingStatus) -> None:
                 self._guard.call(f"matching on {key}", told, bool(status.matching))
 
-            entities.insert(1, publisher.declare_matching_listener(changed))
+            with _telling(f"cannot watch who receives {key}"):
+                entities.insert(1, publisher.declare_matching_listener(changed))
         sender = _Sender(key, entities, self._forget)
         self._remember(sender)
         return sender
@@ -263,7 +280,7 @@ class ZenohTransport:
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
         """The first answer; None when there is none in time."""
         check_key(key)
-        try:
+        with _telling(f"cannot ask {key}"):
             replies = self._session.get(
                 key,
                 payload=data,
@@ -275,17 +292,13 @@ class ZenohTransport:
                 sample = reply.ok
                 if sample is not None and self._guard.fits(key, len(sample.payload)):
                     return bytes(sample.payload.to_bytes())
-        except zenoh.ZError as error:
-            raise TransportError(f"cannot ask {key}: {_reason(error)}") from None
         return None
 
     def token(self, key: str) -> Closeable:
         """A liveliness token: others see it go within milliseconds of a kill, and 10 s after a link went dead."""
         check_key(key)
-        try:
+        with _telling(f"cannot declare {key}"):
             return self._keep(key, self._session.liveliness().declare_token(key))
-        except zenoh.ZError as error:
-            raise TransportError(f"cannot declare {key}: {_reason(error)}") from None
 
     def watch(self, key: str, handler: AliveHandler) -> Closeable:
         """Hand tokens, its own included, to the handler."""
@@ -294,10 +307,8 @@ class ZenohTransport:
         def changed(sample: zenoh.Sample) -> None:
             self._guard.call(key, handler, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        try:
+        with _telling(f"cannot watch {key}"):
             return self._keep(key, self._session.liveliness().declare_subscriber(key, changed, history=True))
-        except zenoh.ZError as error:
-            raise TransportError(f"cannot watch {key}: {_reason(error)}") from None
 
     def close(self) -> None:
         """Give back everything, in at most a few seconds; harmless when called twice."""
@@ -319,10 +330,8 @@ class ZenohTransport:
 
     def _declare(self, key: str, method: str, *handler: Any, wild: bool = False, **options: Any) -> Any:
         check_key(key, wild=wild)
-        try:
+        with _telling(f"cannot declare {key}"):
             return getattr(self._session, method)(key, *handler, **options)
-        except zenoh.ZError as error:
-            raise TransportError(f"cannot declare {key}: {_reason(error)}") from None
 
     def _keep(self, key: str, entity: Any) -> Closeable:
         one = _Declared(key, [entity], self._forget)
@@ -381,10 +390,8 @@ def _open_at_last(config: zenoh.Config, stop: threading.Event | None, waits_for:
 
 def _open(config: zenoh.Config) -> zenoh.Session:
     """Raises TransportError when the session cannot be opened."""
-    try:
+    with _telling("cannot open a Zenoh session"):
         return zenoh.open(config)
-    except zenoh.ZError as error:
-        raise TransportError(f"cannot open a Zenoh session: {_reason(error)}") from None
 
 
 __all__ = ["ZenohTransport", "options_in"]

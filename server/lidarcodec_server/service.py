@@ -11,7 +11,7 @@ import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
+from lidarcodec.errors import SettingsError, TransportError, told
 from lidarcodec.transport import Transport, open_transport
 from lidarcodec.transport.keys import PREFIX, StreamKeys
 from lidarcodec_server.config import ServerConfig
@@ -31,6 +31,8 @@ logger = logging.getLogger(__name__)
 
 START_S = 1.0
 """How long `start` waits for the network: endpoints that cannot be used are known by then."""
+RETRY_S = 5.0
+"""From one try to join the network to the next, after the start."""
 
 
 class Service:
@@ -57,7 +59,8 @@ class Service:
         self.closing = ExitStack()
         self._transport: Transport | None = None
         self._given = transport
-        self._failure: LidarCodecError | None = None
+        self._failure: Exception | None = None
+        self._started = False
         self._stop, self._opened = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._open, name="lidarcodec server network", daemon=True)
 
@@ -96,6 +99,7 @@ class Service:
         self.control.start()
         self._thread.start()
         self._opened.wait(START_S)
+        self._started = self._failure is None
         if self._failure is not None:
             self.close()
             raise self._failure
@@ -153,21 +157,34 @@ class Service:
     # --- the network ------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        try:
-            transport = self._given or open_transport(self.config.endpoints, stop=self._stop)
-            self._transport = transport
-            declared = [
+        while not self._stop.is_set():
+            try:
+                self._join_network()
+            except BaseException as error:  # a panic of native code is no Exception
+                failure = told(error)
+                if not self._stop.is_set():
+                    logger.warning("cannot join the network: %s", failure)
+                if not self._started:  # `start` raises it
+                    self._failure = failure
+                    break
+                self._stop.wait(RETRY_S)
+            else:
+                break
+        self._opened.set()
+
+    def _join_network(self) -> None:
+        with ExitStack() as undone:
+            transport = self._given
+            if transport is None:
+                transport = open_transport(self.config.endpoints, stop=self._stop)
+                undone.callback(transport.close)
+            for one in (
                 transport.watch(f"{PREFIX}/*/*/alive", self._publisher_changed),
                 transport.listen(f"{PREFIX}/*/*/status", self._status_came),
-            ]
-            for one in declared:
+            ):
                 self.closing.callback(one.close)
-        except LidarCodecError as error:
-            if not self._stop.is_set():
-                self._failure = error
-                logger.warning("cannot open a Zenoh session: %s", error)
-        finally:
-            self._opened.set()
+            undone.pop_all()
+        self._transport = transport
 
     def _publisher_changed(self, key: str, alive: bool) -> None:
         keys = _keys_of(key)

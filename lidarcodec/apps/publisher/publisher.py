@@ -32,7 +32,7 @@ from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed, Rate
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, Record
 from lidarcodec.apps.worker.isolation import Isolate
-from lidarcodec.errors import TransportError, WorkerError
+from lidarcodec.errors import TransportError, WorkerError, told
 from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
 from lidarcodec.sources.base import Source
@@ -258,10 +258,10 @@ class Publisher:
     def _feed_frames(self) -> None:
         try:
             self._feed.run(wait=self._every)
-        except Exception as error:
+        except BaseException as error:  # a panic of native code is no Exception
             if not self._stop.is_set():
                 logger.warning("the source ended: %s", error)
-                self._failure = self._failure or error
+                self._failure = self._failure or told(error)
         finally:
             self._feed.mailbox.close()
 
@@ -272,9 +272,9 @@ class Publisher:
             sender = self._declare(self._network.open(self._stop))
             self._opened.set()
             self._sending.run(sender)
-        except Exception as error:
+        except BaseException as error:  # a panic of native code is no Exception
             if not self._stop.is_set():
-                self._failure = self._failure or error
+                self._failure = self._failure or told(error)
         finally:
             for one in reversed(self._declared):  # the token first: receivers see the end after the last message
                 one.close()

@@ -34,6 +34,7 @@ from lidarcodec.errors import (
     TransportError,
     UnsupportedVersionError,
     WorkerError,
+    told,
 )
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
@@ -172,12 +173,12 @@ class Receiver:
         """What ends one of the threads ends the receiver, and is told: nothing freezes in silence."""
         try:
             yield
-        except Exception as error:
+        except BaseException as error:  # a panic of native code is no Exception
             if self._stop.is_set():
                 return
             if not isinstance(error, TransportError):
                 logger.exception("%s: the receiver stops", self.keys.prefix)
-            self.failure = self.failure or error
+            self.failure = self.failure or told(error)
             self._end()
 
     def _end(self) -> None:
