@@ -1,4 +1,4 @@
-// The simulated HDL-64E S2: where its 64 lasers look from, where to, how they are corrected and how noisy they are.
+// The simulated HDL-64E S2: origin, direction, corrections and noise of its 64 lasers.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -35,7 +35,7 @@ class Sensor {
   double gain(int laser) const { return lasers_[static_cast<std::size_t>(laser)].gain; }
   double offset(int laser) const { return lasers_[static_cast<std::size_t>(laser)].offset; }
   double reach(int laser) const { return lasers_[static_cast<std::size_t>(laser)].reach; }
-  // Range error locked to the count of firings, period 24, metres.
+  // Range error in metres, periodic in the count of firings with period 24.
   double ripple_m(int laser, std::uint64_t firing) const {
     return ripple_[static_cast<std::size_t>(laser) * 24 + firing % 24];
   }
