@@ -90,7 +90,7 @@ class NetTrainer:
 
     def cases(self) -> npt.NDArray[np.float32]:
         """(96, out) biases of rows and scales in the first layer: the mean of the last steps."""
-        found: npt.NDArray[np.float32] = self._native.cases()
+        found: npt.NDArray[np.float32] = self._native.conditional_bias()
         return found
 
     def cost(self, nets: NativeNets, beside: float) -> float:
