@@ -11,7 +11,10 @@ import sys
 from pathlib import Path
 
 STUB = Path(__file__).resolve().parent.parent / "lidarcodec" / "_native.pyi"
-HEAD = '"""Types of the native core, written by tools/native_stub.py; each function\'s docstring is in native/bindings."""\n'
+HEAD = (
+    '"""Types of the native core, by tools/native_stub.py; the docstring of each function is in native/bindings."""\n'
+)
+ARRAY = re.compile(r"Annotated\[(NDArray\[[\w.]+\]), dict\(.*?device='cpu'(?:, writable=False)?\)\]")
 
 
 def stub() -> str:
@@ -22,7 +25,7 @@ def stub() -> str:
 
     generator = StubGen(module, include_docstrings=False, quiet=True)
     generator.put(module)
-    text = re.sub(r"Annotated\[(NDArray\[[\w.]+\]), dict\(.*?device='cpu'(?:, writable=False)?\)\]", r"\1", generator.get())
+    text = ARRAY.sub(r"\1", generator.get())
     text = re.sub(r"^from typing import Annotated\n", "", text, flags=re.MULTILINE)
     ruff = [sys.executable, "-m", "ruff", "format", "-", "--stdin-filename", str(STUB)]
     return subprocess.run(ruff, input=HEAD + text, capture_output=True, text=True, check=True).stdout
