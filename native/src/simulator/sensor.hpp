@@ -4,11 +4,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/rows.hpp"
 #include "simulator/math.hpp"
 
 namespace lidarcodec::sim {
 
-constexpr int kLasers = 64;
+constexpr int kLasers = static_cast<int>(kRows);
 
 // Calibration of one laser in the steps of the sensor's own status bytes: 0.01 degree, 1 mm, focal slope 0.1.
 struct LaserRow {
