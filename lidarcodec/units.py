@@ -21,6 +21,8 @@ RANGE_STEP_M: Final = 0.002
 AZIMUTH_STEP_DEG: Final = 0.01
 AZIMUTH_TURN: Final = 36000
 """Azimuth steps in a full turn."""
+TABLE_TURN: Final = 628_318_531
+"""A full turn, 2 pi, in the calibration table's unit of angle, 1e-8 rad."""
 FIRINGS_PER_PACKET: Final = 6
 FRAME_PACKETS: Final = 348
 """348 x 6 firings = 2088 columns, the width of Tu 2016's range images."""

@@ -14,3 +14,7 @@ mkdir -p "$TARGET"
 for module in "$BUILD"/_native*.so; do
   cp "$module" "$TARGET/.new-module" && mv -f "$TARGET/.new-module" "$TARGET/${module##*/}"
 done
+# The types of the module, where a developer's tools are there.
+if [ "$TARGET" = lidarcodec ] && "$PYTHON" -c 'import nanobind, ruff' 2>/dev/null; then
+  "$PYTHON" tools/native_stub.py
+fi

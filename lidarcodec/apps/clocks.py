@@ -1,9 +1,9 @@
-"""Clocks: how far a publisher's clock is from ours, known to within half a round trip, and what a jump of either does.
+"""Clocks: the offset of a publisher's clock from ours, with an error of at most half a round trip, also after jumps.
 
-Whoever asks a publisher for its time knows when it asked and when the answer came; the publisher's time belongs to some
-moment between them. Of the last answers the one with the shortest round trip says it best. Waiting goes by the
-monotonic clock everywhere, so a jump of a host's clock holds nothing up: it only makes a latency unknown until the next
-answer.
+A receiver that asks a publisher for its time knows when it asked and when the answer came. The publisher read its clock
+between these two times (Cristian's algorithm, 1989). The answer with the shortest round trip has the smallest error.
+All waiting uses the monotonic clock, so a jump of a host's clock delays nothing. It only makes latencies unknown until
+the next answer.
 
 >>> offset = ClockOffset()
 >>> offset.answered(asked_ns=1_000_000, told_ns=6_000_000, answered_ns=3_000_000, monotonic_s=0.0)
@@ -104,7 +104,7 @@ class ClockOffset:
 
 
 class LatencyClock:
-    """Latencies from a publisher's stamps to our time, whatever the two clocks do. Thread-safe.
+    """Latencies from a publisher's stamps to our time, also when clocks jump. Thread-safe.
 
     unsure: called when a stamp shows that a clock jumped: it is time to ask again
     """

@@ -50,7 +50,7 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
 
 def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
     """Raises SettingsError for a text among a codec's settings that may be a path: what exists on this machine, and can
-    be read, is nobody else's business. What is in force already, from this machine's command line, may be said again.
+    be read, is secret. What is in force already, from this machine's command line, may be said again.
     """
     given = changes.get("codec_settings")
     for name, value in given.items() if isinstance(given, dict) else ():

@@ -1,4 +1,4 @@
-"""Ending threads: nobody waits for one without limit. Ours are daemons: one left behind ends with its process."""
+"""Ending threads, with a time limit. Our threads are daemons: one that does not end in time ends with its process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 logger = logging.getLogger(__name__)
 
 END_S = 20.0
-"""How long threads may take, all together."""
+"""Seconds that all threads together may take."""
 
 
 def ended(threads: Iterable[threading.Thread], limit_s: float = END_S) -> bool:

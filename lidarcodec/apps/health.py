@@ -33,7 +33,7 @@ TELL_S = 1.0
 STALE_S = 10.0
 """A file that was not written for so long is that of a process that hangs, or is gone."""
 QUIET_S = 10.0
-"""Frames that do not come, or are not sent although somebody receives, for so long are missed."""
+"""Seconds without a frame, or without sending one to a receiver, after which frames are missed."""
 MAX_FILE_BYTES = 1 << 20
 
 
@@ -130,7 +130,7 @@ class HealthFile:
     def _told(self, state: SensorState, now_s: float) -> dict[str, Any]:
         since = self._since.setdefault(state.stream, {})
         unsent_s = self._unchanged_s(since, "sent", state.sent, now_s)
-        if not state.matching:  # nobody waits for it
+        if not state.matching:  # nothing receives it
             since["sent"] = (state.sent, now_s)
             unsent_s = 0.0
         return {

@@ -21,7 +21,7 @@ class Mailbox(Generic[T]):
     """
 
     def __init__(self, on_put: Callable[[], object] | None = None) -> None:
-        """on_put: called after every put and at close, for those who cannot wait in a thread; must not block."""
+        """on_put: called after every put and at close, for callers that do not wait in a thread; must not block."""
         self._condition = threading.Condition()
         self._item: T | None = None
         self._closed = False

@@ -37,7 +37,7 @@ LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
 @dataclass(frozen=True)
 class Record:
-    """What a publisher keeps of all that its sensor sends, whatever goes over the network.
+    """What a publisher keeps of all that its sensor sends, independent of what it sends over the network.
 
     folder: where its files are; form: raw `packets`, or a `lossless` stream
     limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of `recording.RotatingRecorder`

@@ -1,8 +1,8 @@
 """SpotCheck: decodes some of the messages of a live stream again, and compares them with their frames.
 
-It takes runs of messages: from a key message on for RUN_S of the processor's time, then none until that was SHARE of
-all time. So it costs the same whatever the codec takes, and messages that need earlier ones are checked too. The thread
-has a low priority. What it cannot take in time is passed over: nobody waits for it.
+It checks runs of messages: from a key message on for RUN_S of processor time, then none until that was SHARE of all
+time. So its cost does not depend on the codec, and messages that need earlier ones are checked, too. The thread has a
+low priority. Messages that it cannot check in time are skipped: nothing waits for it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """SharedSwarm: many vehicles that all send what was encoded once, so that their own cost does not hide a server's.
 
 Each has a stream of its own: stream id, frame indices, stamps of now, key frames when one is asked for, status, and
-controls. They do not wait for arrival reports, and settings cannot be changed, because nobody encodes.
+controls. They do not wait for arrival reports, and settings cannot be changed, because nothing is encoded.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import accumulate
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ def encode_signed(streams: Sequence[Series]) -> bytes:
 
 
 def _encoded(values: npt.NDArray[np.uint64], counts: Iterable[int]) -> bytes:
-    return cast(bytes, _native.encode_numbers(values, np.array(list(counts), np.uint64)))
+    return _native.encode_numbers(values, np.array(list(counts), np.uint64))
 
 
 def decode_numbers(data: bytes, counts: Sequence[int]) -> list[npt.NDArray[np.uint64]]:
@@ -70,7 +70,7 @@ def best_form(values: Series, modulus: int = 0) -> Fit:
 
 def best_period(types: npt.NDArray[np.uint8], longest: int) -> int:
     """Period, 1 to `longest`, that predicts most of (N,) types by those one period before; `longest` is at most 32."""
-    return cast(int, _native.best_period(types, longest))
+    return _native.best_period(types, longest)
 
 
 def encode_mask(
@@ -83,7 +83,7 @@ def encode_mask(
 ) -> bytes:
     """Bytes of a (64, W) mask; see `mask_coder`. half, rotation: (64,); earlier: (64, 0): none; turn 0: find it."""
     arrays = (mask.view(np.uint8), fired.view(np.uint8), half, rotation, earlier.view(np.uint8))
-    return cast(bytes, _native.encode_mask(*arrays, turn))
+    return _native.encode_mask(*arrays, turn)
 
 
 def decode_mask(
@@ -94,10 +94,7 @@ def decode_mask(
     earlier: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.bool_]:
     """(64, W) bool. Raises SectionError or TruncatedError."""
-    mask: npt.NDArray[np.uint8] = _native.decode_mask(
-        data, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
-    )
-    return mask.view(np.bool_)
+    return _native.decode_mask(data, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)).view(np.bool_)
 
 
 def encode_keep(
@@ -110,7 +107,7 @@ def encode_keep(
 ) -> bytes:
     """Bytes of a (64, W) keep mask of few cells; see `keep_coder`. half, rotation: (64,); earlier: (64, 0): none."""
     arrays = (keep.view(np.uint8), azimuth, fired.view(np.uint8), half, rotation, earlier.view(np.uint8))
-    return cast(bytes, _native.encode_keep(*arrays))
+    return _native.encode_keep(*arrays)
 
 
 def decode_keep(
@@ -122,10 +119,9 @@ def decode_keep(
     earlier: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.bool_]:
     """(64, W) bool. Raises SectionError or TruncatedError."""
-    keep: npt.NDArray[np.uint8] = _native.decode_keep(
-        data, azimuth, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)
+    return _native.decode_keep(data, azimuth, fired.view(np.uint8), half, rotation, earlier.view(np.uint8)).view(
+        np.bool_
     )
-    return keep.view(np.bool_)
 
 
 def encode_intensity(
@@ -138,7 +134,7 @@ def encode_intensity(
 ) -> bytes:
     """Bytes of (64, W) intensities; see `intensity_coder`. half, rotation: (64,); turn 0: find it."""
     arrays = (values, returns.view(np.uint8), fired.view(np.uint8), half, rotation)
-    return cast(bytes, _native.encode_intensity(*arrays, turn))
+    return _native.encode_intensity(*arrays, turn)
 
 
 def choose_levels(
@@ -151,8 +147,7 @@ def choose_levels(
 ) -> npt.NDArray[np.uint8]:
     """(64, W) uint8, at most `levels` values at the returns, 0 elsewhere. half, rotation: (64,)."""
     arrays = (values, returns.view(np.uint8), fired.view(np.uint8), half, rotation)
-    image: npt.NDArray[np.uint8] = _native.choose_levels(*arrays, levels)
-    return image
+    return _native.choose_levels(*arrays, levels)
 
 
 def decode_intensity(
@@ -163,15 +158,12 @@ def decode_intensity(
     rotation: npt.NDArray[np.int32],
 ) -> npt.NDArray[np.uint8]:
     """(64, W) uint8. Raises SectionError or TruncatedError."""
-    values: npt.NDArray[np.uint8] = _native.decode_intensity(
-        data, returns.view(np.uint8), fired.view(np.uint8), half, rotation
-    )
-    return values
+    return _native.decode_intensity(data, returns.view(np.uint8), fired.view(np.uint8), half, rotation)
 
 
 def coding_paths() -> list[str]:
     """How the processor at hand can compute (`plain`, `sse2` or `neon`, `avx2`), the quickest last: the same bytes."""
-    return cast(list[str], _native.coding_paths())
+    return _native.coding_paths()
 
 
 def net_forms() -> list[str]:
@@ -179,7 +171,7 @@ def net_forms() -> list[str]:
 
     `plain`; on x86-64 `sse2`, `avx2`, `avx512vnni`; on 64-bit ARM `neon`, `dotprod`.
     """
-    return cast(list[str], _native.net_forms())
+    return _native.net_forms()
 
 
 MaskView = tuple[
@@ -204,11 +196,11 @@ class NativeMaskStream:
 
     def encode(self, mask: npt.NDArray[np.uint8], view: MaskView) -> bytes:
         """Bytes of a (64, W) mask. Raises SectionError."""
-        return cast(bytes, self._stream.encode(mask, *view))
+        return self._stream.encode(mask, *view)
 
     def decode(self, data: bytes, view: MaskView) -> npt.NDArray[np.uint8]:
         """(64, W). Raises SectionError or TruncatedError."""
-        return cast("npt.NDArray[np.uint8]", self._stream.decode(data, *view))
+        return self._stream.decode(data, *view)
 
 
 GivenLayer = tuple[npt.NDArray[np.int16], npt.NDArray[np.int32], int, npt.NDArray[np.int8]]
@@ -223,12 +215,12 @@ class NativeNets:
 
     def add(self, layers: Sequence[GivenLayer]) -> None:
         """Takes a network of three layers. Raises SectionError."""
-        self.native.set(*(part for layer in layers for part in layer), self._form)
+        first, second, third = layers
+        self.native.set(*first, *second, *third, self._form)
 
     def run(self, inputs: npt.NDArray[np.int8]) -> npt.NDArray[np.int16]:
         """(n, 32) log odds of (n, 72 or 112) inputs. Raises SectionError."""
-        odds: npt.NDArray[np.int16] = self.native.run(inputs)
-        return odds
+        return self.native.run(inputs)
 
 
 Samples = tuple[npt.NDArray[np.int8], npt.NDArray[np.uint8], npt.NDArray[np.uint8]]
@@ -250,12 +242,12 @@ def riddle_samples(
     """Inputs (n, 72 or 112), leaves (n,), first three offset bits (n, 3), 255: none, of a share of the returns."""
     geometry = (fired.view(np.uint8), half, rotation)
     given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, expected, share, seed)
-    return cast(Samples, _native.riddle_samples(*given))
+    return _native.riddle_samples(*given)
 
 
 def known_columns(data: bytes) -> int:
     """Columns that a slab needs to be known, -1 for a whole frame. Raises TruncatedError."""
-    return cast(int, _native.known_columns(data))
+    return _native.known_columns(data)
 
 
 class NativePredictiveCoder:
@@ -297,7 +289,7 @@ class NativePredictiveCoder:
         geometry = (fired.view(np.uint8), half, rotation)
         into = np.zeros((LASERS, 0), np.uint16) if sent is None else sent
         given = (ranges, returns.view(np.uint8), step, levels, *geometry, turn, firing, expected, known)
-        return cast(bytes, self._coder.encode(*given, None if samples is None else samples.native, quick, into))
+        return self._coder.encode(*given, None if samples is None else samples.native, quick, into)
 
     def decode(
         self,
@@ -314,13 +306,12 @@ class NativePredictiveCoder:
     ) -> npt.NDArray[np.uint16]:
         """(64, W) uint16. Raises SectionError or TruncatedError."""
         given = (data, returns.view(np.uint8), step, levels, fired.view(np.uint8), half, rotation, expected)
-        ranges: npt.NDArray[np.uint16] = self._coder.decode(*given, known, before)
-        return ranges
+        return self._coder.decode(*given, known, before)
 
 
 def encode_azimuth(azimuth: npt.NDArray[np.uint16], fired: npt.NDArray[np.bool_]) -> bytes:
     """Bytes of the rotations of a frame, (2, W) each; see `azimuth_coder`."""
-    return cast(bytes, _native.encode_azimuth(azimuth, fired.view(np.uint8)))
+    return _native.encode_azimuth(azimuth, fired.view(np.uint8))
 
 
 def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.bool_]]:
@@ -331,4 +322,4 @@ def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt
 
 def columns_in_turn(rotations: npt.NDArray[np.uint16]) -> int:
     """Columns in a full turn at the mean step of (W,) rotations, 0 if they do not turn; see `azimuth_coder`."""
-    return cast(int, _native.columns_in_turn(rotations))
+    return _native.columns_in_turn(rotations)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -37,12 +37,11 @@ class ReturnSamples:
     @property
     def inputs(self) -> int:
         """Numbers that the network was told of each, 72 or 112."""
-        return int(self.native.inputs)
+        return self.native.inputs
 
     def taken(self) -> Taken:
         """What was taken, a copy."""
-        found: Taken = self.native.taken()
-        return found
+        return self.native.taken()
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,12 @@ class NetTrainer:
     """
 
     def __init__(self, layers: Sequence[GivenLayer], settings: TrainSettings, seed: int) -> None:
+        first, second, third = layers
+        s = settings
         self._native = _native.RiddleTrainer(
-            *(part for layer in layers for part in layer), *astuple(settings), seed & 0xFFFFFFFF
-        )
+            *first, *second, *third,
+            s.rate, s.mean, s.beside, s.batch, s.room, s.turns, s.held_room, seed & 0xFFFFFFFF,
+        )  # fmt: skip
 
     def add(self, samples: ReturnSamples, *, held: bool) -> None:
         """Takes samples; held: to measure on, never to learn from. Raises SectionError for those of another network."""
@@ -82,7 +84,7 @@ class NetTrainer:
 
     def train(self, steps: int, budget_ms: float | None = None) -> int:
         """Steps taken: so many at most, and none begun after so long; none while there are too few samples."""
-        return int(self._native.train(steps, _NO_LIMIT if budget_ms is None else max(0.0, budget_ms)))
+        return self._native.train(steps, _NO_LIMIT if budget_ms is None else max(0.0, budget_ms))
 
     def layers(self) -> list[FloatLayer]:
         """Weights (out, in) and biases (out,) of each layer: the mean of the last steps."""
@@ -90,24 +92,23 @@ class NetTrainer:
 
     def cases(self) -> npt.NDArray[np.float32]:
         """(96, out) biases of rows and scales in the first layer: the mean of the last steps."""
-        found: npt.NDArray[np.float32] = self._native.cases()
-        return found
+        return self._native.conditional_bias()
 
     def cost(self, nets: NativeNets, beside: float) -> float:
         """Bits of a held sample under a network, mean. beside: how much of what contexts said counts."""
-        return float(self._native.cost(nets.native, beside))
+        return self._native.cost(nets.native, beside)
 
     @property
     def samples(self) -> int:
         """To learn from."""
-        return int(self._native.samples)
+        return self._native.samples
 
     @property
     def held(self) -> int:
         """To measure on."""
-        return int(self._native.held)
+        return self._native.held
 
     @property
     def steps(self) -> int:
         """Taken so far."""
-        return int(self._native.steps)
+        return self._native.steps

@@ -83,7 +83,7 @@ def carried_normals(normals: Floats, there: Indices, back: Indices) -> Floats:
     """(M, 3) the normals of decoded points: means over the original points that have them as their nearest.
 
     normals: (N, 3) of the original points; there: (N,) the nearest decoded point of each; back: (M,) the nearest
-    original point of each decoded one, whose normal is taken where nobody has it as the nearest.
+    original point of each decoded one, whose normal is used if it is the nearest of no decoded point.
     """
     counts = np.bincount(there, minlength=len(back))
     sums = np.stack([np.bincount(there, weights=normals[:, axis], minlength=len(back)) for axis in range(3)], axis=1)

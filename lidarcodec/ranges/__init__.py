@@ -1,1 +1,1 @@
-"""Ways to code ranges that codecs share: steps with a bound, tables, groups; images and video have folders."""
+"""Ways to code ranges that codecs share: quantisation with a bound, sample mappings and groups; images and video."""

@@ -1,9 +1,8 @@
-"""How many columns a sensor had fired before a frame: part of its error comes again every so many firings.
+"""The number of columns that a sensor fired before a frame: part of its error is periodic in it.
 
-An HDL-64E measures a wall that stands still a little farther in one firing and a little nearer in the next: of each
-laser a pattern of a millimetre or so that comes again after 24 firings. Coders of ranges learn it, as long as somebody
-tells them where in the pattern a frame begins. Only the encoder counts, and sends the count; where it is wrong, that
-costs bits until the pattern has been learned anew, and nothing else.
+The range error of each laser of an HDL-64E has a pattern of about a millimetre with a period of 24 firings. Coders of
+ranges learn it if they know where in the pattern a frame begins. The encoder counts and sends the count. A wrong count
+costs bits until the coder has adapted, and nothing else.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
 
 _KEPT_STEPS: Final = 400
-"""From packet to packet: slabs have few of their own."""
+"""Steps of the clock from packet to packet that are kept, because a slab has few of its own."""
 _FEWEST_STEPS: Final = 4
 _JUMP_US: Final = -1_000_000
-"""A clock that goes back by more was set; by less, packets changed places."""
+"""A clock that goes back further was set. If it goes back less, packets were reordered."""
 
 
 @dataclass(frozen=True)
 class _Sent:
-    """What is kept of a frame."""
+    """The last frame."""
 
     name: tuple[int, int]
     width: int
@@ -35,10 +34,10 @@ class _Sent:
 
 
 class FiringCounter:
-    """Counts the columns from frame to frame, those of packets that were lost and of frames that were left out too.
+    """Counts the columns from frame to frame, with those of lost packets and of frames that were left out.
 
-    What the packets' own clock says goes before what arrived: a sensor sends them evenly. Where no clock runs evenly,
-    frames are taken to follow on each other.
+    It counts by the time stamps of packets, because a sensor sends packets evenly. Without an even clock it assumes
+    that no frame is missing.
     """
 
     def __init__(self) -> None:
@@ -47,7 +46,7 @@ class FiringCounter:
         self._steps: npt.NDArray[np.int64] = np.zeros(0, np.int64)
 
     def columns_before(self, frame: Frame) -> int:
-        """Columns fired since the first frame that was asked for began; each may be asked for again."""
+        """Columns fired since the start of the first frame. The same frame may be asked for again."""
         last, this = self._last, _sent(frame)
         if last is not None and last.name == this.name:
             return self._count
@@ -66,7 +65,7 @@ class FiringCounter:
         return packets * last.columns_a_packet if packets >= len(steps) else last.width
 
     def _interval(self, steps: npt.NDArray[np.int64]) -> float | None:
-        """Microseconds from one packet to the next, as far as they are known: the mean of the usual ones."""
+        """Microseconds from one packet to the next, the mean without outliers; None if too few are known."""
         least, most = PLAUSIBLE_INTERVAL_US
         plausible = steps[(steps >= least) & (steps <= most)]
         self._steps = np.concatenate([self._steps, plausible])[-_KEPT_STEPS:]

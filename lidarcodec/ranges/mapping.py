@@ -1,8 +1,8 @@
 """Ranges to samples of 8, 10 or 12 bits and back, by tables that are the same on every machine.
 
 `linear` gives every metre the same precision, up to the farthest return of the image. `sqrt` and `log` (of 1 + range /
-10 m) give what is near more of it. All three fill the sample range. `paper` is |log2(d + 1) - 5| of d centimetres, as
-Tu 2016 prints it, with 4 bits before the point: it folds below 31 cm, where decoded ranges are those beyond, and leaves
+10 m) give near returns more precision. All three use the whole range of samples. `paper` is |log2(d + 1) - 5| of d
+centimetres, as in Tu 2016, with 4 integer bits. It folds below 31 cm, where ranges decode to larger ones, and leaves
 half of the samples unused. For the least mean squared error `linear` is best: bits a point of `jpeg` on every 12th
 frame of the KITTI training drives (sfnd, 0013) at an RMSE of
 
@@ -36,11 +36,11 @@ MappingName = Literal["linear", "sqrt", "log", "paper"]
 NAMES: Final[tuple[MappingName, ...]] = get_args(MappingName)
 """In the order of their numbers in messages."""
 LOG_KNEE: Final = 5000
-"""10 m: beyond it `log` gives equal ratios equal precision, nearer it tends to `linear`."""
+"""10 m: far beyond it `log` has the same precision for equal ratios, far below it is almost `linear`."""
 
 
 class Mapping(NamedTuple):
-    """Both ways of a mapping.
+    """A mapping and its inverse.
 
     sample: (top + 1,) float32, sample of each canvas value, not yet rounded
     value:  (2^bits,) int32, canvas value of each sample, 0..top
@@ -76,7 +76,7 @@ _FOLD: Final = 5
 
 
 def _paper(bits: int, top: int) -> Mapping:
-    """As printed: 2^(bits - 4) samples to an octave."""
+    """The mapping of Tu 2016: 2^(bits - 4) samples to an octave."""
     octave = 1 << (bits - 4)
     with localcontext(Context(prec=30)):
         root = Decimal(2) ** (Decimal(1) / octave)

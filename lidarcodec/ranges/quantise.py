@@ -1,8 +1,8 @@
-"""Ranges in coarser steps, with a bound that holds at every return.
+"""Uniform quantisation of ranges, with a bound that holds at every return.
 
-With an odd step s a range x becomes the index q = (x + s // 2) // s and comes back as q * s, at most (s - 1) / 2 native
-units away. Two ends need care: the lowest cell would come back as 0, which means no return, so it comes back as the
-middle of what it holds; and nothing comes back beyond 65535. Both keep the bound.
+With an odd step s a range x has the index q = (x + s // 2) // s and decodes as q * s, at most (s - 1) / 2 range steps
+away. Both ends differ. Index 0 would decode as 0, which is no return, so it decodes as the middle of its ranges. The
+largest index decodes as at most 65535. The bound holds at both.
 
 >>> indices = quantise(np.array([1, 5, 6, 17, 65535], np.uint16), 11)
 >>> indices.tolist(), reconstruct(indices, 11).tolist()

@@ -18,7 +18,7 @@ from lidarcodec.units import LASERS
 from lidarcodec.wire import unpack
 
 COLUMN: Final = 2
-"""What a column costs without any return, in returns."""
+"""The cost of a column without returns, in returns."""
 
 
 def decoded(

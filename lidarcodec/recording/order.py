@@ -17,7 +17,7 @@ from lidarcodec import wire
 from lidarcodec.errors import DecodeError
 
 REACH: Final = 8
-"""By how many messages one may be late and still be put in its place: no more than these are held in memory."""
+"""Messages by which one may be late and still be put in order. No more are held in memory."""
 
 Stamped = tuple[int, bytes]
 
@@ -60,6 +60,6 @@ class _Waiting:
             yield self._messages.pop(0)[2]
 
     def rest(self) -> Iterator[Stamped]:
-        """Gives all that wait."""
+        """Gives all messages that wait."""
         yield from (stamped for _, _, stamped in self._messages)
         self._messages.clear()

@@ -1,4 +1,4 @@
-"""Reader of recordings, whole or cut: every whole message that is there comes out, and what was lost is counted."""
+"""Reader of recordings, whole or cut: it gives every whole message, and counts the lost ones."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ log = logging.getLogger(__name__)
 
 _MAX_CHANNELS: Final = 4096
 _MAX_STREAMS: Final = 4096
-"""Starts of a publisher that are told from each other; a hostile file may name a new one in each message."""
+"""Starts of a publisher that are distinguished, at most: a hostile file may name a new one in each message."""
 _MAX_PLACES: Final = 1 << 20
-"""Places to begin reading that are remembered: 130 MB."""
+"""Places to begin reading that are kept, at most: 130 MB."""
 
 
 class _Place(NamedTuple):
@@ -111,7 +111,7 @@ class RecordingReader:
                     yield channel, one
 
     def leave_out_rest(self, why: str) -> None:
-        """Note and say that somebody stops reading here, because what follows is nothing that a recording holds."""
+        """Notes and logs that a reader stops here, because what follows is not part of a recording."""
         self._damaged(DamagedError(f"{why}; the rest was not read"))
 
     def topics(self) -> dict[str, str]:

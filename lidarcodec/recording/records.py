@@ -1,4 +1,4 @@
-"""MCAP records as they lie in a file, without reading what is not asked for, and with every length checked.
+"""MCAP records of a file. Only what is asked for is read, and every length is checked.
 
 The `mcap` package's own readers give up on a cut file, or read all of it first (docs/decisions/0002); here a
 record that is not whole is simply where the recording ends. Layouts: mcap.dev/spec.

@@ -1,7 +1,7 @@
 """RotatingRecorder: recordings of limited size in a folder of limited size, oldest out first.
 
-Every file begins with a key message, so it can be read alone. Whatever the disk does is counted and ends the recording,
-never the stream that is recorded. Writing takes as long as the disk takes: call it from a thread of its own.
+Every file begins with a key message, so it can be read alone. Errors of the disk are counted and end the recording,
+never the stream. Writing takes as long as the disk takes: call it from a thread of its own.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RotatingRecorder:
     """Writes messages, packets or both of one sensor to files `VEHICLE_SENSOR_TIME_NUMBER.mcap` of a folder.
 
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
-            `lost files` (removed, replaced or written over by somebody while we wrote them),
+            `lost files` (removed, replaced or overwritten by another program while we wrote them),
             `waiting for a key message` (not written), `not recorded`
     stopped: why nothing is written any more, None while it is;  clouds: to be set where `write_cloud` will be called
     """
@@ -144,7 +144,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return (about.get("vehicle"), about.get("sensor")) == (self.vehicle, self.sensor)
 
     def _look_after_file(self) -> None:
-        """Let go of a file that somebody has removed, replaced or written over: the disk would take what is written
+        """Closes a file that another program removed, replaced or overwrote: the disk would take what is written
         into it all the same.
         """
         file = self._file
@@ -291,7 +291,7 @@ def _size_of(path: Path) -> int:
 
 
 def _lost(file: IO[bytes]) -> str | None:
-    """What somebody did to a file that is being written, if what it held is lost by it."""
+    """What happened to a file that is being written, if its content is lost; else nothing."""
     ours = os.fstat(file.fileno())
     if ours.st_size != os.lseek(file.fileno(), 0, os.SEEK_CUR):
         return "written over"

@@ -1,4 +1,4 @@
-"""`columns:n`: every n-th column is sent. The cheapest to say, and the simplest to compare with."""
+"""`columns:n`: every n-th column is sent. It costs the fewest bits for the keep mask, and is a simple baseline."""
 
 from __future__ import annotations
 

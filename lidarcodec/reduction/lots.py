@@ -1,6 +1,6 @@
-"""Lots: what decides between returns of which one is as good as another. The same on every machine.
+"""Lots: random numbers that decide between returns that are equally good. The same on every machine.
 
-A cell's lot comes from its place, the index of the frame and the seed alone (the mixing function of SplitMix64).
+A cell's lot is a hash of its place, the index of the frame and the seed: SplitMix64 (Steele, Lea and Flood 2014).
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ def lots(cells: Cells, seed: int, frame_index: int) -> npt.NDArray[np.uint64]:
 
 
 def drawn(cells: Cells, count: int, seed: int, frame_index: int) -> Cells:
-    """`count` of the cells, by lot."""
+    """`count` of the cells, drawn at random."""
     if count >= len(cells):
         return cells
     return cells[np.argpartition(lots(cells, seed, frame_index), count)[:count]]
 
 
 def exactly(chosen: Cells, others: Cells, count: int, seed: int, frame_index: int) -> Cells:
-    """`count` cells: the chosen ones, less some of them by lot if they are too many, and with some of the others by lot
-    if they are too few.
+    """`count` cells: a random part of the chosen ones if they are too many, or all of them and random others.
 
-    others: may hold chosen ones; together they are `count` or more
+    others: may hold chosen ones; chosen and others together are `count` or more
     """
     if len(chosen) >= count:
         return drawn(chosen, count, seed, frame_index)

@@ -1,7 +1,7 @@
-"""Where the sensor was when each frame began: by the poses of frames, else by registering each with those before.
+"""The pose of the sensor at the start of each frame: from the poses of frames, or by registration with earlier frames.
 
-What is chained from motions drifts by a percent or two: good for the second that a reducer looks back, and for nothing
-else. With poses it costs nothing; without, 7 ms a turn.
+Chained motions drift by a percent or two. That is good enough for the second that a reducer looks back, and for nothing
+else. With poses it costs nothing; without them 7 ms a turn.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from lidarcodec.motion.warp import RangeHistory
 from lidarcodec.units import AZIMUTH_TURN
 
 LONGEST_GAP_NS: Final = 1_000_000_000
-"""Frames further apart than this have nothing to do with each other."""
+"""Frames further apart than this are not related to each other."""
 CARRIED_NS: Final = 300_000_000
-"""So long the last motion that was found holds where none is, as in the part of a turn with which a recording ends: a
-car that brakes hard is then off by a hand's breadth."""
+"""How long the last motion is used when no new one is found, as in the part of a turn that ends a recording. A car that
+brakes hard is then off by a decimetre."""
 _MOST_SPEED_M_S: Final = 150.0
 _FASTEST_TURN_NS, _SLOWEST_TURN_NS = 40_000_000, 250_000_000
 
@@ -30,12 +30,12 @@ Kind = Literal["poses", "found", "carried", "unknown"]
 
 
 class Place(NamedTuple):
-    """Where the sensor was at the stamp of a frame, and how it moved.
+    """The pose of the sensor at the stamp of a frame, and its motion.
 
-    T_world_sensor: (4, 4); where the world is, is decided by the frame after which places are sure
-    per_turn: (4, 4), T_now_turn: a point seen by the sensor a turn later, seen from here
+    T_world_sensor: (4, 4); the world frame begins at the last frame whose place is not `sure`
+    per_turn: (4, 4), T_now_turn: from the sensor's frame a turn later to that of now
     turn_ns:  time of a turn
-    sure:     whether the place is known from the last one on; the world begins anew where it is not
+    sure:     whether the place is known relative to the one before
     """
 
     T_world_sensor: Matrix
@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether the place is known from that of the frame before on."""
+        """Whether the place is known relative to that of the frame before."""
         return self.kind != "unknown"
 
 
@@ -65,7 +65,7 @@ class Odometry:
         self._found_ns = 0
 
     def next(self, frame: Frame) -> Place:
-        """Where the sensor was when this frame began."""
+        """The place of the sensor at the start of this frame."""
         before = self._before
         passed_ns = 0 if before is None else frame.stamp_ns - before.stamp_ns
         if before is None or not 0 < passed_ns <= LONGEST_GAP_NS or frame.sensor.hash != before.sensor.hash:
@@ -96,7 +96,7 @@ class Odometry:
         return Place(pose, np.eye(4) if per_turn is None else per_turn.matrix, self._turn_ns, "poses")
 
     def _by_registration(self, frame: Frame, before: Frame | None, passed_ns: int) -> Place:
-        if not self._remembers:  # there were poses: what was seen before is not in the history
+        if not self._remembers:  # earlier frames had poses and are not in the history
             self._finder, self._history = MotionFinder(refine=False), RangeHistory()
             before = None
         bare = frame if frame.pose is None else frame.with_(pose=None)
@@ -119,7 +119,7 @@ class Odometry:
 
 
 def _rigid(pose: Matrix) -> bool:
-    """Whether a pose is a rotation and a shift, as far as it can be told."""
+    """Whether a pose is a rotation and a shift, up to rounding."""
     if not (np.isfinite(pose).all() and np.abs(pose).max() < 1e9):
         return False
     turn = pose[:3, :3]
@@ -139,8 +139,11 @@ def _gap(before: Frame, frame: Frame) -> int:
 
 
 def deskewing(frame: Frame, per_turn: Matrix) -> npt.NDArray[np.float32]:
-    """(W, 12) float32, what brings the points of each column to where the sensor saw them at the start of the frame: a
-    rotation row by row, each with its shift; the sensor moves evenly. per_turn: (4, 4), T_now_turn."""
+    """(W, 12) float32, the transform of each column's points to the sensor's frame at the start of the frame.
+
+    A transform is a rotation row by row, each with its component of the shift; the speed is constant.
+    per_turn: (4, 4), T_now_turn
+    """
     azimuth = frame.azimuth[0].astype(np.int64)
     swept = np.concatenate([[0], np.cumsum(np.diff(azimuth) % AZIMUTH_TURN)])[: frame.width]
     part = swept / AZIMUTH_TURN
@@ -148,7 +151,7 @@ def deskewing(frame: Frame, per_turn: Matrix) -> npt.NDArray[np.float32]:
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     moved = np.empty((frame.width, 3, 4), np.float32)
     moved[:, :, :3] = np.eye(3)
-    x, y, z = (part * value for value in axis)  # a sensor turns by so little within a turn that turns add up
+    x, y, z = (part * value for value in axis)  # rotations within a turn are small enough to be scaled linearly
     moved[:, 0, 1], moved[:, 0, 2], moved[:, 1, 2] = -z, y, -x
     moved[:, 1, 0], moved[:, 2, 0], moved[:, 2, 1] = z, -y, x
     moved[:, :, 3] = part[:, None] * shift

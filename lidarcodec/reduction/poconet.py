@@ -1,8 +1,8 @@
-"""`poconet`: without what a network takes for seldom seen, cars above all; of the rest one return a cell, as `voxel`.
+"""`poconet`: drops returns that a network takes for seldom seen, mostly of cars, and samples the rest as `voxel` does.
 
-The network was trained on counts of observations, as PocoNet's authors made them. What pays for a localiser is the
-low end of those counts, what was seen from few places; among the rest it needs what is spread, not what scores best
-(docs/reduction.md). It sees one frame only: it may take a parked car for one that drives, and does not mind.
+The network was trained on counts of observations, as those of PocoNet's authors. A localiser gains by dropping the low
+end of the counts, surfaces that were seen from few places. The rest should be spread evenly, and not chosen by score
+(docs/reduction.md). The network sees one frame only, so it may take a parked car for a moving one.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from lidarcodec.reduction.score_network import scores_of
 from lidarcodec.reduction.spread import Spread, returns_of
 
 SELDOM: Final = -2.0
-"""Logit from which on a return is left out: one that moves and stays costs more than many that need not have gone."""
+"""Returns with a logit above this are dropped: a kept moving return costs more than many dropped still ones."""
 NEAR_M: Final = 40.0
-"""Beyond, all counts are low and what is left out is missed: far returns hold a localiser from afar."""
+"""Further returns are never dropped for their score: all their counts are low, and a localiser needs them."""
 
 
 class Poconet(Reducer):
-    """One return a cell, of what is likely to be there the next time too."""
+    """Voxel sampling of the returns that are likely to be seen again."""
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
         super().__init__(budget, argument, seed)
@@ -46,12 +46,12 @@ class Poconet(Reducer):
         return with_kept(frame, exactly(chosen, returns.cells, count, self.seed, frame.index))
 
     def reset(self) -> None:
-        """Forget the side of the cells."""
+        """Forgets the side of the voxels."""
         self._spread.reset()
         self._left_out = 0
 
     def report(self) -> dict[str, Any]:
-        """`cell_m`: the side of the last frame's cells; `left_out`: its returns that were taken for seldom seen."""
+        """`cell_m`: the side of the last frame's cells; `left_out`: its returns that were dropped."""
         return {"cell_m": round(self._spread.side_m, 3), "left_out": self._left_out}
 
 

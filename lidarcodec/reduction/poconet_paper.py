@@ -1,8 +1,8 @@
-"""`poconet-paper`: most of the budget for the returns that score highest, the rest for the ground, as the paper says.
+"""`poconet-paper`: most of the budget for the highest scores, and the rest for the ground, as in the paper.
 
-The paper does not say how much: 85 % by score and 15 % of the ground by lot. It is here to be compared with. What
-scores high lies side by side, so a localiser loses its way (docs/reduction.md). The scores are those of the small
-network of `poconet`, not of PocoNet itself, which no vehicle can run.
+The paper does not give the shares; here they are 85 % by score and 15 % random returns of the ground. It is here for
+comparison: returns with high scores are adjacent, so a localiser fails (docs/reduction.md). The scores are those of
+the small network of `poconet`, because PocoNet itself is too slow for a vehicle.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ GROUND_SHARE: Final = 0.15
 
 
 class PoconetPaper(Reducer):
-    """The highest scores, and ground by lot."""
+    """The highest scores, and random returns of the ground."""
 
     def reduce(self, frame: Frame) -> Frame:
-        """The frame with exactly as many returns as the budget allows; what one side lacks the other gets."""
+        """The frame with exactly as many returns as the budget allows. If one part has too few, the other gets more."""
         returns = returns_of(frame)
         count = self.budget.of(len(returns.cells))
         if count == len(returns.cells):

@@ -1,4 +1,4 @@
-"""`random`: returns by lot. What other reducers have to beat; the seed and the frame's index say which."""
+"""`random`: random returns, by the seed and the index of the frame. The baseline for other reducers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from lidarcodec.reduction.lots import drawn
 
 
 class RandomPoints(Reducer):
-    """Every return is as likely to stay as any other."""
+    """Keeps each return with the same probability."""
 
     def reduce(self, frame: Frame) -> Frame:
-        """The frame with as many returns as the budget allows, drawn by lot."""
+        """The frame with as many returns as the budget allows, drawn at random."""
         cells = np.flatnonzero(frame.valid).astype(np.uint32)
         count = self.budget.of(len(cells))
         if count == len(cells):

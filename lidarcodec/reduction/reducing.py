@@ -1,4 +1,4 @@
-"""Reducing: the reducer of a stream at work. Its settings may change between two frames."""
+"""Reducing: the reducer of a stream. Its settings may change between two frames."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lidarcodec.settings import AUTO, StreamSettings
 
 
 class Reducing:
-    """Holds the reducer that settings name.
+    """Holds the reducer that the settings name.
 
-    Raises SettingsError for settings that name none.
+    Raises SettingsError if there is no such reducer.
     """
 
     def __init__(self, settings: StreamSettings, before: Reducing | None = None) -> None:
-        """before: that of this stream under the settings before; under another budget a reducer keeps what it knows."""
+        """before: that of the settings before; with another budget alone a reducer keeps its state."""
         self._name, self._budget = settings.reduction, budget_of(settings)
         goes_on = before is not None and before._name == self._name
         self._reducer: Reducer = before._reducer if before is not None and goes_on else make_reducer(settings)
@@ -28,7 +28,7 @@ class Reducing:
         self._last: dict[str, Any] = before._last if before is not None and goes_on else {}
 
     def reduce(self, frame: Frame) -> Frame:
-        """The frame with `keep` set; as it is when all of it stays."""
+        """The frame with `keep` set; the frame itself if all of it is kept."""
         if self._name in (AUTO, "all"):
             return frame
         self._reducer.budget = self._budget

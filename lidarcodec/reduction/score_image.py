@@ -1,13 +1,13 @@
-"""ScoreImage: a frame as the image that the score network looks at, with rows aligned by direction.
+"""ScoreImage: a frame as the input image of the score network, with rows aligned by direction.
 
-The lasers of one firing look up to 18 degrees apart, so each cell goes to the column of the direction that its laser
-looked in: 2048 columns a turn (a slab gets as many as it sweeps, in steps of 16). Of returns in one pixel the last one
-fired is seen; all of them take its scores. Six channels, (6, 64, C) float32, zeros where there is no return:
+The lasers of one firing look up to 18 degrees apart, so each cell goes to the column of its laser's direction: 2048
+columns a turn (a slab has as many as it sweeps, in steps of 16). If a pixel has several returns, the last one is in the
+image, and all of them get its scores. Six channels, (6, 64, C) float32, zeros where there is no return:
 
     0  log(1 + range) / 2 - 1         1  height / 4 + 1/4          2  intensity / 255
-    3  1                              4  step to the next column   5  slope to the next row, -1 down ... 1 up
+    3  1                              4  step to the next column   5  gradient to the next row, -1 down ... 1 up
 
-The step is of the horizontal distance, in tenths of a metre that grow with it, within -2 to 2; the slope is
+The step is that of the horizontal distance, divided by 0.1 m plus 1 % of it, within -2 to 2. The gradient is
 dz / (|dz| + |d distance|): 0 on a road, 1 or -1 on a wall. Cost: 8 ms for a turn.
 """
 
@@ -26,11 +26,11 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK
 TURN_COLUMNS: Final = 2048
 CHANNELS: Final = 6
 PATCH: Final = (2, 4)
-"""Rows and columns that the network takes together first; its output has the pixels of a patch as channels."""
+"""Rows and columns of a patch. The first layer reads whole patches; the output has their pixels as channels."""
 MULTIPLE: Final = 16
-"""A patch and two halvings."""
+"""Width of a patch times two halvings."""
 _MARGIN: Final = 1200
-"""12 degrees beside a slab, for lasers that look beside the firing's azimuth."""
+"""12 degrees beside a slab: lasers look beside the azimuth of their firing."""
 
 Floats = npt.NDArray[np.float32]
 

@@ -1,7 +1,7 @@
-"""ScoreNetwork: what the network that ships thinks of each return, in one thread of a vehicle: 12 ms, its image 6 ms.
+"""ScoreNetwork: scores of each return by the bundled network, in one thread: 12 ms, and 6 ms for the image.
 
-`poconet.onnx` is ScoreNet (lidarcodec/training/nets), 0.1 M weights, trained on simulated drives only: `about` says on
-which. The reducer that asks sends which returns it chose, so a decoder needs neither the network nor onnxruntime.
+`poconet.onnx` is ScoreNet (lidarcodec/training/nets), 0.1 M weights, trained on simulated drives only; `about` names
+them. The reducer sends the keep mask, so a decoder needs neither the network nor onnxruntime.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Floats = npt.NDArray[np.float32]
 
 
 class Scores(NamedTuple):
-    """(N,) float32 each, of the returns that were asked for: logits of the classes, of the rank of the count (higher is
-    seen more often), and of being seen seldom, as what moves is."""
+    """(N,) float32 each: logits of the classes, of the rank of the count (higher: seen more often), and of being seen
+    seldom, as moving objects are."""
 
     low: Floats
     high: Floats
@@ -62,5 +62,5 @@ def scores_of(frame: Frame, cells: npt.NDArray[Any]) -> Scores:
 
 
 def about() -> dict[str, str]:
-    """What the weights say of themselves: `trained_on`, `licence`, `steps`."""
+    """The metadata of the weights: `trained_on`, `licence`, `steps`."""
     return dict(_session().get_modelmeta().custom_metadata_map)

@@ -1,7 +1,7 @@
-"""Spread: one return a cubic cell, the side of the cells found for a budget. What all good reducers end with.
+"""Spread: voxel sampling, with the side of the voxels that meets a budget. All good reducers end with it.
 
-Which return of a cell stays makes no difference to a localiser (docs/reduction.md), so the one is taken that costs
-least to send: on the coarsest lattice of directions, then in range-image order. A reducer with scores takes the best.
+A localiser does not care which return of a voxel is kept (docs/reduction.md). So it is the cheapest one to send: on the
+coarsest lattice of directions, then the first in range-image order. A reducer with scores keeps the best one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ START_SIDE: Final = LENGTHS_PER_M // 2
 """Where the first search for a side begins: half a metre."""
 
 SPARE: Final = 20
-"""One cell in so many is too many: of all, those go whose returns cost most to send, alone on their lattice."""
+"""The search may give one voxel in so many too many. The returns that cost most to send are then dropped."""
 
 Mask = npt.NDArray[np.bool_]
 
@@ -70,26 +70,26 @@ def score_order(returns: Returns, scores: npt.NDArray[np.floating], frame: Frame
 
 
 class Spread:
-    """Chooses one return a cell; remembers the side that fitted the last frame, so that the search is short."""
+    """Voxel sampling. The search for a side begins with that of the last frame, so it is short."""
 
     def __init__(self, seed: int = DEFAULT_SEED) -> None:
         self.seed = seed
         self._side = START_SIDE
 
     def reset(self) -> None:
-        """Begin the next search with half a metre."""
+        """The next search begins with half a metre."""
         self._side = START_SIDE
 
     @property
     def side_m(self) -> float:
-        """Side of the cells of the last frame."""
+        """Side of the voxels of the last frame."""
         return self._side / LENGTHS_PER_M
 
     def choose(self, returns: Returns, count: int, frame: Frame, order: npt.NDArray[np.uint32] | None = None) -> Cells:
         """Cells of exactly `count` of the returns, (count,) uint32, or of all if there are fewer; 4 ms for 110,000.
 
-        order: places of the returns, the first of a cell stays, and what is too much goes by lot; by default what costs
-        least to send stays, in its cell and of the cells
+        order: places of the returns; the first one of a voxel is kept, and random ones are dropped if they are too
+        many. By default the returns that cost least to send are kept, in a voxel and among the voxels.
         """
         if count >= len(returns.cells):
             return returns.cells
@@ -116,13 +116,13 @@ def best_of_cells(
     over: float = 3.0,
     seed: int = DEFAULT_SEED,
 ) -> Cells:
-    """Cells of exactly `count` returns, by score, at most one a small cell; all if there are fewer returns.
+    """Cells of exactly `count` returns, by score, at most one in a small voxel; all if there are fewer returns.
 
-    Returns are thinned to `over` * `count`, one a cubic cell, that of the best score; of those the best stay. With
-    `over` 1 scores decide within cells only. Ground, where it is told apart, gets its share of the budget and is
-    chosen in the same way; what one side lacks the other gets.
+    Voxel sampling keeps the best score of each voxel, `over` * `count` returns; the best `count` of them are chosen.
+    With `over` 1 scores decide within voxels only. If `ground` is given, it gets its share of the budget and is chosen
+    in the same way. If one part has too few returns, the other gets more.
 
-    scores: (64, W) of any floating type, of returns; not a number counts as the worst. ground: (64, W) bool
+    scores: (64, W) of any floating type, of returns; NaN is the worst. ground: (64, W) bool
     """
     returns = returns_of(frame)
     count = min(count, len(returns.cells))

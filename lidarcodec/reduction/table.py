@@ -39,7 +39,7 @@ _TABLE: Final = {
 
 
 def names() -> tuple[str, ...]:
-    """Names of all reducers that can be had here; `columns` and `lattice` take a number, as `lattice:4`."""
+    """Names of all reducers that are installed; `columns` and `lattice` take a number, as `lattice:4`."""
     return tuple(name for name in _TABLE if _is_offered(name))
 
 
@@ -55,7 +55,7 @@ def entries() -> dict[str, Entry]:
 
 @cache
 def reduction(name: str) -> Reduction:
-    """What the reducer's file offers. name: without an argument.
+    """The table entry of a reducer. name: without an argument.
 
     Raises SettingsError.
     """
@@ -101,7 +101,7 @@ f"choose one of {able}", field)  # fmt: skip
 
 
 def make_reducer(settings: StreamSettings, seed: int = DEFAULT_SEED) -> Reducer:
-    """A fresh reducer.
+    """A new reducer.
 
     Raises as `check` does.
     """
@@ -115,5 +115,5 @@ def budget_of(settings: StreamSettings) -> Budget:
 
 
 def note_of(name: str) -> str | None:
-    """What an operator has to know before choosing the reduction of that name, with its argument if it has one."""
+    """The warning for operators about a reduction; name: with its argument, if it has one. None: there is none."""
     return reduction(_parts(name)[0]).note

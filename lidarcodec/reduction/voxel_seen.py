@@ -1,11 +1,11 @@
-"""`voxel-seen`: what the sensor did not see before is dropped first, then one return a cell stays, as with `voxel`.
+"""`voxel-seen`: drops returns on surfaces that earlier scans did not see, and samples the rest as `voxel` does.
 
-A return that is not on the ground, nearer than 40 m, and near which no return of the sensor's own scans of half a
-second and of nine tenths ago lies, is on something that moves, or that has just come into view. A localiser is misled
-by the one and does not miss the other. It is the observation count of PocoNet (how often a point of the map is seen),
-made causal.
+The scans of 0.5 s and 0.9 s ago are compared with the frame. A return is dropped if it is nearer than 40 m, not on the
+ground, and no return of these scans is near it. Its surface moves, or has just come into view. The first misleads a
+localiser, and it does not need the second. This is a causal form of PocoNet's observation count, how often a point of
+the map is seen.
 
-It removes moving cars and people: for localisation only, never for a stream that somebody or a detector looks at.
+It removes moving cars and people, so it is for localisation only, never for streams for people or for detectors.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from lidarcodec.reduction.odometry import Matrix, Odometry, deskewing
 from lidarcodec.reduction.spread import Returns, Spread, returns_of
 
 LAGS_NS: Final = (500_000_000, 900_000_000)
-"""How long ago the scans were that a return has to be seen again in, in either of them."""
+"""Ages of the scans of which one must have seen a return."""
 _SLACK_NS: Final = 200_000_000
-"""A scan this much younger or older will do where frames were left out."""
+"""A scan may be this much younger or older, if frames were left out."""
 _KEPT_NS: Final = LAGS_NS[-1] + _SLACK_NS
 _MOST_SCANS: Final = 4096
 
@@ -39,7 +39,7 @@ class _Scan(NamedTuple):
 
 
 class VoxelSeen(Reducer):
-    """One return a cell, of those that were seen before; what was not comes last, where the budget leaves room."""
+    """Voxel sampling of returns that were seen before; others are kept only if the budget has room for them."""
 
     def __init__(self, budget: Budget, argument: str | None = None, seed: int = DEFAULT_SEED) -> None:
         super().__init__(budget, argument, seed)

@@ -1,4 +1,4 @@
-"""Sensors: payload bytes <-> blocks, who sent them, and the calibration that gives them meaning."""
+"""Sensors: payload bytes <-> blocks, the model of a sensor, and its calibration."""
 
 from lidarcodec.sensors.calibration import read_calibration, write_calibration, write_db_xml, write_yaml
 from lidarcodec.sensors.find import find_calibration

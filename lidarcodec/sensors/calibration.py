@@ -1,7 +1,7 @@
 """Calibration files: Velodyne `db.xml` (degrees, centimetres) and ROS `.yaml` (radians, metres) -> SensorModel.
 
-Both forms hold the same values per laser: `db_xml` and `ros_yaml` read and write them, `corrections` says what makes
-a table an HDL-64E's.
+Both forms hold the same values per laser: `db_xml` and `ros_yaml` read and write them, and `corrections` checks
+that a table is that of an HDL-64E.
 """
 
 from __future__ import annotations

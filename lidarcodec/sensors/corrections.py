@@ -1,8 +1,8 @@
-"""What makes a table of corrections an HDL-64E's, whatever file it comes from.
+"""Checks that a table of corrections is that of an HDL-64E, for all kinds of files.
 
-* 64 lasers with the ids 0-63, each once. Fewer or more: a file of another sensor, refused by its number of lasers.
-* rotation and elevation are required; what else is missing is 0 (largest intensity 255).
-* ranges in steps of 2 mm.
+* There are 64 lasers with the ids 0-63, each once. A file with another number is of another sensor, and is refused.
+* Rotation and elevation are required; other missing values are 0 (the largest intensity 255).
+* Ranges are in steps of 2 mm.
 * two-point distance correction: a laser whose X or Y correction is missing or 0, or whose
   `two_pt_correction_available` is false, has none: its X and Y corrections are set to the distance correction, which
   means the same and needs no flag. (A ROS file may say true and hold zeros, the 64e_utexas one does: zeros would pull

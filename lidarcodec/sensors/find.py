@@ -23,7 +23,7 @@ def find_calibration(capture: Path | None, given: Path | None, first_payloads: S
 
     given:   the file that the user named; it must be readable
     beside:  `NAME_db.xml`, `NAME.yaml` or `db.xml` beside the capture; NAME is the capture's name without its endings.
-             One that is not the calibration of an HDL-64E is skipped with a warning: nobody asked for it
+             One that is not the calibration of an HDL-64E is skipped with a warning, because it was not named
     stream:  the table in the status bytes of `first_payloads`, if those hold the whole of it (4160 packets and more)
     generic: a table of the same model, chosen by what `first_payloads` look like
     Raises CalibrationError if the given file is not the calibration of an HDL-64E.

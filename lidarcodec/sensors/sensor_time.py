@@ -1,4 +1,4 @@
-"""SensorTime: where an HDL-64 has its time from, as its packets say, and how far that is from the host's.
+"""SensorTime: the source of an HDL-64's time, from its packets, and the difference from the host's time.
 
 One packet in sixteen has status type G: `A` NMEA messages and a pulse a second, `V` messages only, `P` the pulse only,
 0 neither (HDL-64E S3 manual, appendix E). The time stamp in the tail is microseconds past the hour: true ones with GPS,

@@ -1,4 +1,4 @@
-"""The status bytes of an HDL-64E S2 and S3: a type and a value in every packet, and the calibration they spell.
+"""The status bytes of an HDL-64E S2 and S3: a type and a value in every packet, and the calibration that they carry.
 
 Sixteen packets make a cycle: nine with the types H M S D N Y G T V (clock, GPS, temperature, firmware) and seven with
 the types 1 to 7, which carry one byte each of the parameter set. 260 cycles = 4160 packets carry its 1820 bytes:
@@ -12,7 +12,7 @@ the types 1 to 7, which carry one byte each of the parameter set. 260 cycles = 4
     1818       u2 checksum: on an S3 the CRC-16 of the lasers' values, on an S2 the number 1820
 
 An S3 sends a laser's warning bits with the type W instead of 1, and some of the last values with types of their own
-(0xF8-0xFF) in place of the digit: the place in the cycle is the same, and that is what counts here.
+(0xF8-0xFF) in place of the digit: only the place in the cycle is used here, and it is the same.
 
 HDL-64E S3 user manual rev. K, appendix E (pages 32-39); velodyne-decoder reads the same layout.
 

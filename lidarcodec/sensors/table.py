@@ -1,10 +1,10 @@
-"""Which sensor a payload comes from. What is not an HDL-64E is refused by name; nothing else is refused.
+"""The sensor that a payload comes from. Payloads of other known sensors are refused by name; nothing else is refused.
 
 Other Velodyne sensors send 1206 bytes too and name themselves in the last two: return mode, then model. An HDL-64E
 sends a status type and value there, and type '7' is the same byte as the return mode "strongest" (0x37): one packet in
 sixteen may look like another sensor at its end. So the blocks decide first: no other sensor than the HDL-64E sends
 0xDDFF without 0xCCFF and 0xBBFF, and the HDL-64E never sends all its twelve blocks as 0xEEFF. A payload with unknown
-flags is nobody's in particular and passes as HDL-64E: the codec carries any 1206 bytes exactly.
+flags passes as HDL-64E, because the codec carries any 1206 bytes exactly.
 
 HDL-32E, VLP-16, VLP-32C and VLS-128 user manuals, section "factory bytes".
 

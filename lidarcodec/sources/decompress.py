@@ -1,7 +1,7 @@
 """A file's bytes, decompressed on the way if need be. What it is says its content (gzip, xz, zstd), not its name.
 
 A file that was cut or damaged gives every byte before that place and then ends; `problem` says what was wrong. Memory
-is bounded whatever the file claims: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB. So
+is bounded for any file: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB. So
 is the work: data that expands more than a thousandfold is no capture and ends there. Nothing is written to a disk.
 
 >>> import gzip, tempfile

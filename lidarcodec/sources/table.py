@@ -1,6 +1,6 @@
 """The table of sources, and `open_source`, the single door: a path or an address in, a source out.
 
-Modules are named as text and imported on first use, so that nobody pays for what he does not open.
+Modules are named as text and imported on first use, so unused ones cost nothing.
 
 >>> open_source("tcp://somewhere")
 Traceback (most recent call last):

@@ -139,7 +139,7 @@ def annotate(
 
 
 class _Stages:
-    """Times each stage, and tells who watches."""
+    """Times each stage, and reports it."""
 
     def __init__(self, stage: Callable[[str, int], Any] | None) -> None:
         self._stage = stage

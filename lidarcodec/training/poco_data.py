@@ -1,4 +1,4 @@
-"""A scan as PocoNet takes it: a number of its returns, and for each stage who is whose neighbour and who goes on.
+"""A scan as PocoNet takes it: some of its returns, and for each stage the neighbours of each and the sampled ones.
 
 4096 * 30 returns, as the paper has it, or fewer for a machine without a GPU. A scan with fewer returns repeats some at
 random; of one with more a random part is taken, and every other return goes by the nearest that was.

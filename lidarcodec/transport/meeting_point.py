@@ -1,8 +1,8 @@
 """MeetingPoint: the loopback port where the processes of one machine find each other.
 
-Whoever finds the port free keeps it, with a session of its own that carries no data: the others connect there, learn by
-gossip of everybody's own port, and then talk directly. When the keeper goes, even by kill -9, links between the others
-stand, and the first of them that sees the port free keeps it from then on.
+The process that finds the port free keeps it, with a session of its own that carries no data: the others connect there,
+learn by gossip of everybody's own port, and then talk directly. When the keeper goes, even by kill -9, links between
+the others stand, and the first of them that sees the port free keeps it from then on.
 """
 
 from __future__ import annotations

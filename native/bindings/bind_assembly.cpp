@@ -24,7 +24,9 @@ void expect(bool fits, const char* what) {
 void bind_assembly(nb::module_& m) {
   m.def(
       "assemble",
-      [](nb::bytes payloads, In<std::uint8_t, 1> ring_of_laser) {
+      [](nb::bytes payloads, In<std::uint8_t, 1> ring_of_laser)
+          -> Tuple<Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint8_t>,
+                   Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint8_t>, Array<std::uint32_t>, Array<std::uint8_t>> {
         const lc::RingOfLaser ring = rings(ring_of_laser);
         const std::uint8_t* data = data_of(payloads);
         const std::size_t size = payloads.size();

@@ -55,7 +55,8 @@ void bind_entropy(nb::module_& m) {
       nb::arg("data"), nb::arg("counts").noconvert(), "uint64 numbers of all streams; at most 2^20.");
   m.def(
       "best_form",
-      [](In<std::int64_t, 1> values, std::int64_t modulus) {
+      [](In<std::int64_t, 1> values, std::int64_t modulus)
+          -> Tuple<int, std::int64_t, std::int64_t, Array<std::int64_t>, std::uint64_t> {
         if (modulus < 0) throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a modulus below 0");
         lidarcodec::SeriesFit fit;
         {
@@ -64,14 +65,14 @@ void bind_entropy(nb::module_& m) {
         }
         return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate, give(std::move(fit.residuals), {values.shape(0)}), fit.cost);
       },
-      nb::arg("values").noconvert(), nb::arg("modulus"), "Number of the form, level and rate of the line, (N,) int64 residuals, their cost.");
+      nb::arg("values").noconvert(), nb::arg("modulus"), "The number of the form, level and rate of its line, the residuals (N,) int64, and their cost in 1/256 bit.");
   m.def(
       "best_period",
       [](In<std::uint8_t, 1> types, std::size_t longest) {
         nb::gil_scoped_release release;
         return lidarcodec::best_period(types.data(), types.shape(0), longest);
       },
-      nb::arg("types").noconvert(), nb::arg("longest"), "Period, 1 to `longest`, that predicts most types.");
+      nb::arg("types").noconvert(), nb::arg("longest"), "The period, 1 to `longest`, that predicts the most types.");
   m.def(
       "encode_azimuth",
       [](In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired) {
@@ -86,10 +87,10 @@ void bind_entropy(nb::module_& m) {
         }
         return give_bytes(data);
       },
-      nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(), "Bytes of the rotations of a frame.");
+      nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(), "Bytes of the azimuths of a frame, (2, W).");
   m.def(
       "decode_azimuth",
-      [](nb::bytes data, std::size_t width) {
+      [](nb::bytes data, std::size_t width) -> Tuple<Array<std::uint16_t>, Array<std::uint8_t>> {
         if (width > std::size_t{1} << 20)
           throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a frame of more than 2^20 columns");
         const std::uint8_t* bytes = data_of(data);
@@ -108,5 +109,5 @@ void bind_entropy(nb::module_& m) {
         nb::gil_scoped_release release;
         return lidarcodec::columns_in_turn(rotations.data(), rotations.shape(0));
       },
-      nb::arg("rotations").noconvert(), "Columns in a full turn at the mean step of rotations (W,); 0: it does not turn.");
+      nb::arg("rotations").noconvert(), "Columns in a full turn, from the mean step of azimuths (W,); 0: the sensor does not rotate.");
 }

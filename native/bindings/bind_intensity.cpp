@@ -11,7 +11,7 @@ using lidarcodec::MaskGeometry;
 
 void expect_image(const In<std::uint8_t, 2>& image, const MaskGeometry& geometry) {
   if (image.shape(0) != kMaskRows || image.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "intensities and returns are (64, W), as wide as what fired");
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "intensities and returns are (64, W), as wide as the columns");
 }
 
 }  // namespace
@@ -50,7 +50,7 @@ void bind_intensity(nb::module_& m) {
       },
       nb::arg("values").noconvert(), nb::arg("returns").noconvert(), nb::arg("fired").noconvert(),
       nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("levels"),
-      "(64, W) uint8 of at most that many values, chosen by error and by bits; 0 outside of the returns.");
+      "(64, W) uint8 with at most `levels` values that minimise error and bits; 0 outside of the returns.");
   m.def(
       "decode_intensity",
       [](nb::bytes data, In<std::uint8_t, 2> returns, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,

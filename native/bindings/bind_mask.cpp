@@ -18,7 +18,7 @@ EarlierMask earlier_of(const In<std::uint8_t, 2>& earlier) {
 
 const std::uint16_t* azimuths_of(const In<std::uint16_t, 2>& azimuth, const MaskGeometry& geometry) {
   if (azimuth.shape(0) != 2 || azimuth.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "azimuths are (2, W), as wide as what fired");
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "azimuths are (2, W), as wide as the columns");
   return azimuth.data();
 }
 
@@ -32,7 +32,7 @@ void bind_mask(nb::module_& m) {
         const MaskGeometry geometry = geometry_of(fired, half, rotation);
         const EarlierMask before = earlier_of(earlier);
         if (mask.shape(0) != kMaskRows || mask.shape(1) != geometry.width) {
-          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as what fired");
+          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as the columns");
         }
         std::vector<std::uint8_t> data;
         {
@@ -69,7 +69,7 @@ void bind_mask(nb::module_& m) {
         const EarlierMask before = earlier_of(earlier);
         const std::uint16_t* at = azimuths_of(azimuth, geometry);
         if (keep.shape(0) != kMaskRows || keep.shape(1) != geometry.width)
-          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as what fired");
+          throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a mask is (64, W), as wide as the columns");
         std::vector<std::uint8_t> data;
         {
           nb::gil_scoped_release release;

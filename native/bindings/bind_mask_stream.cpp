@@ -39,14 +39,14 @@ MaskView view_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>&
 void bind_mask_stream(nb::module_& m) {
   nb::class_<MaskStream>(m, "MaskStream")
       .def(nb::init<>())
-      .def("forget", &MaskStream::forget, "Forget what was learned and seen.")
+      .def("forget", &MaskStream::forget, "Returns all models to their initial state, and forgets all frames.")
       .def(
           "encode",
           [](MaskStream& stream, In<std::uint8_t, 2> mask, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired,
              In<std::int32_t, 2> beams, In<std::uint16_t, 2> expected, In<std::int32_t, 1> motion) {
             const MaskView view = view_of(azimuth, fired, beams, expected, motion);
             if (mask.shape(0) != kMaskRows || mask.shape(1) != view.geometry.width)
-              throw Error(ErrorCode::Section, "a mask is (64, W), as wide as what fired");
+              throw Error(ErrorCode::Section, "a mask is (64, W), as wide as the columns");
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;

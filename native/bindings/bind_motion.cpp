@@ -27,7 +27,7 @@ Motion motion_of(const In<std::int32_t, 1>& numbers) {
 }  // namespace
 
 void bind_motion(nb::module_& m) {
-  nb::class_<RangeHistory>(m, "RangeHistory", "What was last seen in each direction; see lidarcodec.motion.warp.")
+  nb::class_<RangeHistory>(m, "RangeHistory", "The ranges last seen in each direction; see lidarcodec.motion.warp.")
       .def(nb::init<>())
       .def("forget", &RangeHistory::forget, "Forgets everything.")
       .def(
@@ -37,12 +37,12 @@ void bind_motion(nb::module_& m) {
             const Columns columns = columns_of(azimuth, fired);
             const BeamTable table = table_of(rows);
             if (ranges.shape(0) != kRows || ranges.shape(1) != columns.width)
-              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as what fired");
+              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as the columns");
             nb::gil_scoped_release release;
             self.remember(ranges.data(), columns, table.half);
           },
           nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-          nb::arg("rows").noconvert(), "Takes the ranges (64, W) of a frame that was sent.")
+          nb::arg("rows").noconvert(), "Stores the ranges (64, W) of a frame that was sent.")
       .def(
           "expected",
           [](const RangeHistory& self, In<std::int32_t, 1> motion, In<std::uint16_t, 2> azimuth,
@@ -58,20 +58,21 @@ void bind_motion(nb::module_& m) {
             return give(std::move(ranges), {kRows, columns.width});
           },
           nb::arg("motion").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-          nb::arg("rows").noconvert(), "(64, W) uint16, the ranges that a frame is expected to have; 0: nothing is known.")
+          nb::arg("rows").noconvert(), "(64, W) uint16, the expected ranges of a frame; 0: unknown.")
       .def(
           "find_motion",
           [](const RangeHistory& self, In<std::uint16_t, 2> ranges, In<std::uint16_t, 2> azimuth,
-             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows, In<std::int32_t, 1> start, bool hold) {
+             In<std::uint8_t, 2> fired, In<std::int32_t, 2> rows, In<std::int32_t, 1> start,
+             bool near_start) -> Tuple<Array<std::int32_t>, bool, std::uint32_t, std::uint32_t, std::uint32_t, double> {
             const Columns columns = columns_of(azimuth, fired);
             const BeamTable table = table_of(rows);
             if (ranges.shape(0) != kRows || ranges.shape(1) != columns.width)
-              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as what fired");
+              throw Error(ErrorCode::Section, "ranges are (64, W), as wide as the columns");
             const Motion from = motion_of(start);
             lidarcodec::FoundMotion result;
             {
               nb::gil_scoped_release release;
-              result = lidarcodec::find_motion(self, ranges.data(), columns, table, from, hold);
+              result = lidarcodec::find_motion(self, ranges.data(), columns, table, from, near_start);
             }
             std::vector<std::int32_t> numbers(result.motion.rotation.begin(), result.motion.rotation.end());
             numbers.insert(numbers.end(), result.motion.translation.begin(), result.motion.translation.end());
@@ -79,6 +80,7 @@ void bind_motion(nb::module_& m) {
                                   result.iterations, result.median_m);
           },
           nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-          nb::arg("rows").noconvert(), nb::arg("start").noconvert(), nb::arg("hold") = false,
-          "Motion since a turn ago: its 12 numbers, whether it was found, points tried and matched, iterations, median in m.");
+          nb::arg("rows").noconvert(), nb::arg("start").noconvert(), nb::arg("near_start") = false,
+          "Motion since a turn ago: its 12 numbers, whether it was found, points tried, points matched, iterations, and the median "
+          "distance of matched points in metres. near_start: a prior holds it near `start`.");
 }

@@ -35,7 +35,7 @@ std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
 std::uint16_t* place_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent, const MaskGeometry& geometry) {
   if (sent.shape(1) == 0) return nullptr;
   if (sent.shape(0) != kMaskRows || sent.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "what is sent is (64, W), as wide as what fired");
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "what is sent is (64, W), as wide as the columns");
   return sent.data();
 }
 
@@ -44,25 +44,25 @@ std::uint16_t* place_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_cont
 void bind_predictive(nb::module_& m) {
   m.def(
       "coding_paths",
-      [] {
+      []() -> List<nb::str> {
         nb::list names;
         for (const lidarcodec::Path path : lidarcodec::paths_here()) names.append(lidarcodec::name_of(path));
         return names;
       },
-      "Ways to compute that this processor can run, the quickest last.");
+      "The ways to compute that this processor can run, the fastest last.");
   m.def(
       "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); }, nb::arg("data"),
-      "How many columns the bytes of a slab need to be known; -1 for a whole frame, and for no returns.");
+      "The number of known columns that the bytes of a slab need; -1 for a whole frame, or without returns.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
       .def("__init__",
            [](PredictiveCoder* coder, const char* path, nb::handle nets) {
              new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), shared(nets));
            },
-           nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`; by default the quickest. All give the same bytes.")
+           nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`, by default the fastest; all give the same bytes. nets: RiddleNets, or None.")
       .def(
           "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); },
-          nb::arg("nets"), "Go on with other networks; what contexts learned stays.")
-      .def("reset", &PredictiveCoder::reset, "Forget what was learned.")
+          nb::arg("nets"), "Replaces the networks; the state of the contexts stays.")
+      .def("reset", &PredictiveCoder::reset, "Returns all models to their initial state.")
       .def(
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
@@ -85,8 +85,9 @@ void bind_predictive(nb::module_& m) {
           nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
           nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
           nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"),
-          nb::arg("samples").none() = nb::none(), nb::arg("quick"), nb::arg("sent").noconvert(),
-          "Bytes of the ranges of the returns; `turn`: columns in a full turn, 0 to find it from the returns; `firing`: of the first column; `quick`: with fewer contexts; `sent`: (64, W), takes free ranges as they are decoded; (64, 0): they are rounded.")
+          nb::arg("samples").none(), nb::arg("quick"), nb::arg("sent").noconvert(),
+          "Bytes of the ranges of the returns. turn: columns in a full turn, 0 to find it from the returns; firing: of the first "
+          "column; quick: with fewer contexts; sent: (64, W) gets free ranges as they are decoded, (64, 0): ranges are rounded.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,

@@ -22,12 +22,12 @@ using lidarcodec::RiddleNets;
 void bind_riddle(nb::module_& m) {
   m.def(
       "net_forms",
-      [] {
+      []() -> List<nb::str> {
         nb::list names;
         for (const NetForm form : lidarcodec::net_forms_here()) names.append(lidarcodec::name_of(form));
         return names;
       },
-      "Ways to run networks on this processor, the quickest last.");
+      "The ways to run networks on this processor, the fastest last.");
   nb::class_<RiddleNets>(m, "RiddleNets")
       .def(nb::init<>())
       .def(
@@ -68,7 +68,8 @@ void bind_riddle(nb::module_& m) {
       "riddle_samples",
       [](In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step, In<std::int32_t, 1> level,
          In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half, In<std::int32_t, 1> rotation, std::uint32_t turn,
-         In<std::uint16_t, 2> expected, std::uint32_t share, std::uint32_t seed) {
+         In<std::uint16_t, 2> expected, std::uint32_t share,
+         std::uint32_t seed) -> Tuple<Array<std::int8_t>, Array<std::uint8_t>, Array<std::uint8_t>> {
         const lidarcodec::MaskGeometry geometry = geometry_of(fired, half, rotation);
         expect_image(ranges, geometry);
         expect_image(returns, geometry);
@@ -88,5 +89,6 @@ void bind_riddle(nb::module_& m) {
       nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
       nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
       nb::arg("expected").noconvert(), nb::arg("share"), nb::arg("seed"),
-      "Inputs (n, 72 or 112) int8 of a share of the returns, of 65536; leaves (n,); first three offset bits (n, 3), 255: none.");
+      "Samples of `share` of 65536 returns: inputs (n, 72 or 112) int8, leaves (n,), and the first three offset bits (n, 3), "
+      "255: none.");
 }

@@ -23,17 +23,18 @@ void bind_riddle_train(nb::module_& m) {
              samples->share = share;
              samples->seed = seed;
            },
-           nb::arg("share"), nb::arg("seed"), "share: of 65536 returns, how many are taken.")
+           nb::arg("share"), nb::arg("seed"), "share: the number of returns that are taken, of 65536.")
       .def("__len__", &RiddleSamples::size)
       .def(
           "taken",
-          [](const RiddleSamples& samples) {
+          [](const RiddleSamples& samples) -> Tuple<Array<std::int8_t>, Array<std::uint8_t>, Array<std::uint8_t>, Array<std::int16_t>> {
             const std::size_t n = samples.size();
             return nb::make_tuple(give(std::vector(samples.in), {n, samples.inputs}), give(std::vector(samples.leaf), {n}),
                                   give(std::vector(samples.offset), {n, RiddleSamples::kOffsets}),
                                   give(std::vector(samples.context_odds), {n, RiddleSamples::kDecisions}));
           },
-          "Inputs (n, 72 or 112) int8, leaves (n,), first three offset bits (n, 3), 255: none, and what contexts said of each decision (n, 7) int16.")
+          "Inputs (n, 72 or 112) int8, leaves (n,), first three offset bits (n, 3), 255: none, and the contexts' log odds of each "
+          "decision (n, 7) int16.")
       .def_prop_ro("inputs", [](const RiddleSamples& samples) { return samples.inputs; });
   nb::class_<RiddleTrainer>(m, "RiddleTrainer")
       .def("__init__",
@@ -57,7 +58,7 @@ void bind_riddle_train(nb::module_& m) {
             nb::gil_scoped_release release;
             trainer.add(samples, held);
           },
-          nb::arg("samples"), nb::arg("held"), "Take samples; held: to measure on, never to learn from.")
+          nb::arg("samples"), nb::arg("held"), "Adds samples; held: for validation, never for training.")
       .def(
           "train",
           [](RiddleTrainer& trainer, std::size_t steps, double budget_ms) {
@@ -67,10 +68,10 @@ void bind_riddle_train(nb::module_& m) {
               return budget_ms < 0 || std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count() < budget_ms;
             });
           },
-          nb::arg("steps"), nb::arg("budget_ms"), "Steps taken: so many at most, none begun after so long (negative: no limit).")
+          nb::arg("steps"), nb::arg("budget_ms"), "Takes at most `steps` steps, and begins none after `budget_ms` (negative: no limit); gives their number.")
       .def(
           "layer",
-          [](const RiddleTrainer& trainer, std::size_t which) {
+          [](const RiddleTrainer& trainer, std::size_t which) -> Tuple<Array<float>, Array<float>> {
             if (which >= lidarcodec::kNetLayers) throw Error(ErrorCode::Settings, "a network has three layers");
             const RiddleTrainer::Layer& layer = trainer.layers()[which];
             std::vector<float> weights(layer.weights.size()), bias = layer.bias;
@@ -78,14 +79,14 @@ void bind_riddle_train(nb::module_& m) {
               for (std::size_t o = 0; o < layer.out; ++o) weights[o * layer.in + i] = layer.weights[i * layer.out + o];
             return nb::make_tuple(give(std::move(weights), {layer.out, layer.in}), give(std::move(bias), {layer.out}));
           },
-          nb::arg("which"), "Weights (out, in) and biases (out,) of a layer, the running mean, in natural units.")
+          nb::arg("which"), "Weights (out, in) and biases (out,) of a layer, in natural units: the running mean of the steps.")
       .def(
-          "cases",
+          "conditional_bias",
           [](const RiddleTrainer& trainer) {
             const RiddleTrainer::Layer& first = trainer.layers()[0];
             return give(std::vector<float>(first.conditional_bias), {lidarcodec::kConditionalBiases, first.out});
           },
-          "(96, out) biases of rows and scales in the first layer, the running mean, in natural units.")
+          "(96, out) biases of rows and scales of the first layer, in natural units: the running mean of the steps.")
       .def(
           "cost",
           [](const RiddleTrainer& trainer, const RiddleNets& nets, float beside) {
@@ -94,7 +95,7 @@ void bind_riddle_train(nb::module_& m) {
             nb::gil_scoped_release release;
             return trainer.cost(*net, beside);
           },
-          nb::arg("nets"), nb::arg("beside"), "Bits of a held sample under a network and so much of what contexts said; mean.")
+          nb::arg("nets"), nb::arg("beside"), "Mean bits of a held-out sample with a network, and the contexts weighted by `beside`.")
       .def_prop_ro("samples", &RiddleTrainer::samples)
       .def_prop_ro("held", &RiddleTrainer::held)
       .def_prop_ro("steps", &RiddleTrainer::steps);

@@ -48,7 +48,7 @@ void bind_simulator(nb::module_& m) {
           nb::arg("count"), "The next packets: uint8 (count, 1206).")
       .def(
           "packets_with_truth",
-          [](sim::Simulator& self, std::size_t count) {
+          [](sim::Simulator& self, std::size_t count) -> Tuple<Array<std::uint8_t>, Array<float>, Array<std::uint8_t>> {
             if (count > kMostPackets)
               throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, "at most 100000 packets a call");
             std::vector<std::uint8_t> bytes(count * sim::kPacketBytes);
@@ -89,7 +89,7 @@ void bind_simulator(nb::module_& m) {
             nb::gil_scoped_release release;
             self.skip(count);
           },
-          nb::arg("count"), "Drives on for that many packets without looking.");
+          nb::arg("count"), "Drives on for that many packets without tracing beams.");
   nb::class_<sim::PoseFinder>(m, "SimulatorPoses", "Exact poses of a simulated drive.")
       .def(
           "__init__",
@@ -122,7 +122,7 @@ void bind_simulator(nb::module_& m) {
           for (const std::int16_t v :
                {r.rot_cdeg, r.vert_cdeg, r.dist_mm, r.vert_offset_mm, r.horiz_offset_mm, r.focal_mm, r.slope_tenth})
             out.push_back(v);
-        return give(std::move(out), {std::size_t{64}, std::size_t{7}});
+        return give(std::move(out), {static_cast<std::size_t>(sim::kLasers), std::size_t{7}});
       },
       "The simulated unit's calibration, int32 (64, 7): rotation, elevation [0.01 degree], distance, vertical offset, "
       "horizontal offset, focal distance [mm], focal slope [0.1].");

@@ -14,7 +14,7 @@ std::size_t count_of(const In<double, 2>& points) {
 }  // namespace
 
 void bind_voxel_index(nb::module_& m) {
-  nb::class_<VoxelIndex>(m, "VoxelIndex", "Points in cubic cells, to find who is near whom; it does not change.")
+  nb::class_<VoxelIndex>(m, "VoxelIndex", "An immutable spatial hash of points, for nearest neighbours.")
       .def(
           "__init__",
           [](VoxelIndex* self, In<double, 2> points, double cell_m) {

@@ -1,4 +1,5 @@
-// Each binding file turns arrays into pointers and back for one part of the core, and nothing else.
+// Each binding file converts arrays to pointers and back for one part of the core, and does nothing else.
+// lidarcodec/_native.pyi has the signatures: tools/native_stub.py generates it from the built module.
 #pragma once
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -9,16 +10,24 @@
 
 namespace nb = nanobind;
 
-// Read-only, C-contiguous inputs; bind them with .noconvert(), or a strided array is copied without a word.
+// Read-only, C-contiguous inputs. Bind them with .noconvert(); otherwise nanobind silently copies a strided array.
 template <typename T, int N>
 using In = nb::ndarray<const T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 
-// A vector handed to numpy without a copy.
+// What functions return, with types for _native.pyi.
 template <typename T>
-nb::ndarray<nb::numpy, T> give(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
+using Array = nb::ndarray<nb::numpy, T>;
+template <typename... T>
+using Tuple = nb::typed<nb::tuple, T...>;
+template <typename T>
+using List = nb::typed<nb::list, T>;
+
+// A vector handed to NumPy without a copy.
+template <typename T>
+Array<T> give(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
   auto* owned = new std::vector<T>(std::move(values));
   nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
+  return Array<T>(owned->data(), shape, owner);
 }
 
 inline nb::bytes give_bytes(const std::vector<std::uint8_t>& v) {

@@ -8,7 +8,7 @@
 template <class T>
 void expect_image(const In<T, 2>& image, const lidarcodec::MaskGeometry& geometry) {
   if (image.shape(0) != lidarcodec::kMaskRows || image.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "ranges and returns are (64, W), as wide as what fired");
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "ranges and returns are (64, W), as wide as the columns");
 }
 
 // (64, W), or (64, 0) where nothing is expected.

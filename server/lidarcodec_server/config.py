@@ -34,7 +34,7 @@ class ServerConfig(BaseModel):
     database_url:        any SQLAlchemy URL
     endpoints:           where the Zenoh session listens and connects
     tls_certificate:     PEM file to serve HTTPS with, and tls_key its key
-    insecure:            listen beyond this machine although nobody needs a token
+    insecure:            listen beyond this machine although no token is needed
     open:                let everybody in again, although tokens were needed before and none works now
     metrics_open:        answer `/metrics` without a token
     max_streams:         streams that are known at once; further ones are counted and left out

@@ -1,7 +1,7 @@
 """Fair: so many requests of one client are worked on at once; the others wait their turn.
 
 Otherwise a client that asks all the time, over as many connections as it may have, would slow everybody else down. A
-client is a host, or a token on a host: those who share a host do not wait for one another.
+client is a host, or a token on a host: tokens on one host do not wait for each other.
 Health checks and live sockets do not count: a socket has limits of its own. Nor does the time until a body has come,
 and until an answer is read: `middleware.BodyLimit` stands in front.
 """

@@ -43,7 +43,7 @@ class TooManyError(LidarCodecError):
 
 
 class Meter:
-    """What somebody may still do now: `rate` times a second, and `burst` times at once. Not thread-safe.
+    """What a client may still do now: `rate` times a second, and `burst` times at once. Not thread-safe.
 
     >>> meter = Meter(rate=10.0, burst=2, now_s=0.0)
     >>> meter.spend(3, 0.0)
@@ -70,7 +70,7 @@ class Meter:
 
 
 class SparseLog:
-    """Warnings that somebody outside can cause: at most one a second, and how many were left out. Thread-safe."""
+    """Warnings that clients can cause: at most one a second, with the number of those left out. Thread-safe."""
 
     def __init__(self, logger: logging.Logger, every_s: float = 1.0) -> None:
         self._logger, self._every_s = logger, every_s

@@ -44,7 +44,7 @@ NAMES: tuple[tuple[type[LidarCodecError], int, str], ...] = (
     (BusyError, 503, "busy"),
     (StoreError, 503, "store"),
 )
-"""What becomes of our errors when nobody says otherwise; all others are unexpected."""
+"""The problems of our errors, by default; all other errors are unexpected."""
 
 
 class ProblemError(Exception):
@@ -83,11 +83,11 @@ def unexpected(error: BaseException, what: str) -> ProblemError:
 
 
 def of(error: LidarCodecError) -> ProblemError | None:
-    """The problem that an error of ours is; None for one that nobody expects here."""
+    """The problem of one of our errors; None for an unexpected one."""
     for kind, status, name in NAMES:
         if isinstance(error, kind):
             detail = str(error)
-            if isinstance(error, StoreError):  # where the database is concerns nobody outside
+            if isinstance(error, StoreError):  # the address of the database is private
                 _sparse.warning("%s", error)
                 detail = "the database does not answer; the log has the reason"
             headers = {"Retry-After": "2"} if status == 503 else None
@@ -117,7 +117,7 @@ def problem_of(error: Exception, what: str) -> ProblemError:
         return ProblemError(error.status_code, str(error.detail), headers=dict(error.headers or {}))
     if isinstance(error, TooManyError):
         return ProblemError(429, str(error), "too-many", {"Retry-After": str(error.wait_s)})
-    if isinstance(error, ClientDisconnect):  # in the middle of its body: nobody reads the answer, nothing is wrong here
+    if isinstance(error, ClientDisconnect):  # no client reads the answer, and it is not an error
         return ProblemError(400, "the body is incomplete")
     known = of(error) if isinstance(error, LidarCodecError) else None
     return known or unexpected(error, what)

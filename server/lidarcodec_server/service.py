@@ -39,9 +39,9 @@ class Service:
     """The streams of a fleet.
 
     fleet:   which there are;  control: how to change them;  store: what survives a restart
-    tokens:  who may ask;  metrics: what Prometheus is told;  limits: how much each client may
+    tokens:  of clients;  metrics: for Prometheus;  limits: of each client
     refusals: what was asked beyond that
-    warnings: a log for what somebody outside can cause
+    warnings: a log for what clients can cause
     closing: things to close before the network session, in reverse order
     """
 

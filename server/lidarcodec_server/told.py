@@ -1,7 +1,7 @@
 """What a vehicle tells, before anything of it is believed or passed on: its status, its settings, its answers.
 
 A status is anybody's JSON. `read_status` keeps the fields that docs/live.md lists, each of its type and size. It drops
-all else and counts it, so that no browser, log or metric meets what nobody expects.
+all else and counts it, so that browsers, logs and metrics get expected values only.
 
 >>> told = read_status(b'{"fps": 10.0, "kbps": "much", "colour": "red"}')
 >>> told.status, told.dropped
@@ -34,7 +34,7 @@ BUCKETS: Final = len(BOUNDS_MS) + 1
 
 
 class Told(NamedTuple):
-    """status: the known fields;  dropped: how many fields were left out, at whatever depth"""
+    """status: the known fields;  dropped: number of fields left out, at any depth"""
 
     status: dict[str, Any]
     dropped: int
@@ -280,7 +280,7 @@ def check_settings_size(values: dict[str, Any]) -> None:
 
 
 def check_names(values: Any) -> None:
-    """Check that no setting names a file by its path: nobody elsewhere may find out what files there are here.
+    """Checks that no setting names a file by its path: clients must not learn which files exist here.
 
     Raises SettingsError, with the same words whether there is such a file or not.
     """

@@ -41,7 +41,7 @@ LINE_S = 2.0
 MADE = "MAKELEVEL" in os.environ
 """Whether `make` started this: `make demo` is one thing to a user."""
 SECONDS = 20.0
-"""How long it takes where nobody sits before it."""
+"""Seconds that it runs without a user."""
 
 
 def number(value: float | None, digits: int, unit: str = "") -> str:
@@ -134,7 +134,7 @@ class Demo:
 
     @property
     def _stopped(self) -> bool:
-        """Whether to end: somebody wants it, or the `make` that this is a part of was killed."""
+        """Whether to end: a user asked for it, or the `make` that started it was killed."""
         return self._interrupted or (MADE and os.getppid() != self._parent)
 
     def run(self, server: PageServer, meeting_port: int) -> Figures:

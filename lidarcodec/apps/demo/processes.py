@@ -22,7 +22,7 @@ from lidarcodec.transport.endpoints import PORT_VARIABLE
 from lidarcodec.transport.meeting_point import is_free
 
 COMMAND: Final = (sys.executable, "-P", "-m", "lidarcodec.commands.running.attached")
-"""The command line; whatever becomes of the demonstration, its processes end with it."""
+"""The command line. Its processes end with the demonstration, however that ends."""
 PAGE_PORT: Final = 8080
 """Where the page is, unless that is taken."""
 START_S: Final = 60.0
@@ -34,7 +34,7 @@ ADDRESS: Final = re.compile(r"https?://[^ ]+")
 
 
 def free_port() -> int:
-    """A TCP port of loopback that nobody listens on."""
+    """A TCP port of loopback that is not in use."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -88,7 +88,7 @@ class PageServer:
         if self.port is None and not self._again:
             self._again = True
             _end(self._process)  # one that only was late would stay behind
-            self._start(0)  # somebody else took the port meanwhile, or it cannot be at all
+            self._start(0)  # another process took the port, or no server can start at all
             return None
         try:
             said = self._complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")

@@ -36,7 +36,7 @@ class Freshness:
         return cls(max_age_s)
 
     def shows(self, age_ms: float | None, now_s: float) -> bool:
-        """Whether to show a frame of that age, None when nobody knows it; now_s: monotonic time."""
+        """Whether to show a frame of that age, None: unknown; now_s: monotonic time."""
         if self.max_age_s is None or age_ms is None or age_ms <= 1e3 * self.max_age_s:
             self._old_since = None
             return True

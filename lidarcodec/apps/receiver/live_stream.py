@@ -226,7 +226,7 @@ class LiveStream:
 
     @property
     def replaced(self) -> int:
-        """Frames that gave way to a newer one because nobody took them."""
+        """Frames that a newer one replaced before they were taken."""
         return self._frames.replaced
 
     def summary(self) -> dict[str, Any]:

@@ -228,7 +228,7 @@ class Receiver:
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self._want_key()
-            if message.key:  # who asks from here on may not see this one any more
+            if message.key:  # receivers that ask from here on may have missed this one
                 self._key_asked_for = False
             came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):

@@ -64,7 +64,7 @@ class RoundTrips:
 def _read(answer: bytes) -> tuple[bool, int | None]:
     """Whether a message was under way, and the publisher's time in ns.
 
-    Of an answer that nobody can read only that it came.
+    An answer that cannot be read counts as an answer only.
     """
     try:
         values = read_object(answer)

@@ -1,4 +1,4 @@
-"""ReceiverStats: what a receiver counts and measures of a stream. Bounded, whatever arrives."""
+"""ReceiverStats: what a receiver counts and measures of a stream. Its memory is bounded for any input."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ReceiverStats:
     """Counts of one receiver. Thread-safe.
 
     gaps: times that frames were missing;  missing: how many; the publisher replaced them, or the path lost them
-    jumps: times that frame numbers went so far that nobody can say how many are missing
+    jumps: times that frame numbers went so far that the number of missing ones is unknown
     second_publisher: times that a stream came back after another one: two publishers have the same name
     duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join

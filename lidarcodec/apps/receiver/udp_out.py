@@ -84,7 +84,7 @@ def target_of(text: str) -> Target:
 
 def due_s(side: SideInfo) -> npt.NDArray[np.float64]:
     """(N,) float64, seconds from a frame's first data packet at which each of its packets leaves, in the order of
-    `packets_of`. A position packet leaves between its neighbours, whatever its own time says."""
+    `packets_of`. A position packet is sent between its neighbours, whatever time it has."""
     data = np.clip(np.maximum.accumulate(side.packet_ns), 0, 10**9).tolist()
     due = list(data)
     for one in reversed(side.positions):

@@ -2,7 +2,7 @@
 
 It answers what it is asked and ends when the other side is gone. Signals that end a whole group of processes are left
 to the other side, which wants to end its stream first. While it works an alarm of the kernel is set, so that it ends
-even when it hangs in native code and nobody is there any more to kill it. (The system's own notice of a parent's death
+even when it hangs in native code and its parent is gone. (The system's own notice of a parent's death
 goes by the thread that started the process, and a stream's threads come and go.)
 """
 
@@ -140,4 +140,4 @@ def main(number: int, limit_s: float) -> None:
 
 if __name__ == "__main__":
     main(int(sys.argv[1]), float(sys.argv[2]))
-    os._exit(0)  # a native library must not hang or crash in its destructors, with nobody to see it
+    os._exit(0)  # destructors of native libraries could hang or crash, unseen

@@ -5,8 +5,8 @@
     arrays range intensity azimuth fired [keep] [pose] [side: packet_ns gps_us status layouts layout irregular second
            positions, as a POSITION section]
 
-Whoever reads believes nothing: counts are limited before memory is taken, and values that no codec may give (an azimuth
-of 36000, a truth that is neither 0 nor 1) are refused, since a codec that was taken over may be on the other side.
+The reader trusts nothing: it checks counts before it allocates memory, and refuses values that no codec may give (an
+azimuth of 36000, a bool that is neither 0 nor 1), because the codec on the other side may be compromised.
 """
 
 from __future__ import annotations

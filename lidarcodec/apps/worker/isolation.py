@@ -1,4 +1,4 @@
-"""Codecs in a process of their own: an encoder and a decoder that look like any other, and the choice of who gets one.
+"""Codecs in a process of their own: encoder and decoder, and which codecs get one.
 
 Native code of others can crash on bad input. In a process of its own such a crash costs one frame; the next process
 begins with a key frame.

@@ -119,7 +119,7 @@ class WorkerKeeper:
             return False
 
     def end_if_unused(self, for_s: float = 0.0) -> None:
-        """End the process if nobody asked it anything for so long."""
+        """Ends the process if it had no request for so long."""
         with self._lock:
             if self._process is None or time.monotonic() - self._used_s < for_s:
                 return

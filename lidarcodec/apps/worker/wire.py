@@ -1,8 +1,8 @@
-"""What a stream's process and its codec's process say to each other, over a socket pair: a head, then a body.
+"""The protocol between a stream's process and its codec's process, over a socket pair: a head, then a body.
 
-A head is 16 bytes: kind, flag, 2 spare, number of parts, bytes of the body. Kinds below DONE are asked, the others are
-answers; there is one answer to each question. Nothing is pickled: settings and errors are JSON, messages are those of
-the wire, frames are arrays (`frames`), and every size is checked before memory is taken.
+A head is 16 bytes: kind, flag, 2 spare, number of parts, bytes of the body. Kinds below DONE are requests, the others
+are answers; each request has one answer. Nothing is pickled: settings and errors are JSON, messages are those of the
+wire, frames are arrays (`frames`), and every size is checked before memory is taken.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Channel:
         return bytes(data)
 
     def fill(self, view: memoryview, end: float | None = None) -> None:
-        """Fill bytes that somebody else owns."""
+        """Fills the caller's bytes."""
         at = 0
         while at < len(view):
             self._set_limit(end)
@@ -119,7 +119,7 @@ class Channel:
             at += got
 
     def drain(self) -> None:
-        """Take what comes until the other side is gone: it may still be saying what nobody will read."""
+        """Reads and drops what the other side still sends, until it is gone."""
         waste = memoryview(bytearray(1 << 16))
         with contextlib.suppress(EOFError):
             while True:

@@ -2,8 +2,8 @@
 
     python -m lidarcodec.commands.running.attached publish sim:city --vehicle demo
 
-Whoever starts it holds the other end of its standard input, a pipe, and writes nothing. The system closes that end with
-the process, also when `kill -9` left it no time to end anything.
+The program that starts it holds the other end of its standard input, a pipe, and writes nothing. The system closes that
+end with the process, also when `kill -9` left it no time to end anything.
 """
 
 from __future__ import annotations

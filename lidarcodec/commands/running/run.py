@@ -102,7 +102,7 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     except StoppedError as stopped:
         return _stopped(given, str(stopped))
     except (BrokenPipeError, SystemExit):  # typer ends the process when it sees a broken pipe
-        # Whoever read our output has seen enough; the interpreter flushes once more at exit, and must not complain.
+        # The reader of our output has closed it. The interpreter flushes once more at exit, which must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return int(code or DONE) if signal_that_came() is None else _stopped(given)
     except Exception as error:

@@ -4,7 +4,7 @@
     refined   odometry from the scans themselves, then every scan against a map of every fifth one
 
 Positions of a satellite receiver are no reference: KITTI's slide 0.13 to 0.16 m sideways within 0.8 s, and a map made
-with them keeps that. So given poses are believed only where they are exact or where somebody says so.
+with them keeps that. So given poses are used only if they are exact, or if an option says so.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`peer:xz-rows`: the quantised range image as differences to the left, low bytes before high ones, through xz -9.
 
-What a general-purpose compressor reaches once somebody has laid the data out for it: the best of them near real time.
+What a general-purpose compressor reaches with a suitable layout of the data: the best of them near real time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The canvas: a range image laid out so that neighbours on paper are neighbours in the world.
+"""The canvas: a range image laid out so that neighbours in the image are neighbours in the world.
 
 The lasers of one firing look up to 18 degrees apart, and each has a distance correction of its own. On the canvas each
 row is shifted so that a column is one direction, and the corrections are added, in whole range steps, so that all rows
-are on one scale. A JPEG needs 0.8 bits a point less for it, lossless JPEG XL 0.15 to 0.5. All of
-it follows from the integer calibration table and two numbers sent with the image, so that it can be undone exactly.
+are on one scale. A JPEG needs 0.8 bits a point less for it, lossless JPEG XL 0.15 to 0.5. The
+layout follows from the integer calibration table and two numbers sent with the image, so it can be reversed exactly.
 
 Rows then end at different columns: the corners, up to 113 columns of an HDL-64E, hold nothing and are holes like any
 other. With `compact`, columns in which no laser of a block of 32 has a return are left out for that block: an S3 fires
@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
-from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK
+from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK, TABLE_TURN
 
 Mask = npt.NDArray[np.bool_]
 Pixel = TypeVar("Pixel", bound=np.generic)
@@ -34,11 +34,9 @@ Pixel = TypeVar("Pixel", bound=np.generic)
 MAX_SPAN: Final = 1024
 """Columns by which a canvas may be wider than its frame."""
 MAX_OFFSET: Final = 1000
-"""Largest difference of distance corrections that is evened out: 2 m."""
+"""Largest difference of distance corrections that is compensated: 2 m."""
 MAX_VALUE: Final = 65535 + MAX_OFFSET
 """Largest range on a canvas."""
-_TURN: Final = 628_318_531
-"""A full turn in the calibration table's unit of angle, 1e-8 rad."""
 _LENGTHS_PER_STEP: Final = 20_000
 """The table's units of length, 1e-7 m, in a range step of 2 mm."""
 _FIELDS: Final = list(CALIBRATION_FIELDS)
@@ -50,7 +48,7 @@ Spacing = tuple[int, int]
 def level_offsets(sensor: SensorModel) -> npt.NDArray[np.int32]:
     """(64,) int32, range steps to add to each row so that all are on one scale; the smallest is 0.
 
-    All 0 if the corrections differ by more than 2 m: then they are no corrections.
+    All 0 if the corrections differ by more than 2 m: such values are not plausible.
     """
     table = sensor.calibration.table[_FIELDS.index("dist_correction_m")][sensor.laser_of_ring].astype(np.int64)
     steps = (table - table.min() + _LENGTHS_PER_STEP // 2) // _LENGTHS_PER_STEP
@@ -63,7 +61,7 @@ def level_offsets(sensor: SensorModel) -> npt.NDArray[np.int32]:
 def _shifts(sensor: SensorModel, spacing: Spacing) -> npt.NDArray[np.int64]:
     """(64,) int64, columns by which each row moves to the right; the smallest is 0."""
     table = sensor.calibration.table[_FIELDS.index("rot_correction_rad")][sensor.laser_of_ring].astype(np.int64)
-    angle = (table[0] - table + _TURN // 2) % _TURN - _TURN // 2
+    angle = (table[0] - table + TABLE_TURN // 2) % TABLE_TURN - TABLE_TURN // 2
     apart = np.array(spacing, np.int64)[(sensor.laser_of_ring >= LASERS_PER_BLOCK).astype(np.intp)]
     shifts = np.where(apart > 0, (2 * angle + apart) // np.maximum(2 * apart, 1), 0)
     moved: npt.NDArray[np.int64] = shifts - shifts.min()
@@ -78,7 +76,7 @@ def spacing_of(azimuth: npt.NDArray[np.uint16], fired: Mask, sensor: SensorModel
     found = []
     for half in range(2):
         turned = np.diff(azimuth[half][fired[half]].astype(np.int64)) % AZIMUTH_TURN
-        found.append(int(turned.sum()) * _TURN // (AZIMUTH_TURN * len(turned)) if len(turned) else 0)
+        found.append(int(turned.sum()) * TABLE_TURN // (AZIMUTH_TURN * len(turned)) if len(turned) else 0)
     spacing = (found[0], found[1])
     return spacing if int(_shifts(sensor, spacing).max()) <= MAX_SPAN else (0, 0)
 

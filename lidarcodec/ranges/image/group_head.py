@@ -1,5 +1,6 @@
-"""What a message of several frames says of each: index and stamp, which the header has for the first one only, width
-and packets, of which it has the largest; and where its columns lie (layers.py).
+"""The head of a message with several frames: index, stamp, width, packets and first column (layers.py) of each frame.
+
+The header of the message has the index and stamp of the first frame, and the largest width and number of packets.
 
 turn u16, then for each frame: index minus the header's u32, stamp minus the header's i64, width u16, packets u16,
 start u32.

@@ -1,8 +1,8 @@
-"""JPEG files of one component, 8 or 12 bits: written from samples, looked at before they are decoded.
+"""JPEG files of one component, 8 or 12 bits: written from samples, and checked before they are decoded.
 
-Two ways to write. `even` is ours: all coefficients in equal steps, which has the least mean squared error; against
-libjpeg's tables, which follow the eye, it saves a fifth of the bits at equal RMSE. `libjpeg` is what the papers used:
-libjpeg's tables, written by imagecodecs. Any JPEG decoder that knows 12 bits reads both.
+There are two ways to write. `even` is ours: all coefficients have the same step, which gives the least mean squared
+error and saves a fifth of the bits against libjpeg's tables, which are made for the eye. `libjpeg` is the way of the
+papers: libjpeg's tables, written by imagecodecs. Any JPEG decoder for 12 bits reads both.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LUMINANCE: Final = np.array(
 _SKIPPED: Final = frozenset({0xDB, 0xC4, *range(0xE0, 0xF0), 0xFE})
 """Markers between start and scan whose segments the decoder may read: steps, Huffman tables, APPn, comment."""
 _SAMPLES_PER_BYTE: Final = 256
-"""A block of 64 samples takes two bits or more: less is cut off, or sent to make a decoder allocate."""
+"""A block of 64 samples takes two bits or more. A shorter file is damaged or hostile."""
 _SEQUENTIAL: Final = (0xC0, 0xC1)
 
 
@@ -60,7 +60,7 @@ def write_jpeg(samples: Samples, known: Mask, bits: int, tables: Tables, quality
     4 ms for 64 x 2264.
     """
     if tables == "libjpeg":
-        quality = round(quality)  # imagecodecs takes no other
+        quality = round(quality)  # imagecodecs takes whole numbers only
     steps = steps_of(tables, quality, finer)
     filled = filled_blocks(samples, known, steps)
     if tables == "even":
@@ -74,7 +74,7 @@ def write_jpeg(samples: Samples, known: Mask, bits: int, tables: Tables, quality
 
 
 def check_jpeg(data: bytes, rows: int, width: int, bits: int) -> None:
-    """Looks at the file's own header: nothing is decoded that would not be an image of these sides.
+    """Checks the file's header: only an image with these sides may be decoded.
 
     Raises SectionError.
     """
@@ -113,7 +113,7 @@ def read_jpeg(data: bytes, rows: int, width: int, bits: int) -> npt.NDArray[np.u
     check_jpeg(data, rows, width, bits)
     try:
         samples = imagecodecs.jpeg8_decode(data)
-    except MemoryError:  # no fault of the data
+    except MemoryError:  # not the fault of the data
         raise
     except Exception as error:
         raise SectionError(f"damaged JPEG: {error}") from None

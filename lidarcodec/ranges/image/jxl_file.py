@@ -1,4 +1,4 @@
-"""JPEG XL codestreams of one grey channel of 16 bits, lossless: written, and looked at before they are decoded.
+"""JPEG XL codestreams of one grey channel of 16 bits, lossless: written, and checked before they are decoded.
 
 imagecodecs wraps a codestream into a container that only says "level 10"; it is taken out again, because the bare
 codestream is a file of its own, smaller by 49 bytes, and leaves a hostile sender fewer places to hide something.
@@ -61,7 +61,7 @@ class _Bits:
 
 
 def check_jxl(data: bytes, rows: int, width: int) -> None:
-    """Looks at the codestream's own header (ISO/IEC 18181-1, annex D): its sides, and that it has no preview, no
+    """Checks the codestream's header (ISO/IEC 18181-1, annex D): its sides, and that it has no preview, no
     animation, no other orientation.
 
     Raises SectionError.
@@ -94,7 +94,7 @@ def read_jxl(data: bytes, rows: int, width: int) -> Ranges:
     image = np.zeros((rows, width), np.uint16)
     try:
         came = imagecodecs.jpegxl_decode(data, numthreads=1, out=image)
-    except MemoryError:  # no fault of the data
+    except MemoryError:  # not the fault of the data
         raise
     except Exception as error:
         raise SectionError(f"damaged JPEG XL: {error}") from None

@@ -1,4 +1,4 @@
-"""Layers: the columns of several frames, turn by turn, as one image in which the rows of each laser are times.
+"""Layers: the columns of several frames, turn by turn, as one image in which the rows of a laser are its turns.
 
 Columns keep their order and go round like a helix: position p lies in turn p // T of the group, at column p % T, where
 T columns make a turn. So a laser's rows look in the same direction column by column, whether frames are whole turns or
@@ -26,9 +26,9 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS, MAX_COLUMNS
 Pixel = TypeVar("Pixel", bound=np.generic)
 
 MAX_SAMPLES: Final = 1 << 24
-"""Samples in the image of a group: what a message can make a decoder allocate."""
+"""Samples in the image of a group, at most: it limits the memory of a decoder."""
 _LONGEST_TURN: Final = 8192
-"""A turn of more columns is none: the sensor stands still, or its rotations are noise."""
+"""More columns are not a turn: the sensor stands still, or its azimuths are noise."""
 _TOLERANCE: Final = 64
 """Columns by which a frame may seem to begin before the last one ended."""
 
@@ -119,7 +119,7 @@ def group_fits(frames: int, widest: int) -> bool:
 def layers_of(azimuths: Sequence[npt.NDArray[np.uint16]]) -> Layers:
     """Layout of a group of frames with these azimuths, (W,) each, 0.01 degree. `group_fits` must hold.
 
-    Each frame begins where its first azimuth says, so that a turn that was quicker or lost packets does not carry over.
+    Each frame begins at its first azimuth, so a faster turn or lost packets do not shift the frames after it.
     """
     widths = tuple(len(azimuth) for azimuth in azimuths)
     turns = []

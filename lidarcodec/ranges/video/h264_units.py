@@ -1,4 +1,4 @@
-"""NAL units of H.264 (ITU-T H.264, 7.3 and annex B): what is in an access unit, looked at before FFmpeg is.
+"""NAL units of H.264 (ITU-T H.264, 7.3 and annex B): the content of an access unit, checked before FFmpeg decodes it.
 
 >>> from lidarcodec.ranges.video.h264_units import split_units
 >>> [unit.hex() for unit in split_units(b"\\0\\0\\0\\1\\x67\\x64\\0\\0\\1\\x68")]

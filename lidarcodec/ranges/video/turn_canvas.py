@@ -1,12 +1,12 @@
 """The canvas of video: a whole turn, on which the same direction is the same column in every frame.
 
-Video predicts a picture from the one before it, so that a direction must stay where it was, whether frames are whole
+Video predicts a picture from the one before it, so each direction must keep its column, whether frames are whole
 turns, 348 packets or slabs. The turn has `columns` columns, a few more than firings, so that it also holds a turn that
 was slower. A firing lies where its azimuth says, or right of the one before if that is there already. Rows move by
 their rotation correction, as on the canvas of still images, but round the turn: there are no corners.
 
 Frames longer than a turn take several `bands` of 64 rows. Frames whose azimuths are no rotation (the sensor stands, or
-it is noise) are not `anchored`: their columns are laid out as they come.
+it is noise) are not `anchored`: their columns lie in their order.
 
 >>> azimuth = np.arange(35900, 35990, 18, np.uint16).repeat(2).reshape(-1, 2).T
 >>> layout = TurnLayout.fitting(azimuth, np.ones((2, 5), np.bool_))
@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
-from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK
+from lidarcodec.units import AZIMUTH_TURN, LASERS, LASERS_PER_BLOCK, TABLE_TURN
 
 Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
@@ -37,13 +37,11 @@ MACROBLOCK: Final = 16
 MAX_WIDTH: Final = 8192
 MAX_BANDS: Final = 16
 MAX_PLACES: Final = 32768
-"""Columns of all bands together: more than the widest frame has, and all that a message can make a decoder allocate."""
+"""Columns of all bands together, at most: more than the widest frame has. It limits the memory of a decoder."""
 _FEWEST: Final = 64
-"""A turn of fewer columns is none."""
+"""Fewer columns are not a turn."""
 _SPARE: Final = 128
 """One column in so many is added: KITTI's turns have 2144 to 2166 firings."""
-_TURN: Final = 628_318_531
-"""A full turn in the calibration table's unit of angle, 1e-8 rad."""
 _ROTATION: Final = list(CALIBRATION_FIELDS).index("rot_correction_rad")
 
 
@@ -144,8 +142,8 @@ def cells(layout: TurnLayout, places: Places, sensor: SensorModel, valid: Mask) 
     shift = np.zeros(LASERS, np.int32)
     if layout.anchored:
         rotation = sensor.calibration.table[_ROTATION][sensor.laser_of_ring].astype(np.int64)
-        angle = (rotation[0] - rotation + _TURN // 2) % _TURN - _TURN // 2
-        shift = ((2 * angle * layout.columns + _TURN) // (2 * _TURN) % layout.places).astype(np.int32)
+        angle = (rotation[0] - rotation + TABLE_TURN // 2) % TABLE_TURN - TABLE_TURN // 2
+        shift = ((2 * angle * layout.columns + TABLE_TURN) // (2 * TABLE_TURN) % layout.places).astype(np.int32)
     place = places.astype(np.int32)[half] + shift[:, None]
     np.subtract(place, layout.places, out=place, where=place >= layout.places)
     if layout.bands > 1:

@@ -1,4 +1,4 @@
-"""IP fragments -> whole datagrams, within bounds: memory is limited whatever is sent.
+"""IP fragments -> whole datagrams, within bounds: memory is bounded for any input.
 
 A sensor's 1248-byte frames are not fragmented at home; tunnels and small MTUs do it. A datagram is complete when all
 its bytes are there; fragments that overlap or contradict each other void it (RFC 5722 asks for that).

@@ -1,1 +1,1 @@
-"""Live sensors: sockets, and who sends to them."""
+"""Live sensors: sockets and the choice of the sender."""

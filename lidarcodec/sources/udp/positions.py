@@ -1,8 +1,8 @@
-"""PositionListener: the position packets of a live sensor, put among its data packets by the kernel's times of arrival.
+"""PositionListener: the position packets of a live sensor, ordered among its data packets by times of arrival.
 
 A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: the call that takes data
-packets takes what has come here, too. Once somebody else sends to this port, the kernel drops what others send before
-it is queued, so that a flood takes neither the sensor's room nor the interpreter's time.
+packets takes position packets, too. When another sender appears on this port, the kernel drops its packets before they
+are queued. A flood then takes neither the sensor's room nor the interpreter's time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Senders: what a live source says and counts about who sends to it."""
+"""Senders: warnings and counts of a live source about its senders."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lidarcodec.sources.udp.notices import Notices
 logger = logging.getLogger(__name__)
 
 RIVAL: Final = 64
-"""Score (packets in 0.1 s that hang together) from which a sender looks like a sensor."""
+"""Score (consistent packets in 0.1 s) from which a sender looks like a sensor."""
 SHOWN: Final = 3
-"""Refused senders that a warning names."""
+"""Refused senders that a warning names, at most."""
 
 
 class SenderVerdict(IntEnum):
-    """What is done with a packet; the numbers are those of native/src/packets/udp_senders.hpp."""
+    """The verdict on a packet; the numbers are those of native/src/packets/udp_senders.hpp."""
 
     KEEP = 0
     HOLD = 1
@@ -30,7 +30,7 @@ class SenderVerdict(IntEnum):
 
 
 class SenderReason(IntEnum):
-    """Why a sender was chosen; the numbers are those of native/src/packets/udp_senders.hpp."""
+    """The reason of a choice; the numbers are those of native/src/packets/udp_senders.hpp."""
 
     NONE = 0
     FIRST = 1
@@ -39,7 +39,7 @@ class SenderReason(IntEnum):
 
 
 class Senders:
-    """Watches the choice of the sender, and warns of what was refused. Cost: some microseconds, five times a second.
+    """Reports the choice of the sender, and warns of refused packets. It takes some microseconds, five times a second.
 
     pinned: the address that `?src=` names, or empty;  any_sender: packets of all are taken
     """
@@ -50,7 +50,7 @@ class Senders:
         self._chosen, self._place = 0, ""
 
     def look(self, judge: SenderJudge, counts: Mapping[str, int]) -> None:
-        """Say what changed since the last look. counts: those of the source."""
+        """Logs the changes since the last call. counts: those of the source."""
         now_s = time.monotonic()
         places = {sender: _place(*where) for sender, where, *_ in judge.report()}
         if judge.chosen != self._chosen:
@@ -70,12 +70,12 @@ class Senders:
             self._notices.tell(cause, counts.get(cause, 0), text, now_s)
 
     def refused_positions(self, count: int, stranger: str) -> None:
-        """Say that others than the sensor sent to the port of position packets. stranger: the first one's address"""
+        """Warns of other senders to the port of position packets. stranger: the address of the first one"""
         text = f"refused {{packets}} from {stranger} or others on the port of position packets"
         self._notices.tell("positions", count, f"{text}: only those of the sensor are accepted", time.monotonic())
 
     def close(self) -> None:
-        """Say the last counts."""
+        """Logs the last counts."""
         self._notices.close()
 
     def _changed(self, judge: SenderJudge, place: str) -> None:

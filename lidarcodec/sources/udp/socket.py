@@ -1,7 +1,7 @@
-"""A UDP socket set up to lose nothing: large receive buffer, kernel time stamps, kernel drop counts.
+"""A UDP socket with a large receive buffer, kernel time stamps and kernel drop counts.
 
 The Linux default buffer holds 92 HDL-64 packets, 26 ms; one busy Python thread beside the reader then loses 3-5 %.
-8 MiB hold a second and more; they are asked for past the system's limit (net.core.rmem_max) where this process may.
+8 MiB hold more than a second. A privileged process gets them even beyond the system's limit (net.core.rmem_max).
 """
 
 from __future__ import annotations

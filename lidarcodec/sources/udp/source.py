@@ -1,8 +1,8 @@
 """UdpSource: the packets of a sensor that sends to this machine, live.
 
-A native thread drains the socket into a bounded queue, without the interpreter: a busy program loses nothing for
-seconds. What is lost all the same is counted: by the kernel (`kernel drops`), or where the queue was full (`queue
-drops`, oldest first).
+A native thread moves packets from the socket to a bounded queue, without the interpreter, so a busy program loses
+nothing for seconds. Lost packets are counted: those that the kernel dropped (`kernel drops`), and the oldest ones of a
+full queue (`queue drops`).
 """
 
 from __future__ import annotations

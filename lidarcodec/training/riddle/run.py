@@ -185,7 +185,7 @@ def _provenance_of(begin: str) -> dict[str, Any]:
 
 
 def _name(spec: str) -> str:
-    """A source without the folder it is in: that is nobody's business."""
+    """A source without its folder, which may be private."""
     return spec if spec.startswith("sim:") else Path(spec).name
 
 

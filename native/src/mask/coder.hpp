@@ -9,9 +9,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/rows.hpp"
+
 namespace lidarcodec {
 
-inline constexpr std::size_t kMaskRows = 64;
+inline constexpr std::size_t kMaskRows = kRows;
 
 // Kinds of masks of one byte: no returns, and nothing but returns.
 inline constexpr std::uint8_t kMaskNone = 0, kMaskAll = 1;

@@ -5,9 +5,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/rows.hpp"
+
 namespace lidarcodec {
 
-inline constexpr std::size_t kRows = 64;     // of a frame: the lasers of an HDL-64E
 inline constexpr std::size_t kSlots = 4096;  // directions of a turn: closer together than the firings of an HDL-64E
 inline constexpr std::uint16_t kNoAzimuth = 0xFFFF;
 inline constexpr std::uint32_t kLargestSweep = 4500;  // 45 degrees: an azimuth that advances further has jumped

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/rows.hpp"
+
 namespace lidarcodec {
 
 constexpr std::size_t kPacketBytes = 1206;
@@ -12,7 +14,7 @@ constexpr std::size_t kBlocks = 12;
 constexpr std::size_t kBlockBytes = 100;
 constexpr std::size_t kBlockLasers = 32;
 constexpr std::size_t kBlockReturnBytes = kBlockLasers * 3;
-constexpr std::size_t kRings = 64;
+constexpr std::size_t kRings = kRows;
 constexpr std::size_t kMaxPackets = 2048;
 constexpr std::uint16_t kUpperFlag = 0xEEFF;
 constexpr std::uint16_t kLowerFlag = 0xDDFF;

@@ -3,11 +3,11 @@
 namespace lidarcodec::sim {
 namespace {
 
-// The manual promises pavement (10 %) at 50 m and cars (80 %) at 120 m.
+// By the manual, pavement (10 %) is seen at 50 m and cars (80 %) at 120 m.
 constexpr double kThreshold = 1.0e-5;
 constexpr double kFootprint = 0.0012;  // half the width of the beam, radians
 
-// Albedo where the beam landed: the material's, with patches of a metre and grain of a hand's breadth.
+// Albedo at the hit: the material's, with variations of a metre and of a decimetre.
 double albedo_of(const Hit& hit, const Surface& surface) {
   const double base = hit.albedo >= 0 ? hit.albedo : surface.albedo;
   const double u = hit.label == Label::Ground ? hit.local.x : hit.local.x + 0.7 * hit.local.y;
@@ -39,12 +39,12 @@ Echo Receiver::receive(int laser, std::uint64_t firing, const Hit& hit) {
   before_[k] = hit.t;
   if (power * (1.0 + 0.06 * speckle) < need || u < 0.001) return {};
 
-  // A slanting surface spreads the pulse over the footprint of the beam.
+  // An inclined surface lengthens the pulse over the footprint of the beam.
   const double slant = min_of(hit.t * kFootprint * std::sqrt(1.0 - cosine * cosine) / cosine, 1.5);
   const double sigma = sensor_.sigma_m(laser) * (1.0 + 0.35 * need / power);
   const double spread = std::sqrt(sigma * sigma + surface.rough_m * surface.rough_m + 0.0049 * slant * slant);
   double distance = hit.t + spread * normal_of(h1, unit_of(h0)) + sensor_.ripple_m(laser, firing);
-  // At an edge one beam meets two surfaces, and when they are near each other their echoes are one.
+  // At an edge a beam hits two surfaces. If they are close to each other, their echoes merge.
   const double step = last - hit.t;
   if (last > 0 && abs_of(step) > 0.15 && abs_of(step) < 1.6 && (h2 & 0xFF) < 60)
     distance += step * static_cast<double>((h2 >> 8) & 0xFF) * (1.0 / 256.0) * 0.8;

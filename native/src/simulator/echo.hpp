@@ -1,4 +1,4 @@
-// From where a beam ends to what the sensor reports: reach, dropouts, noise and the byte of intensity.
+// What the sensor reports of a hit: reach, dropouts, noise and the byte of intensity.
 #pragma once
 #include <array>
 
@@ -16,7 +16,7 @@ class Receiver {
  public:
   explicit Receiver(const Sensor& sensor, std::uint64_t seed) : sensor_(sensor), seed_(seed) {}
 
-  // What laser `laser` makes of `hit` at firing number `firing`.
+  // The return of a laser for a hit, at firing number `firing`.
   Echo receive(int laser, std::uint64_t firing, const Hit& hit);
 
  private:

@@ -47,7 +47,7 @@ void accept(const LocalRay& r, Hit& hit, double t, double cosine, Material m, do
   hit.local = r.o + r.d * t;
 }
 
-// Behind the glass: blinds, a curtain, or a dark room that mostly swallows the beam.
+// Behind the glass: blinds, a curtain, or a dark room that mostly absorbs the beam.
 void look_inside(const LocalRay& r, Hit& hit, double t, double dn, const Cell& cell) {
   const double kind = unit32(cell.hash * 0x2545F491u);
   const double luck = unit32(cell_hash(r.luck, r.id, cell.bay, cell.level));

@@ -16,7 +16,7 @@ void Index::build(const std::vector<const Object*>& objects, V3 center, double r
     const double distance = std::sqrt(dx * dx + dy * dy) - slack - moved;
     if (distance < reach) sorted_.push_back({distance, sorted_.size(), object});
   }
-  // The order must not depend on whose sort this is: ties keep the order in which the world names its objects.
+  // A stable order, independent of the library's sort: ties keep the order of the world's objects.
   std::sort(sorted_.begin(), sorted_.end(), [](const Near& a, const Near& b) {
     return a.distance != b.distance ? a.distance < b.distance : a.order < b.order;
   });
@@ -40,7 +40,7 @@ void Index::build(const std::vector<const Object*>& objects, V3 center, double r
         hi = max_of(hi, delta);
       }
     }
-    // Seen from the side a box covers less than half the horizon; nearer than that it is everywhere.
+    // A box at a distance covers less than half the horizon; a nearer one is in all sectors.
     const double moved = (abs_of(o.vx) + abs_of(o.vy)) * seconds + slack;
     const double gap = near.distance + moved;
     if (gap < 2.0 * moved + 0.05 || hi - lo > 1.9) {
@@ -62,13 +62,13 @@ void Index::build(const std::vector<const Object*>& objects, V3 center, double r
 
 void Index::trace(const Ray& ray, double dt, Hit& hit) const {
   const double level = std::sqrt(ray.direction.x * ray.direction.x + ray.direction.y * ray.direction.y);
-  const double slope = ray.direction.z / level;
+  const double tangent = ray.direction.z / level;
   const auto sector =
       static_cast<std::size_t>(diamond_angle(ray.direction.x, ray.direction.y) * (kSectors / 4.0)) & (kSectors - 1);
   double reached = hit.t * level;
   for (const Entry& entry : sectors_[sector]) {
     if (entry.distance > reached) break;
-    if (slope < entry.slope_lo || slope > entry.slope_hi) continue;
+    if (tangent < entry.tan_lo || tangent > entry.tan_hi) continue;
     trace_object(*entry.object, ray, dt, hit);
     reached = hit.t * level;
   }

@@ -1,8 +1,8 @@
-// Arithmetic of the simulator: the same bits on every machine. Only + - * / and the correctly rounded square root touch
-// a double; sine, arc tangent and logarithm are polynomials; random numbers are hashes of what they belong to.
+// Arithmetic of the simulator, with the same bits on every machine. Doubles use only + - * / and square roots, which IEEE 754
+// rounds exactly; sine and logarithm are polynomials; random numbers are hashes of place, time and purpose.
 //
-// One rule holds everywhere in simulator/: never two draws of one generator in one expression (C++ does not say which comes
-// first); draw into named values, or inside braces, which are evaluated from left to right.
+// A rule for all of simulator/: an expression draws at most once from a generator, because C++ does not define the order of
+// evaluation. Draw into named values, or inside braces, which are evaluated from left to right.
 #pragma once
 #include <bit>
 #include <cmath>
@@ -39,12 +39,13 @@ inline std::int64_t floor_of(double x) {
 // x - floor(x).
 inline double fraction_of(double x) { return x - static_cast<double>(floor_of(x)); }
 
-// sin(2 pi x) to 1e-11: folded into a quarter turn, then the Taylor series to the 17th power.
+// sin(2 pi x), error below 1e-11: reduced to a quarter turn, then the Taylor series up to the power 17.
+constexpr double kRadiansPerTurn = 6.283185307179586477;  // 2 pi
 inline double sin_turns(double x) {
   double r = x - static_cast<double>(floor_of(x + 0.5));
   if (r > 0.25) r = 0.5 - r;
   if (r < -0.25) r = -0.5 - r;
-  const double y = r * 6.283185307179586477;
+  const double y = r * kRadiansPerTurn;
   const double q = y * y;
   double p = 1.0 / 355687428096000.0;
   p = p * q - 1.0 / 1307674368000.0;
@@ -58,16 +59,17 @@ inline double sin_turns(double x) {
 }
 inline double cos_turns(double x) { return sin_turns(x + 0.25); }
 
-constexpr double kTurnsPerRadian = 0.15915494309189533577;
+constexpr double kTurnsPerRadian = 0.15915494309189533577;  // 1 / (2 pi)
 inline double sin_of(double radians) { return sin_turns(radians * kTurnsPerRadian); }
 inline double cos_of(double radians) { return cos_turns(radians * kTurnsPerRadian); }
 
-// Natural logarithm of a positive normal number, to 1e-12.
+// Natural logarithm of a positive normal number, error below 1e-12: of the mantissa m by the series of 2 artanh((m - 1) / (m + 1)).
+constexpr double kRootOfTwo = 1.4142135623730951, kLogOfTwo = 0.69314718055994530942;
 inline double log_of(double x) {
   const auto bits = std::bit_cast<std::uint64_t>(x);
   auto exponent = static_cast<int>((bits >> 52) & 0x7FF) - 1023;
   double m = std::bit_cast<double>((bits & 0xFFFFFFFFFFFFFull) | 0x3FF0000000000000ull);
-  if (m > 1.4142135623730951) {
+  if (m > kRootOfTwo) {
     m *= 0.5;
     exponent += 1;
   }
@@ -80,11 +82,11 @@ inline double log_of(double x) {
   p = p * q + 1.0 / 7.0;
   p = p * q + 1.0 / 5.0;
   p = p * q + 1.0 / 3.0;
-  return exponent * 0.69314718055994530942 + 2.0 * (s + s * q * p);
+  return exponent * kLogOfTwo + 2.0 * (s + s * q * p);
 }
 
-// A number that grows with the angle of (x, y) from 0 at +x through 1 at +y to 4: no arc tangent needed to sort by
-// direction. Its slope against the angle in radians lies between 0.5 and 1.
+// The diamond angle of (x, y): it rises with the angle, from 0 at +x and 1 at +y to 4, and sorts directions without an arc tangent.
+// Its derivative by the angle in radians is between 0.5 and 1.
 inline double diamond_angle(double x, double y) {
   const double ax = abs_of(x);
   const double ay = abs_of(y);
@@ -95,14 +97,15 @@ inline double diamond_angle(double x, double y) {
   return y >= 0 ? 2.0 - p : 2.0 + p;
 }
 
-// 0 at a, 1 at b, with zero slope at both.
+// Smoothstep: 0 at a, 1 at b, cubic between them, with the derivative 0 at both.
 inline double smooth_step(double a, double b, double x) {
   const double t = clamp_to((x - a) / (b - a), 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
 }
 
-// ---- randomness: a hash of where, when and what for -------------------------------------------------------------
+// ---- Random numbers: hashes of place, time and purpose -----------------------------------------------------------
 
+// SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
 inline std::uint64_t mix(std::uint64_t z) {
   z += 0x9E3779B97F4A7C15ull;
   z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ull;
@@ -119,7 +122,8 @@ inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b, std::int64_t c, st
 // 0 <= result < 1.
 inline double unit_of(std::uint64_t h) { return static_cast<double>(h >> 11) * 0x1p-53; }
 
-// A cheap hash of a cell of space, for leaves and textures: quality enough for the eye, half the price.
+// A faster hash of a cell of space, for leaves and textures. The three factors are from Ericson, "Real-time collision detection"
+// (2005), section 7.1.3.
 inline std::uint32_t cell_hash(std::uint32_t seed, std::int64_t x, std::int64_t y, std::int64_t z) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
                     (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
@@ -132,15 +136,15 @@ inline std::uint32_t cell_hash(std::uint32_t seed, std::int64_t x, std::int64_t 
 }
 inline double unit32(std::uint32_t h) { return h * 0x1p-32; }
 
-// Standard normal to the eye of a codec: the sum of four uniform numbers, of one width or a second (kurtosis 3.4, as
-// measured on real returns).
+// About standard normal: the sum of four uniform numbers, with one of two widths. Kurtosis 3.4, as measured on real returns.
 inline double normal_of(std::uint64_t h, double pick) {
   const auto sum = static_cast<std::int64_t>((h & 0xFFFF) + ((h >> 16) & 0xFFFF) + ((h >> 32) & 0xFFFF) + (h >> 48));
+  // Four uniform numbers of 0 to 65535: mean 2 * 65535, standard deviation 65536 / sqrt(3).
   const double g = static_cast<double>(sum - 131070) * (1.0 / 37837.2);
   return g * (pick < 0.71 ? 0.82 : 1.355);
 }
 
-// A stream of draws that starts from a hash.
+// A generator that begins with a hash.
 class Rng {
  public:
   explicit Rng(std::uint64_t h) : state_(h) {}
@@ -158,7 +162,7 @@ class Rng {
   std::uint64_t state_;
 };
 
-// Smooth noise in -1..1 of a plane, one feature a unit: values at whole points, blended.
+// Value noise in a plane, -1 to 1: hashes at whole points, interpolated by smoothstep.
 inline double noise_at(std::uint32_t seed, double x, double y) {
   const std::int64_t ix = floor_of(x);
   const std::int64_t iy = floor_of(y);

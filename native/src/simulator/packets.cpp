@@ -32,7 +32,7 @@ Rotor::Rotor(std::uint64_t seed) : seed_(seed) {
 
 int Rotor::next() {
   const int azimuth = static_cast<int>((position_ >> 24) / 9) * 9;
-  if (firing_ % 24 == 0) {  // the motor hunts a little around its speed, over seconds
+  if (firing_ % 24 == 0) {  // the speed of the motor varies slowly
     const double t = static_cast<double>(firing_) * 48e-6;
     const double phase = unit_of(seed_);
     const double hunt = 0.0016 * sin_turns(t / 2.9 + phase) + 0.0009 * sin_turns(t / 0.83 + 2.0 * phase);
@@ -91,7 +91,7 @@ void Status::write(std::uint64_t packet, std::uint8_t* tail) const {
   const std::int64_t day_s = seconds % 86400;
   int year = 0, month = 0, day = 0;
   date_of(seconds / 86400, year, month, day);
-  // Warms up over the first minutes, then wavers.
+  // The temperature rises in the first minutes, then varies.
   const double minutes = static_cast<double>(ns) / 60e9;
   const double heat = 27.0 + 14.0 * minutes / (minutes + 4.0) + 1.5 * sin_turns(minutes / 7.0 + unit_of(seed_));
   const int values[9] = {static_cast<int>(day_s / 3600),

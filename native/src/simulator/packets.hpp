@@ -1,4 +1,4 @@
-// The sensor's clock and tongue: rotation, time stamps, status bytes, and the 1206 bytes of a packet.
+// The rotation of the sensor, its time stamps and status bytes, and the 1206 bytes of its packets.
 #pragma once
 #include <array>
 #include <vector>
@@ -13,7 +13,7 @@ constexpr int kFiringsPerPacket = 6;
 constexpr std::int64_t kPacketNs = 288'006;  // 288 us by the sensor's own quartz, 21 ppm slow
 constexpr std::int64_t kFiringNs = kPacketNs / kFiringsPerPacket;
 
-// The turning head: its position at each firing, as the encoder reads it, in multiples of 0.09 degree.
+// The rotating head: its position at each firing, as the encoder reads it, in multiples of 0.09 degree.
 class Rotor {
  public:
   explicit Rotor(std::uint64_t seed);

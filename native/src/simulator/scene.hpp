@@ -1,4 +1,4 @@
-// What can be seen: materials, the shapes objects are made of, and the nearest hit of a ray with an object.
+// Materials, the shapes of objects, and the nearest hit of a ray with an object.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -87,7 +87,7 @@ Part facade_box(Material m, double x0, double x1, double y0, double y1, double z
                 double first, std::uint16_t style);
 Part fence(Material m, double x0, double x1, double y, double z0, double z1, double pitch, double duty);
 
-// A rigid thing: parts in its own frame, put somewhere with a heading. `vx, vy` move it during one index period.
+// A rigid object: parts in its own frame, a position and a heading. `vx, vy` move it during one index period.
 struct Object {
   V3 at;
   double c = 1, s = 0;  // heading
@@ -104,7 +104,7 @@ void set_bounds(Object& object);
 
 struct Ray {
   V3 origin, direction;
-  std::uint64_t luck;  // decides what a pane of glass or a leaf does to this beam
+  std::uint64_t luck;  // random bits for the effect of glass and leaves on this beam
 };
 
 struct Hit {
@@ -118,7 +118,7 @@ struct Hit {
   std::uint32_t id = 0;
 };
 
-// Puts the nearest hit in front of `hit.t` into `hit`; `dt` = seconds since the object's position was set.
+// Sets `hit` to the nearest hit before `hit.t`; `dt` = seconds since the object's position was set.
 void trace_object(const Object& object, const Ray& ray, double dt, Hit& hit);
 
 }  // namespace lidarcodec::sim

@@ -59,7 +59,7 @@ Sensor::Sensor(std::uint64_t seed) : ripple_(kLasers * 24), rotation_(4000) {
     // Real drives: 8.6-10.3 mm in the upper block, 7.2-7.5 in the lower, single lasers from 5.7 to 12.
     const double spread = rng.between(-1.0, 1.0);
     l.sigma = (laser < 32 ? 0.0092 : 0.0070) * (1.0 + 0.24 * spread * abs_of(spread) + 0.06 * spread);
-    // No two detectors are alike: gain, dark level and reach differ from laser to laser.
+    // Gain, dark level and reach differ from laser to laser.
     l.gain = rng.between(0.72, 1.16);
     l.offset = rng.between(-66.0, 4.0);
     l.reach = rng.between(0.55, 1.25);

@@ -1,14 +1,15 @@
-// The simulated HDL-64E S2: where its 64 lasers look from, where to, how they are corrected and how noisy they are.
+// The simulated HDL-64E S2: origin, direction, corrections and noise of its 64 lasers.
 #pragma once
 #include <array>
 #include <cstdint>
 #include <vector>
 
+#include "base/rows.hpp"
 #include "simulator/math.hpp"
 
 namespace lidarcodec::sim {
 
-constexpr int kLasers = 64;
+constexpr int kLasers = static_cast<int>(kRows);
 
 // Calibration of one laser in the steps of the sensor's own status bytes: 0.01 degree, 1 mm, focal slope 0.1.
 struct LaserRow {
@@ -35,7 +36,7 @@ class Sensor {
   double gain(int laser) const { return lasers_[static_cast<std::size_t>(laser)].gain; }
   double offset(int laser) const { return lasers_[static_cast<std::size_t>(laser)].offset; }
   double reach(int laser) const { return lasers_[static_cast<std::size_t>(laser)].reach; }
-  // Range error locked to the count of firings, period 24, metres.
+  // Range error in metres, periodic in the count of firings with period 24.
   double ripple_m(int laser, std::uint64_t firing) const {
     return ripple_[static_cast<std::size_t>(laser) * 24 + firing % 24];
   }

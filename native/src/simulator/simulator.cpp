@@ -23,8 +23,7 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   throw Error(ErrorCode::Settings, "no such scene");
 }
 
-// The car's own roof hides part of the road: its edges in front, behind and at the sides of the sensor, and the roof
-// bars and aerials on it. What is hit there is nearer than the sensor can measure.
+// The car's roof, its bars and aerials hide part of the road. They are nearer than the sensor can measure.
 bool hits_own_car(const Beam& b, std::uint64_t luck) {
   if (b.direction.z > -0.2) return false;
   const double ragged = 0.03 * unit_of(luck);
@@ -86,8 +85,7 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
         if (hits_own_car(beam, ray.luck)) {
           hit.label = Label::Vehicle;
         } else
-          // Steep beams end on the ground soon: with that known, few objects are left to try. Level ones the other way
-          // round.
+          // Steep beams soon hit the ground, and few objects are nearer. For level beams objects come first.
           if (ray.direction.z < -0.06) {
             world_->trace_ground(ray, hit);
             index_.trace(ray, dt, hit);

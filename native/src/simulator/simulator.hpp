@@ -18,7 +18,7 @@ struct SimulatorOptions {
   std::int64_t start_ns = 0;  // GPS time at packet 0, ns since 1970
 };
 
-// What is behind each return: the true distance along the beam in metres (0 = nothing) and a Label.
+// Ground truth of each return: the true distance along the beam in metres (0 = nothing) and a Label.
 struct Truth {
   std::vector<float> distance_m;
   std::vector<std::uint8_t> label;
@@ -27,12 +27,12 @@ struct Truth {
 // One call at a time: callers in several threads wait for each other.
 class Simulator {
  public:
-  // Throws Error(Settings) for an unknown scene or a speed or traffic that is no number of use.
+  // Throws Error(Settings) for an unknown scene, or a speed or traffic out of range.
   explicit Simulator(const SimulatorOptions& options);
 
   // The next `count` packets, 1206 bytes each; with `truth`, 384 values a packet, firing by firing, laser by laser.
   void packets(std::size_t count, std::uint8_t* out, Truth* truth = nullptr);
-  // Drives on for `count` packets without looking.
+  // Drives on for `count` packets without tracing beams.
   void skip(std::uint64_t count);
 
   // Heights of the ground at `count` places x, y.
@@ -55,12 +55,11 @@ class Simulator {
   bool looked_ = false;
 };
 
-// The exact poses of a drive, without looking at anything: 0.1 ms for a second of the city.
+// The exact poses of a drive, without tracing beams: 0.1 ms for a second of the city.
 class PoseFinder {
  public:
   explicit PoseFinder(const SimulatorOptions& options);
-  // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0; one earlier than the last asked for drives
-  // again from the start.
+  // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0. A time before the last one drives again from the start.
   void at(const std::int64_t* t_ns, std::size_t count, double* out);
 
  private:

@@ -7,7 +7,7 @@ namespace lidarcodec::sim {
 namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
-constexpr double kBeamSpread = 0.002;  // radians: a beam widens by 2 mm a metre
+constexpr double kBeamSpread = 0.002;  // divergence of a beam, radians
 
 double luck_of(const LocalRay& r, std::uint32_t purpose) { return unit32(cell_hash(r.luck, r.id, purpose, 0)); }
 
@@ -21,14 +21,14 @@ void accept(const LocalRay& r, Hit& hit, double t, double cosine, Material m) {
   hit.local = r.o + r.d * t;
 }
 
-// The part of the ray inside a half space `value + t * slope >= 0`; false when nothing is left.
+// The part of the ray inside a half space `value + t * gradient >= 0`; false if there is none.
 struct Span {
   double in = 0, out = kFar;
   int face = -1;
-  bool cut(double value, double slope, int plane) {
-    if (slope == 0) return value >= 0;
-    const double t = -value / slope;
-    if (slope > 0) {
+  bool cut(double value, double gradient, int plane) {
+    if (gradient == 0) return value >= 0;
+    const double t = -value / gradient;
+    if (gradient > 0) {
       if (t > in) in = t, face = plane;
     } else if (t < out) {
       out = t;
@@ -37,7 +37,7 @@ struct Span {
   }
 };
 
-// Pane of a car: the beam goes through, is lost, or (false) comes back. Here and there a patch lets beams through.
+// The pane of a car: the beam passes, is lost, or returns (false). Some patches of it always pass beams.
 bool glass_eats(const LocalRay& r, Hit& hit, double t) {
   const V3 p = r.o + r.d * t;
   const double luck = luck_of(r, 11);
@@ -65,22 +65,22 @@ void trace_taper(const Part& p, const LocalRay& r, Hit& hit) {
       !span.cut(r.o.y - a[2] - ky0 * h, r.d.y - ky0 * r.d.z, 2) ||
       !span.cut(a[3] + ky1 * h - r.o.y, ky1 * r.d.z - r.d.y, 3) || span.face < 0)
     return;
-  double slope = 0, k = 0;
+  double gradient = 0, k = 0;
   switch (span.face) {
     case 0:
-      slope = r.d.x - kx0 * r.d.z, k = kx0;
+      gradient = r.d.x - kx0 * r.d.z, k = kx0;
       break;
     case 1:
-      slope = kx1 * r.d.z - r.d.x, k = kx1;
+      gradient = kx1 * r.d.z - r.d.x, k = kx1;
       break;
     case 2:
-      slope = r.d.y - ky0 * r.d.z, k = ky0;
+      gradient = r.d.y - ky0 * r.d.z, k = ky0;
       break;
     case 3:
-      slope = ky1 * r.d.z - r.d.y, k = ky1;
+      gradient = ky1 * r.d.z - r.d.y, k = ky1;
       break;
     default:
-      slope = r.d.z;
+      gradient = r.d.z;
   }
   Material m = p.material;
   if (m == Material::Cabin) {
@@ -89,7 +89,7 @@ void trace_taper(const Part& p, const LocalRay& r, Hit& hit) {
     else if (glass_eats(r, hit, span.in))
       return;
   }
-  accept(r, hit, span.in, abs_of(slope) / std::sqrt(1.0 + k * k), m);
+  accept(r, hit, span.in, abs_of(gradient) / std::sqrt(1.0 + k * k), m);
 }
 
 // Where a ray is inside a circle of radius `radius` around the origin of a plane; false if never.
@@ -151,8 +151,8 @@ void trace_ellipsoid(const Part& p, const LocalRay& r, Hit& hit) {
   accept(r, hit, t, abs_of(dot(n, r.d)) / std::sqrt(dot(n, n)), p.material);
 }
 
-// Leaves: space is cut into cells of a decimetre or two, each holding a leaf or none, denser in clumps and below the
-// outer shell. Every visit finds the same leaves; how deep a beam gets varies from beam to beam as in a real crown.
+// Leaves: cells of one or two decimetres hold a leaf or none, more often in clumps and below the outer shell. The cells of a tree
+// are the same for all beams; how deep a beam gets varies, as in a real crown.
 template <typename Inside>
 void walk_leaves(const LocalRay& r, Hit& hit, double in, double out, double density, double cell,
                  const Inside& inside) {
@@ -187,7 +187,7 @@ void trace_leaves(const Part& p, const LocalRay& r, Hit& hit) {
   const double in = max_of(0.0, (-od - root) / dd), out = min_of(hit.t, (-od + root) / dd);
   walk_leaves(r, hit, in, out, a[6], a[7], [&](const V3& q, double clump) {
     const V3 u{(q.x - a[0]) * inverse.x, (q.y - a[1]) * inverse.y, (q.z - a[2]) * inverse.z};
-    // Open inside, dense below an outline that boughs push out and leave open.
+    // Open inside, and dense below an irregular outline.
     const double radius = dot(u, u) + 0.75 * (1.0 - clump);
     return radius > 0.8 ? (1.0 - radius) * 5.0 : 0.3 + radius;
   });
@@ -201,7 +201,7 @@ void trace_leaf_box(const Part& p, const LocalRay& r, Hit& hit) {
       !span.cut(a[3] - r.o.y, -r.d.y, 3) || !span.cut(r.o.z - a[4], r.d.z, 4) || !span.cut(a[5] - r.o.z, -r.d.z, 5))
     return;
   walk_leaves(r, hit, span.in, span.out, a[6], a[7], [&](const V3& q, double) {
-    const double edge = min_of(min_of(q.y - a[2], a[3] - q.y), a[5] - q.z);  // frayed over the outermost 8 cm
+    const double edge = min_of(min_of(q.y - a[2], a[3] - q.y), a[5] - q.z);  // irregular in the outer 8 cm
     return edge < 0.08 ? 0.25 : 1.0;
   });
 }
@@ -218,7 +218,7 @@ void trace_fence(const Part& p, const LocalRay& r, Hit& hit) {
   const double post = fraction_of((x - a[0]) / 2.4) * 2.4;
   const bool rail = abs_of(level - 0.12) < 0.035 || abs_of(level - 0.92) < 0.035;
   const double picket = fraction_of((x - a[0]) / a[5]);
-  const double blur = kBeamSpread * t / a[5];  // far away a beam always touches a picket
+  const double blur = kBeamSpread * t / a[5];  // far away a beam always hits a picket
   if (post > 0.09 && !rail && picket > a[6] + 0.5 * blur * luck_of(r, 31)) return;
   accept(r, hit, t, abs_of(r.d.y), p.material);
 }
@@ -235,7 +235,7 @@ void trace_object(const Object& object, const Ray& ray, double dt, Hit& hit) {
   r.luck = static_cast<std::uint32_t>(ray.luck);
   r.id = object.id;
   r.paint = object.paint;
-  // Directions that are exactly level or square would divide by zero: nudge them.
+  // Avoids divisions by zero for directions along an axis.
   const V3 inverse{1.0 / (r.d.x == 0 ? 1e-12 : r.d.x), 1.0 / (r.d.y == 0 ? 1e-12 : r.d.y),
                    1.0 / (r.d.z == 0 ? 1e-12 : r.d.z)};
   const auto misses = [&](const float* lo, const float* hi) {

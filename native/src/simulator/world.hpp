@@ -1,5 +1,5 @@
-// What a scene must be able to do for the sensor: say where the car is, what stands and moves around it, and where the
-// ground is. Times are nanoseconds since the start of the drive and never go back.
+// The interface of a scene to the sensor: the pose of the car, the objects around it, and the ground. Times are nanoseconds since
+// the start of the drive and never go back.
 #pragma once
 #include <array>
 #include <cstdint>

@@ -186,7 +186,7 @@ class Acceptor:
         return True
 
     def _may_enter(self, data: bytes, host: str, found: re.Match[bytes] | None) -> bool:
-        """Whether somebody asks if the server is ready, or has a token that works; neither too often."""
+        """Whether a client asks if the server is ready, or has a valid token; neither too often."""
         if data.startswith(_READY):
             return not self._held.hasty_client(f"of those who ask if it is ready, on {host}")
         return found is not None and not self._held.hasty_client(self._owner(found[1].decode("latin-1")) or "")

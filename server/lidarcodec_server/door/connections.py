@@ -1,8 +1,8 @@
-"""Connections: which ones a server keeps, so that nobody who holds many keeps everybody else out.
+"""Connections: which ones a server keeps, so that a client with many does not keep others out.
 
 A host has so many, and all together have so many. One more takes the place of a connection that waits for nothing, the
 one that has waited longest, of the same host or of the host that has most. Where none waits, a few more places are
-reserved: they serve health checks and operators and nobody else (`middleware.Reserved`).
+reserved: they serve health checks and operators only (`middleware.Reserved`).
 
 >>> ledger = Connections(most=3, most_a_host=2)
 >>> [ledger.admit(number, "10.0.0.1", lambda: print("the first gives way")) for number in range(3)]
@@ -91,7 +91,7 @@ class Connections:
     def admit(self, key: Hashable, address: str, end: Callable[[], object]) -> Place:
         """The place that a new connection has; it waits for a request. end: closes it at once
 
-        A connection that is refused is not kept here; who asked has to close it.
+        A refused connection is not kept here; the caller closes it.
         """
         host = host_of(address)
         place = self._place(host)

@@ -170,7 +170,7 @@ class RequestProtocol(H11Protocol):
             self.transport.write(self.conn.send(part))
         self.transport.close()
         if self.cycle is not None:
-            self.cycle.disconnected = True  # the application, if it is at work, answers nobody
+            self.cycle.disconnected = True  # the application, if it is at work, has no client any more
             self.cycle.message_event.set()
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -1,6 +1,6 @@
 """What operators want of a stream: the settings that they set, and the codec that they were set for.
 
-Settings that nobody set stay those of the vehicle's command line.
+Settings that no operator set stay those of the vehicle's command line.
 
 >>> base = StreamSettings(codec="pcodec", key_interval=20)
 >>> want = wanted_with({}, {"max_error_m": 0.01}, base)

@@ -1,4 +1,4 @@
-"""Fleet: which streams exist, which are alive, and the last status of each. Bounded, whatever is on the network.
+"""Fleet: the known streams, which are alive, and their last status. Bounded for any input from the network.
 
 >>> fleet = Fleet(max_streams=2)
 >>> fleet.changed(StreamKeys("car-7", "roof"), alive=True)

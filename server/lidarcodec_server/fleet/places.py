@@ -28,7 +28,7 @@ MAX_COUNTED = 64
 
 
 class Places:
-    """Finds room, and remembers who waits for it. Not thread-safe: `Fleet` holds a lock.
+    """Finds room, and keeps the streams that wait for it. Not thread-safe: `Fleet` holds a lock.
 
     waiting: left out, and still there as far as is known; oldest first
     left_out: times that a stream was not taken;  by_vehicle: of which vehicles, for the first 64 of them
@@ -45,7 +45,7 @@ class Places:
         return keys in self.waiting
 
     def take(self, keys: StreamKeys, streams: dict[StreamKeys, Stream], *, tells: bool) -> bool:
-        """Whether there is room for a stream; who gives way is taken out, and waits if it is still there.
+        """Whether there is room for a stream. One that gives way is taken out, and waits if it is still there.
 
         tells: a status of it came
         """
@@ -82,7 +82,7 @@ class Places:
         self.wait(keys)
 
     def _room(self, keys: StreamKeys, streams: dict[StreamKeys, Stream], *, tells: bool) -> Stream | bool:
-        """True: there is room; False: there is none; else who gives way."""
+        """True: there is room; False: there is none; else the stream that gives way."""
         own = [one for one in streams.values() if one.keys.vehicle == keys.vehicle]
         if len(own) >= self._max_sensors:
             return _longest_gone(own) or (tells and _mute(own)) or False

@@ -1,1 +1,1 @@
-"""Live streams for viewers: one decoder a stream, newest only, and a slow viewer costs nobody else."""
+"""Live streams for viewers: one decoder a stream, newest only, and a slow viewer does not slow down others."""

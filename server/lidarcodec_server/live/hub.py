@@ -1,4 +1,4 @@
-"""LiveHub: the streams that somebody looks at. One receiver for each, however many look; none when nobody does."""
+"""LiveHub: the streams that are viewed. Each has one receiver for all viewers, and none without a viewer."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class LiveHub:
     """Belongs to the event loop in which it is made.
 
     transport: gives the open network session, which stays the caller's; raises TransportError while there is none
-    seats: who has a live socket
+    seats: the live sockets of clients
     linger_s: how long a receiver outlives its last viewer
     ack_limit_s: how long a viewer may leave a frame without an acknowledgement
     counts: `viewers`, `refused`, `slow` (closed because they acknowledged nothing), `abuse`;  and `sent`, `skipped` and
@@ -83,7 +83,7 @@ class LiveHub:
 
     @contextlib.asynccontextmanager
     async def watching(self, keys: StreamKeys, *, decode: bool) -> AsyncIterator[Watch]:
-        """The watch of a stream, opened if nobody watches it yet. Raises TransportError."""
+        """The watch of a stream, opened if there is none yet. Raises TransportError."""
         place = self._places.setdefault(keys, _Place())
         place.users += 1
         try:
@@ -186,7 +186,7 @@ class LiveHub:
         watch = Watch(keys, self._transport(), self._loop)
         try:
             await self._loop.run_in_executor(self._openers, watch.receiver.start)
-        except BaseException:  # nobody waits for it any more
+        except BaseException:  # nothing waits for it any more
             self._loop.run_in_executor(self._openers, watch.receiver.close)
             raise
         logger.info("%s is watched", keys.prefix)
@@ -194,7 +194,7 @@ class LiveHub:
         return watch
 
     async def _close_later(self, keys: StreamKeys, place: _Place) -> None:
-        """Rest, or end, when nobody has left for a while."""
+        """Rests, or ends, when there was no viewer for a while."""
         while (pause_s := place.left_at + self.linger_s - self._loop.time()) > 0:
             await asyncio.sleep(pause_s)
         if place.watch is not None:

@@ -1,4 +1,4 @@
-"""Seats: who has a live socket, so that nobody who takes many leaves none for others.
+"""Seats: the live sockets of each client, so that a client with many leaves some for others.
 
 There are limits in all, for one client and for one host, and the last eighth is for operators. Where no seat is left,
 one gives way: one whose stream has been silent for long, or one of the client that has clearly more than the newcomer.

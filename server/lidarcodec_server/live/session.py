@@ -1,4 +1,4 @@
-"""One WebSocket of a viewer, from its hello to its end. Knows nothing of tokens: who comes here may look."""
+"""One WebSocket of a viewer, from its hello to its end. Access was checked before."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Watch: one stream while somebody looks at it or records it. One receiver, one decoder, however many viewers.
+"""Watch: one stream while it is viewed or recorded, with one receiver and one decoder for all viewers.
 
 The receiver's threads hand over here; everything else belongs to the event loop.
 """
@@ -103,7 +103,7 @@ class Watch:
         return time.monotonic() - self._heard_at
 
     def rest(self) -> None:
-        """Stop decoding if nobody wants frames any more."""
+        """Stops decoding when no viewer or recorder is left."""
         if not self._decoders:
             self.receiver.decoding = False
             self.last = None
@@ -133,7 +133,7 @@ class Watch:
         return any(isinstance(one, CloudViewer) and one.compares for one in self.viewers)
 
     def _compare(self, *, wanted: bool) -> None:
-        """Receive originals while somebody compares, and not otherwise: then the vehicle sends none."""
+        """Receives originals only while a viewer compares; otherwise the vehicle sends none."""
         if wanted and self._originals is None:
             self._originals = Originals(self.keys, self._transport, self._loop)
         elif not wanted and self._originals is not None:

@@ -31,7 +31,7 @@ async def snapshot(
     fills: Fills,
     view: Annotated[View, Query(description="`cloud`: the points in perspective. `range`: the range image.")] = "cloud",
 ) -> Response:
-    """The newest frame as PNG, at most a second old when nobody else looks."""
+    """The newest frame as PNG, at most a second old without other viewers."""
     keys = known.keys
     if not known.alive:
         raise ProblemError(503, f"{keys.vehicle}/{keys.sensor} is away", "vehicle-away", {"Retry-After": "5"})

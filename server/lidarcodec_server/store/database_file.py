@@ -1,7 +1,7 @@
-"""The file of an SQLite database: nobody else's to read, and a note beside it that tokens were needed.
+"""The file of an SQLite database: readable by its owner only, with a note beside it that tokens were needed.
 
 The note survives when the database is deleted under a running server, or restored from a copy without tokens. A server
-that finds it lets nobody in without a token: `serve --open` removes it.
+that finds it needs a token for every access: `serve --open` removes it.
 """
 
 from __future__ import annotations

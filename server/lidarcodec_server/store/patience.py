@@ -23,7 +23,7 @@ from sqlalchemy.exc import DBAPIError, DisconnectionError, SQLAlchemyError
 STUCK_S: Final = 6.0
 """A connection may be in use so long: somewhat longer than the database itself lets a statement take."""
 LONG_S: Final = 1.0
-"""What fails sooner than this held up nobody."""
+"""Failures sooner than this delay no client."""
 REST_S: Final = 5.0
 """Until a database that did not answer is asked again."""
 _SHUT, _TIMER = "shut", "timer"

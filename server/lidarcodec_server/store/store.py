@@ -1,4 +1,4 @@
-"""Store: what has to survive a restart: tokens, the settings that operators want, and who changed what.
+"""Store: the data that survives a restart: tokens, the settings that operators want, and the audit log.
 
 Any SQLAlchemy URL works; SQLite and PostgreSQL are tested. Every method is one transaction, blocks, and raises
 StoreError, whose text names no password.
@@ -156,7 +156,7 @@ class Store:
             return connection.execute(sa.select(facts.c.name).where(facts.c.name == NEEDED)).first() is not None
 
     def need_tokens(self) -> None:
-        """Keep that tokens are needed from now on, whatever becomes of them."""
+        """Notes that tokens are needed from now on, even when all are revoked."""
         with self._writing() as connection:
             self._need(connection)
         self._write_note()

@@ -1,4 +1,4 @@
-// What stands in a block of the town and along its streets: houses, gardens, trees, parked cars, street furniture.
+// The objects in a block of the town and along its streets: houses, gardens, trees, parked cars, street furniture.
 #pragma once
 #include <map>
 #include <memory>

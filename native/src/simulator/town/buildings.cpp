@@ -12,7 +12,7 @@ double eaves_height(const HousePlan& plan) {
 
 namespace {
 
-constexpr double kBelow = -1.2;  // walls go on below the ground, which may slope
+constexpr double kBelow = -1.2;  // walls go on below the ground, which may be inclined
 
 M wall_material(Rng& rng) {
   const double u = rng.unit();

@@ -8,7 +8,7 @@ Pose pose_of(V3 at, double c, double s, double pitch, double roll) {
   const double cp = cos_of(pitch), sp = sin_of(pitch), cr = cos_of(roll), sr = sin_of(roll);
   Pose p;
   p.at = at;
-  // Turn by the heading, then lift the nose, then the left side.
+  // Rotation by the heading, then by the pitch, then by the roll.
   p.m = {c * cp,
          -s * cr - c * sp * sr,
          s * sr - c * sp * cr,
@@ -38,7 +38,7 @@ class City final : public World {
     const double s = traffic_.way(ego, t_ns, speed);
     const Waypoint w = ego.route.at(s);
     const double seconds = static_cast<double>(t_ns) * 1e-9;
-    // A hand on the wheel is not a rail: a few centimetres to and fro.
+    // The driver deviates from the lane by a few centimetres.
     const double drift = 0.10 * sin_turns(s / 47.0) + 0.05 * sin_turns(s / 19.0);
     const double yaw = 6.283185307179586477 * (0.10 / 47.0 * cos_turns(s / 47.0) + 0.05 / 19.0 * cos_turns(s / 19.0));
     const V2 h = w.heading;
@@ -89,7 +89,7 @@ class City final : public World {
     moving_.push_back(o);
   }
 
-  // People walk round their block, some one way, some the other, and stop to look at things.
+  // Walkers go round their block in one direction or the other, and stop at times.
   void add_walkers(const Block& block, std::int64_t t_ns) {
     if (block.round.size() < 3) return;
     double around = 0;

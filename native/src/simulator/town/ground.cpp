@@ -3,11 +3,11 @@
 namespace lidarcodec::sim {
 namespace {
 
-constexpr double kSteepest = 0.06;  // no slope of the land is steeper
-constexpr double kNear = 8.0;       // metres: over so little the land is straight to a few centimetres
-constexpr double kClear = 0.2;      // kerbs and camber, which are steeper
+constexpr double kMaxGradient = 0.06;  // of the land
+constexpr double kNear = 8.0;          // metres within which the land is straight to a few centimetres
+constexpr double kClear = 0.2;         // height of kerbs and camber, whose gradient is larger
 
-// Height of a stalk of grass or a pebble above the ground at most.
+// Largest height of grass or pebbles above the ground.
 double growth(Material m) {
   switch (m) {
     case Material::Grass:
@@ -34,16 +34,16 @@ double TownGround::surface(V2 p) {
 
 void TownGround::trace(const Ray& ray, Hit& hit) {
   const V3 &o = ray.origin, &d = ray.direction;
-  if (d.z > kSteepest) return;
+  if (d.z > kMaxGradient) return;
   Spot s{};
   const auto above = [&](double t, double (*level)(const Spot&)) {
     s = spot(o.x + t * d.x, o.y + t * d.y);
     return o.z + t * d.z - level(s);
   };
-  // Go ahead as far as the steepest land allows, until the carriageway is near.
+  // Advances as far as the largest gradient allows, until the carriageway is near.
   double t0 = 0, f0 = above(t0, road_z);
   if (f0 <= 0) return;
-  const double closing = 1.0 / (kSteepest - d.z), fall = max_of(-d.z, 0.004);
+  const double closing = 1.0 / (kMaxGradient - d.z), fall = max_of(-d.z, 0.004);
   double t = (f0 - kClear) * closing, f = f0;
   for (;;) {
     if (t >= hit.t) return;
@@ -55,8 +55,8 @@ void TownGround::trace(const Ray& ray, Hit& hit) {
   // Secant steps to where the beam meets the level of the carriageway, then that of the pavement, 12 cm above.
   const auto meet = [&](double (*level)(const Spot&), int steps) {
     for (int k = 0; k < steps && abs_of(f) > 1e-4 * fall; ++k) {
-      const double slope = (f0 - f) / (t - t0);
-      const double next = t + clamp_to(f / max_of(slope, 0.003), -2.0 * kNear, 2.0 * kNear);
+      const double secant = (f0 - f) / (t - t0);
+      const double next = t + clamp_to(f / max_of(secant, 0.003), -2.0 * kNear, 2.0 * kNear);
       t0 = t, f0 = f;
       if (next == t0) break;
       t = next;
@@ -123,10 +123,10 @@ void TownGround::shade(const Ray& ray, double t, bool road, Hit& hit) {
   } else if (s->kerb < 1.0F && (m == Material::Asphalt || m == Material::Cobbles)) {
     m = Material::Slabs;  // the kerb runs through this cell
   }
-  const double slope_x = (static_cast<double>(s[1].height) - s[0].height) * (1.0 / kStep);
-  const double slope_y = (static_cast<double>(s[kCells + 1].height) - s[0].height) * (1.0 / kStep);
+  const double gradient_x = (static_cast<double>(s[1].height) - s[0].height) * (1.0 / kStep);
+  const double gradient_y = (static_cast<double>(s[kCells + 1].height) - s[0].height) * (1.0 / kStep);
   const V3& d = ray.direction;
-  const double cosine = (slope_x * d.x + slope_y * d.y - d.z) / std::sqrt(1.0 + slope_x * slope_x + slope_y * slope_y);
+  const double cosine = (gradient_x * d.x + gradient_y * d.y - d.z) / std::sqrt(1.0 + gradient_x * gradient_x + gradient_y * gradient_y);
   const double grown = growth(m) * unit32(cell_hash(static_cast<std::uint32_t>(ray.luck), 7, 7, 7));
   hit.t = grown > 0 ? max_of(t - min_of(grown / max_of(-d.z, 0.02), 0.3 + 0.03 * t), 0.5) : t;
   hit.cosine = max_of(cosine, 0.005);

@@ -1,7 +1,7 @@
-// The ground of the town: carriageway with a crown, kerbs, pavement, yards, closed streets; and a beam's hit with it.
+// The ground of the town: carriageway with a crown, kerbs, pavement, yards, closed streets; and where a beam hits it.
 //
-// Distances to the kerb and heights are kept on a grid of 0.5 m in tiles of 32 m, made when first touched and dropped
-// when others need the place: memory stays flat however far the car drives.
+// Distances to the kerb and heights are on a grid of 0.5 m, in a cache of tiles of 32 m. Memory is bounded, however far the car
+// drives.
 #pragma once
 #include <array>
 #include <memory>
@@ -18,9 +18,9 @@ class TownGround {
  public:
   explicit TownGround(const Town& town);
 
-  // Puts the ground into `hit` where it is nearer.
+  // Sets `hit` to the ground if it is nearer.
   void trace(const Ray& ray, Hit& hit);
-  // Height of what one stands on.
+  // Height of the surface, with kerbs.
   double surface(V2 p);
 
  private:

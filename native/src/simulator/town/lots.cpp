@@ -10,7 +10,7 @@ Place front(const Side& side, double u, double width, double off) {
   return p;
 }
 
-// What closes a garden off: a hedge, a wall, pickets, a railing on a wall, wire netting, or nothing (5).
+// The border of a garden: a hedge, a wall, pickets, a railing on a wall, wire netting, or nothing (5).
 int boundary_kind(Rng& rng) {
   const double u = rng.unit();
   return u < 0.32 ? 0 : (u < 0.58 ? 1 : (u < 0.7 ? 2 : (u < 0.82 ? 3 : (u < 0.87 ? 4 : 5))));

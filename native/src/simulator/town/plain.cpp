@@ -1,7 +1,7 @@
 // Plain scenes with the layouts of the reduction experiments: `street` (facades, trees, parked cars: easy) and `road`
-// (bare and wide, a guard rail, cars alongside, far bushes: hard); and two hard ones beside it, `bend` (the same in wide
-// bends, a rail on one side only, others in traffic) and `motorway` (a rail in the middle, lorries and vans alongside).
-// Endless: what stands along them is drawn for each stretch of 60 m from the seed.
+// (bare and wide, a guard rail, cars alongside, far bushes: hard). Two more are hard: `bend`, with wide bends, a rail on one side
+// and traffic, and `motorway`, with a rail in the middle and lorries and vans alongside. They are endless: the objects of each
+// stretch of 60 m are drawn from the seed.
 #include <map>
 
 #include "simulator/town/models.hpp"
@@ -19,7 +19,7 @@ enum class Kind { Street, Road, Bend, Motorway };
 // Where the middle of the road lies: y = kBendWidth sin(x / kBendLength), radii from 200 m up.
 constexpr double kBendWidth = 24.0, kBendLength = 70.0;
 
-struct Mate {  // somebody who drives along at the car's own speed
+struct Mate {  // a vehicle that drives along at the car's own speed
   double ahead, y, sway;
   Vehicle kind;
 };
@@ -37,7 +37,7 @@ struct Stretch {
   std::vector<Part> parts;
   std::vector<std::size_t> first;
 
-  // A thing of its own parts at (x, y); a shared model has `parts` of its own and goes in by `add_model`.
+  // Adds an object with its own parts at (x, y). Shared models are added by `add_model`.
   void add(double x, double y, const Parts& own, Label label, std::uint64_t id) {
     Object o;
     o.at = {x, y, 0};
@@ -80,7 +80,7 @@ class Plain final : public World {
     for (std::int64_t n = a; n <= b; ++n) {
       auto found = stretches_.find(n);
       if (found == stretches_.end()) found = stretches_.emplace(n, std::make_unique<Stretch>(make(n))).first;
-      if (n == a) continue;  // kept for what reaches out of it, gone next time
+      if (n == a) continue;  // kept for objects that reach out of it, dropped next time
       for (const Object& o : found->second->objects) out.push_back(&o);
     }
     moving_.clear();
@@ -115,9 +115,9 @@ class Plain final : public World {
   // Cosine and sine of the road's direction.
   V2 along(double x) const {
     if (kind_ != Kind::Bend) return {1.0, 0.0};
-    const double slope = kBendWidth / kBendLength * cos_of(x / kBendLength);
-    const double c = 1.0 / std::sqrt(1.0 + slope * slope);
-    return {c, slope * c};
+    const double derivative = kBendWidth / kBendLength * cos_of(x / kBendLength);
+    const double c = 1.0 / std::sqrt(1.0 + derivative * derivative);
+    return {c, derivative * c};
   }
   double ahead(double t) const { return speed_ * t + 0.8 * sin_of(t / 1.7); }
   static double height(V2 p) { return 0.06 * sin_of(p.x / 17.0) + 0.05 * sin_of(p.y / 9.0 + p.x / 41.0); }
@@ -236,7 +236,7 @@ class Plain final : public World {
   void add_mates(const Mate (&mates)[N], double t, double x, double own) {
     for (std::size_t k = 0; k < N; ++k) {
       const Mate& m = mates[k];
-      const double slow = 2.0 + 0.5 * static_cast<double>(k);  // each sways in its own time
+      const double slow = 2.0 + 0.5 * static_cast<double>(k);  // each has its own period
       const double at = x + m.ahead + m.sway * sin_of(t / slow);
       add_vehicle(at, m.y, own + m.sway / slow * cos_of(t / slow), k + 1, models_.vehicle(m.kind, hash_of(seed_, k)));
     }

@@ -151,12 +151,12 @@ Waypoint Route::at(double s) const {
   while (k < 31 && l.share[k + 1] < x) ++k;
   const double u = (static_cast<double>(k) + (x - l.share[k]) / (l.share[k + 1] - l.share[k])) / 32.0;
   w.at = l.poly[5];
-  V2 slope{};
+  V2 tangent{};
   for (int n = 4; n >= 0; --n) {
-    slope = slope * u + w.at;
+    tangent = tangent * u + w.at;
     w.at = w.at * u + l.poly[static_cast<std::size_t>(n)];
   }
-  w.heading = slope * (1.0 / length(slope));
+  w.heading = tangent * (1.0 / length(tangent));
   return w;
 }
 

@@ -1,4 +1,4 @@
-// The way a vehicle takes through the town: legs along streets and turns at crossings, by distance driven.
+// The route of a vehicle through the town: legs along streets and turns at crossings, by distance driven.
 #pragma once
 #include <array>
 #include <deque>
@@ -9,7 +9,7 @@ namespace lidarcodec::sim {
 
 enum class Turn : std::uint8_t { Straight, Left, Right };
 
-// A stretch of the way: along a street from `t_begin` to `t_end`, or a curve from one street into another.
+// A leg of the route: along a street from `t_begin` to `t_end`, or a curve from one street into another.
 struct Leg {
   bool curve = false;
   double s0 = 0, length = 0;  // distance driven at its start, and its length
@@ -41,7 +41,7 @@ class Route {
   Waypoint at(double s) const;
   // The leg at a distance driven; `s` must not lie before what `forget` dropped.
   const Leg& leg(double s) const;
-  // Makes the way known up to `s`, and drops legs that end before `from`.
+  // Extends the route to `s`, and drops legs that end before `from`.
   void extend(double s);
   void forget(double from);
   const std::deque<Leg>& legs() const { return legs_; }
@@ -54,7 +54,7 @@ class Route {
 
   const Town* town_;
   std::uint64_t seed_;
-  double straight_;  // how much it likes to go straight on
+  double straight_;  // preference for going straight on
   std::uint64_t count_ = 0;
   std::deque<Leg> legs_;
 };

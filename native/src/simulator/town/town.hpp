@@ -1,5 +1,5 @@
-// The plan of the endless town: two families of gently bent streets about 100 m apart, the stretches that are closed to
-// cars, the lie of the land, and what each block is built up with. Everything is a function of the seed and the place.
+// The plan of the endless town: two families of slightly curved streets about 100 m apart, closed stretches, the height of the
+// land, and the use of each block. Everything is a function of the seed and the place.
 #pragma once
 #include <cstdint>
 
@@ -19,22 +19,22 @@ struct Street {
   double half_width = 5;  // centre to kerb
   double lane = 1.6;      // centre to the middle of the first lane
   double pavement = 2.5;
-  double speed = 10;       // m/s that people drive
+  double speed = 10;       // of cars, m/s
   bool two_lanes = false;  // each way
   bool cobbled = false;
 
   // Where the street runs at `t`, its coordinate along the axis.
   double across(double t) const { return base + bend * sin_turns(t / wave + phase); }
-  double slope(double t) const { return bend * 6.283185307179586477 / wave * cos_turns(t / wave + phase); }
+  double derivative(double t) const { return bend * kRadiansPerTurn / wave * cos_turns(t / wave + phase); }
   V2 point(double t) const { return along_y ? V2{across(t), t} : V2{t, across(t)}; }
   // Unit vector towards growing t.
   V2 tangent(double t) const {
-    const double k = slope(t), n = 1.0 / std::sqrt(1.0 + k * k);
+    const double k = derivative(t), n = 1.0 / std::sqrt(1.0 + k * k);
     return along_y ? V2{k * n, n} : V2{n, k * n};
   }
   // Distance of a point from the middle of the street, positive towards growing x (or y).
   double distance(V2 p) const {
-    const double t = along_y ? p.y : p.x, k = slope(t);
+    const double t = along_y ? p.y : p.x, k = derivative(t);
     return ((along_y ? p.x : p.y) - across(t)) / std::sqrt(1.0 + k * k);
   }
 };

@@ -4,9 +4,9 @@ namespace lidarcodec::sim {
 namespace {
 
 constexpr double kAccelerate = 1.5, kBrake = 2.2, kHeadway = 1.3, kStandstill = 2.2;
-constexpr double kFarAway = 185.0;  // beyond any laser's reach: cars come and go here
+constexpr double kFarAway = 185.0;  // beyond the reach of all lasers: cars appear and disappear here
 
-// Intelligent driver model (Treiber, Hennecke, Helbing 2000): acceleration for a gap to something of speed `ahead`.
+// The intelligent driver model (Treiber, Hennecke and Helbing 2000): acceleration for a gap to an object with the speed `ahead`.
 double follow(double v, double wanted, double gap, double ahead) {
   const double r = v / wanted;
   const double free = 1.0 - r * r * r * r;
@@ -83,7 +83,7 @@ void Traffic::spawn(bool at_start) {
 }
 
 bool Traffic::red(const Leg& leg) const {
-  // Lights stand where two busy streets meet: 20 s for one, 20 s for the other, 3 s for nobody in between.
+  // Where two busy streets cross there are lights: 20 s for one, 20 s for the other, and 3 s of red for both in between.
   const auto busy = [&](bool along_y, std::int64_t index) {
     const StreetClass kind = town_.street(along_y, index).kind;
     return kind == StreetClass::Main || kind == StreetClass::Avenue;
@@ -107,7 +107,7 @@ double Traffic::behind(const Driver& d, const Leg& leg) const {
 
 bool Traffic::may_cross(const Driver& d, std::size_t self, const Leg& leg) const {
   if (red(leg)) return false;
-  // Whoever holds the crossing has it alone, but for followers from the same side and straight oncoming traffic.
+  // One driver holds the crossing. Only followers from the same side and straight oncoming traffic may cross with it.
   for (std::size_t k = 0; k < drivers_.size(); ++k) {
     const Driver& other = drivers_[k];
     if (k == self || !other.granted || other.ci != leg.ci || other.cj != leg.cj) continue;
@@ -117,7 +117,7 @@ bool Traffic::may_cross(const Driver& d, std::size_t self, const Leg& leg) const
     const bool oncoming = theirs.forward != leg.forward;
     if (oncoming && (leg.turn == Turn::Left || theirs.turn == Turn::Left)) return false;
   }
-  // Nobody stands where this one would have to stop behind the crossing.
+  // There must be room behind the crossing.
   const double out = behind(d, leg);
   for (std::size_t k = 0; k < drivers_.size(); ++k) {
     const Driver& other = drivers_[k];
@@ -139,7 +139,7 @@ double Traffic::accelerate(Driver& d, std::size_t self) {
   const Leg& leg = d.route.leg(d.s);
   double wanted = min_of(leg.limit * d.eager, top_speed_);
   const double half = 0.5 * d.model->length;
-  // Slow down for the curve to come.
+  // Slows down for the next curve.
   for (const Leg& next : d.route.legs()) {
     if (next.s0 <= d.s) continue;
     const double room = next.s0 - d.s;
@@ -151,7 +151,7 @@ double Traffic::accelerate(Driver& d, std::size_t self) {
 
   if (!leg.curve) {
     const double room = leg.stop - half - d.s;
-    if (!d.granted && room <= -2.0 && leg.turn != Turn::Straight) hold(d, leg);  // slid over the line: others wait now
+    if (!d.granted && room <= -2.0 && leg.turn != Turn::Straight) hold(d, leg);  // it passed the line, so others wait
     if (!d.granted && room < 4.0 + d.v * d.v / (2.0 * kBrake) + d.v * 1.0 && room > -2.0) {
       if (may_cross(d, self, leg)) {
         hold(d, leg);
@@ -161,7 +161,7 @@ double Traffic::accelerate(Driver& d, std::size_t self) {
     }
   }
 
-  // Whatever stands or drives in the way, up to the distance it takes to stop.
+  // Obstacles on the route, up to the braking distance.
   const double look = half + 8.0 + d.v * 2.6;
   for (std::size_t k = 0; k < drivers_.size(); ++k) {
     const Driver& other = drivers_[k];

@@ -1,5 +1,5 @@
-// Cars that drive through the town: they keep their distance, stop at lights, give way at crossings, turn, and are
-// replaced out of sight when they are far away. The first of them carries the sensor.
+// Cars that drive through the town: they keep their distance, stop at lights, give way at crossings, and turn. Those that are far
+// away are replaced out of sight. The first car carries the sensor.
 #pragma once
 #include <vector>
 
@@ -15,8 +15,8 @@ struct Driver {
   float paint;
   double s = 0, v = 0, a = 0;     // distance driven, speed, acceleration: at the end of the tick
   double s_old = 0, v_old = 0;    // at its start
-  double tilt = 0, tilt_old = 0;  // acceleration as the springs feel it
-  double eager = 1;               // share of the usual speed
+  double tilt = 0, tilt_old = 0;  // acceleration, low-pass filtered by the springs
+  double eager = 1;               // factor of the usual speed
   double stuck = 0;               // seconds without moving
   bool granted = false;           // may cross the crossing ahead
   double cleared = -1;            // distance driven at which the crossing is behind it
