@@ -96,6 +96,7 @@ BELOW = {
     "network": "bits base",
     "predictive": "network mask bits base",
     "ranges": "base",
+    "pco": "ranges base",
     "reduction": "motion base",
     "packets": "base",
     "simulator": "base",
