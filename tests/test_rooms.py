@@ -97,6 +97,7 @@ BELOW = {
     "predictive": "network mask bits base",
     "ranges": "base",
     "pco": "ranges base",
+    "session": "pco predictive planes network mask motion base",
     "reduction": "motion base",
     "packets": "base",
     "simulator": "base",
