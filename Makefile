@@ -23,7 +23,7 @@ WEB := $(STAMPS)/web
 # missing: not every registry has them, and their hashes cannot be written without them.
 NPM_INSTALL := npm install --no-save --ignore-scripts --silent
 NPM_CI := npm ci --ignore-scripts --silent
-NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings -type f)
+NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings native/c native/include -type f)
 # Tests wait for each other's processes more than they compute: on two cores four at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
 # when it has done its own.

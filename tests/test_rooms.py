@@ -96,6 +96,8 @@ BELOW = {
     "network": "bits base",
     "predictive": "network mask bits base",
     "ranges": "base",
+    "pco": "ranges base",
+    "session": "pco predictive planes network mask motion base",
     "reduction": "motion base",
     "packets": "base",
     "simulator": "base",

@@ -7,7 +7,7 @@ PYTHON=${PYTHON:-.venv/bin/python}
 BUILD=${BUILD:-build/native}
 TARGET=${TARGET:-lidarcodec}
 PATH="$(dirname "$PYTHON"):$PATH"
-cmake -S . -B "$BUILD" -G Ninja -DPython_EXECUTABLE="$("$PYTHON" -c 'import sys; print(sys.executable)')" "$@" >/dev/null
+cmake -S . -B "$BUILD" -G Ninja -DPython_EXECUTABLE="$("$PYTHON" -c 'import sys; print(sys.executable)')" -DLIDARCODEC_C=AUTO "$@" >/dev/null
 cmake --build "$BUILD"
 mkdir -p "$TARGET"
 # Renamed into place: overwriting a module that a running process has mapped would crash it.

@@ -9,28 +9,27 @@ its returns u32, then a pco file in pco's wrapped form: header, and for each gro
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 from pydantic import Field
 
+from lidarcodec import _native
 from lidarcodec.codecs.base import Codec, CodecSettings, InForce
 from lidarcodec.codecs.frame_decoder import independent_decoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
-from lidarcodec.ranges.activity import ACTIVITIES, Groups
+from lidarcodec.ranges.activity import Groups
 from lidarcodec.ranges.quantise import quantise, reconstruct
 from lidarcodec.ranges.steps import split_step, with_step
 from lidarcodec.sensor_model import SensorModel
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
-T = TypeVar("T")
 
 _GROUP: Final = struct.Struct("<BI")
 
@@ -65,49 +64,13 @@ def compress_groups(values: Ranges, level: int) -> bytes:
     return b"".join(parts)
 
 
-def guarded(read: Callable[..., T], *given: object) -> T:
-    """What `read` gives; pcodec's own errors and panics become SectionError."""
-    try:
-        return read(*given)
-    except MemoryError:  # no fault of the data
-        raise
-    except Exception as error:
-        raise SectionError(f"damaged pcodec data: {error}") from None
-    except BaseException as error:  # a panic in pcodec arrives as PanicException, which is no Exception
-        if type(error).__name__ != "PanicException":
-            raise
-        raise SectionError(f"damaged pcodec data: {error}") from None
-
-
 def decompress_groups(data: bytes, size: int) -> Ranges:
-    """(size,) uint16 values of a group table and its pco data.
+    """(size,) uint16 values of a group table and its pco data, by the native core's own reader of pco.
 
-    Raises SectionError unless they hold exactly `size` values and not a byte more.
+    Raises SectionError or TruncatedError unless they hold exactly `size` values and not a byte more.
     """
-    number = data[0] if data else 0
-    at = 1 + number * _GROUP.size
-    if not 1 <= number <= ACTIVITIES or len(data) < at:
-        raise SectionError(f"a range section with {number} groups in {len(data)} bytes")
-    table = list(_GROUP.iter_unpack(data[1:at]))
-    groups = Groups(tuple(start for start, _ in table), tuple(count for _, count in table))
-    if sum(groups.counts) != size:
-        raise SectionError(f"{sum(groups.counts)} differences for {size} returns")
-    pco, read = guarded(wrapped.FileDecompressor.new, data[at:])
-    at += read
-    differences = np.empty(size, np.int16)
-    done = 0
-    for count in groups.counts:
-        chunk, read = guarded(pco.chunk_decompressor, data[at:], "i16")
-        at += read
-        page = differences[done : done + count]
-        progress, read = guarded(chunk.read_page_into, data[at:], len(page), page)
-        if progress.n_processed != count or not progress.finished:
-            raise SectionError(f"a group of {count} differences that holds {progress.n_processed}")
-        at += read
-        done += count
-    if at != len(data):
-        raise SectionError(f"{len(data) - at} bytes after the last group of ranges")
-    return groups.join(differences.view(np.uint16))
+    values: Ranges = _native.decode_pco_groups(data, size)
+    return values
 
 
 def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec._native import count_activities, join_by_activity, split_by_activity
+from lidarcodec._native import count_activities, split_by_activity
 from lidarcodec.errors import SectionError
 
 ACTIVITIES: Final = 19
@@ -62,16 +62,6 @@ class Groups:
         """Differences of the values, modulo 65536, one array for each group."""
         differences = split_by_activity(values, self._group_of())
         return np.split(differences, np.cumsum(self.counts[:-1]))
-
-    def join(self, differences: Values) -> Values:
-        """The values from the differences of all groups, one group after the other.
-
-        Raises SectionError if they do not belong together.
-        """
-        counts = np.zeros(ACTIVITIES, np.uint32)
-        counts[: len(self.counts)] = self.counts
-        values: Values = join_by_activity(differences, self._group_of(), counts)
-        return values
 
     def _group_of(self) -> npt.NDArray[np.uint8]:
         opened = np.zeros(ACTIVITIES, np.uint8)

@@ -1,5 +1,7 @@
-#include "ranges/activity.hpp"
 #include "bindings.hpp"
+#include "pco/groups.hpp"
+#include "pco/pco.hpp"
+#include "ranges/activity.hpp"
 #include "base/error.hpp"
 
 namespace {
@@ -44,17 +46,30 @@ void bind_activity(nb::module_& m) {
       nb::arg("values").noconvert(), nb::arg("group_of").noconvert(),
       "(N,) uint16, differences of `values` modulo 65536, group by group; group_of: (19,) uint8, group of each activity.");
   m.def(
-      "join_by_activity",
-      [](In<std::uint16_t, 1> differences, In<std::uint8_t, 1> group_of, In<std::uint32_t, 1> counts) {
-        const Groups groups = table_of<std::uint8_t>(group_of);
-        const Counts sizes = table_of<std::uint32_t>(counts);
+      "decode_pco_groups",
+      [](nb::bytes data, std::size_t returns) {
         std::vector<std::uint16_t> values;
         {
           nb::gil_scoped_release release;
-          values = lidarcodec::join_by_activity(differences.data(), differences.shape(0), groups, sizes);
+          values = lidarcodec::decode_pco_groups(data_of(data), data.size(), returns);
         }
-        return give(std::move(values), {differences.shape(0)});
+        return give(std::move(values), {returns});
       },
-      nb::arg("differences").noconvert(), nb::arg("group_of").noconvert(), nb::arg("counts").noconvert(),
-      "(N,) uint16, what `split_by_activity` took apart; counts: (19,) uint32, differences in each group.");
+      nb::arg("data"), nb::arg("returns"),
+      "(returns,) uint16, what a group table and its pco data hold; raises SectionError or TruncatedError unless it is that many.");
+  m.def(
+      "read_pco_chunk",
+      [](nb::bytes data, std::size_t count) {
+        std::vector<std::int16_t> numbers(count);
+        std::size_t read = 0;
+        {
+          nb::gil_scoped_release release;
+          lidarcodec::PcoReader pco(data_of(data), data.size());
+          pco.read_chunk(numbers.data(), count);
+          read = pco.bytes_read();
+        }
+        return std::pair(give(std::move(numbers), {count}), read);
+      },
+      nb::arg("data"), nb::arg("count"),
+      "(count,) int16 of a pco header, chunk metadata and page, and how many bytes they take; raises SectionError or TruncatedError.");
 }

@@ -13,6 +13,8 @@ const char* class_name(lidarcodec::ErrorCode code) {
     case lidarcodec::ErrorCode::Checksum: return "ChecksumError";
     case lidarcodec::ErrorCode::Section: return "SectionError";
     case lidarcodec::ErrorCode::Settings: return "SettingsError";
+    case lidarcodec::ErrorCode::Version: return "UnsupportedVersionError";
+    case lidarcodec::ErrorCode::Reference: return "MissingReferenceError";
   }
   return "LidarCodecError";
 }

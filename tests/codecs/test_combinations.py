@@ -47,4 +47,4 @@ def test_a_codec_that_loses_something_does_not_hold(monkeypatch: pytest.MonkeyPa
     case = Case("pcodec", "29 packets", "noise", "5 cm", "lossless")
     assert outcome(case, 1) == "held"
     monkeypatch.setattr(pcodec, "compress_groups", cut(pcodec.compress_groups))
-    assert outcome(case, 1).startswith("SectionError: ")
+    assert outcome(case, 1).startswith("TruncatedError: ")

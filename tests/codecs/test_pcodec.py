@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcodec.codecs.pcodec import compress_groups, decompress_groups
-from lidarcodec.errors import SectionError
+from lidarcodec.errors import DecodeError
 
 PAGE = 262_144
 """Numbers after which pco begins another page, unless it is told not to."""
@@ -23,5 +23,5 @@ def test_a_group_that_is_cut_is_refused() -> None:
     values = np.random.default_rng(1).integers(5000, 5200, 2 * PAGE).astype(np.uint16)
     data = compress_groups(values, 8)
     for cut in (data[:-1], data[: len(data) // 2], data + b"\0"):
-        with pytest.raises(SectionError):
+        with pytest.raises(DecodeError):
             decompress_groups(cut, len(values))

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.assembly import packets_of
+from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.entropy import fast
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
 from tests.fuzz import extremes
@@ -227,6 +228,17 @@ def numbers(rng: np.random.Generator) -> Iterator[bytes]:
         yield struct.pack(">3H", *counts) + fast.encode_numbers([np.full(n, 2**64 - 1, np.uint64) for n in counts])
 
 
+def pco(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_pco: ranges in groups, and one chunk of them."""
+    for size in (1, 3, 255, 257, 1999):
+        for spread in (1, 3, 300, 40000):
+            values = rng.integers(1, 1 + spread, size).astype(np.uint16)
+            for level in (1, 8, 12):
+                coded = compress_groups(values, level)
+                yield struct.pack(">BH", 0, size) + coded
+                yield struct.pack(">BH", 1, size) + coded[1 + 5 * coded[0] :]
+
+
 def packets(_: np.random.Generator) -> Iterator[bytes]:
     """For fuzz_assembly: whole payloads, and heads of blocks."""
     for frame in extremes.small(1, 2):
@@ -260,6 +272,7 @@ HARNESSES = {
     "fuzz_free": free_ranges,
     "fuzz_azimuth": azimuths,
     "fuzz_numbers": numbers,
+    "fuzz_pco": pco,
     "fuzz_assembly": packets,
     "fuzz_groups": plain,
     "fuzz_reduction": plain,

@@ -26,7 +26,7 @@ from tests.contracts import frames
 
 FOLDER = Path(__file__).parent
 GOLDEN = FOLDER.parent / "golden"
-GOLDEN_CODECS = ("raw", "zstd", "predictive", "riddle", "png")
+GOLDEN_CODECS = ("raw", "zstd", "pcodec", "predictive", "riddle", "png")
 STREAM = 0x1234_5678_9ABC_DEF0
 
 
@@ -157,9 +157,8 @@ def expected(data: bytes) -> list[dict[str, Any]]:
 
 
 def golden_files() -> list[Path]:
-    """Golden files of what a page decodes: of some codecs, without updates of weights."""
-    found = sorted(path for codec in GOLDEN_CODECS for path in GOLDEN.glob(f"v1_{codec}_*.bin"))
-    return [path for path in found if "updated" not in path.stem]
+    """Golden files of the codecs that a page decodes."""
+    return sorted(path for codec in GOLDEN_CODECS for path in GOLDEN.glob(f"v1_{codec}_*.bin"))
 
 
 def _write(path: Path, what: Any) -> None:

@@ -22,9 +22,9 @@ def test_the_committed_module_was_built_from_these_sources():
     assert {path.relative_to(ROOT).as_posix() for path in (ROOT / "native" / "wasm").rglob("*.?pp")} <= told.keys()
 
 
-def test_the_module_is_small_and_asks_its_host_for_one_function():
-    """A page fetches it; and what it may do is decode, nothing else."""
+def test_the_module_is_small_and_asks_nothing_of_a_system():
+    """A page fetches it; and what it may do is decode, and have the page decompress, nothing else."""
     data = (WORKER / "decoder.wasm").read_bytes()
     assert data[:4] == b"\0asm"
-    assert len(data) < 400_000
+    assert len(data) < 600_000
     assert b"wasi_snapshot" not in data

@@ -241,13 +241,17 @@ NetForm net_form_named(const std::string& name) {
   throw Error(ErrorCode::Settings, "this processor cannot run networks in such a form");
 }
 
-RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm form) : form_(form) {
+void check_layers(const std::array<GivenLayer, kNetLayers>& given) {
   const auto hidden = [](std::size_t n) { return n >= 8 && n <= kMaxHidden && n % 8 == 0; };
   if ((given[0].in != kInputsAlone && given[0].in != kInputsExpecting) || !hidden(given[0].out) ||
       given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out || given[2].out != kNetOutputs)
     throw Error(ErrorCode::Section, "the layers of a network do not fit each other");
+  for (std::size_t l = 0; l < kNetLayers; ++l) check(given[l], l, l == 0 ? 128 : kHiddenMax);
+}
+
+RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm form) : form_(form) {
+  check_layers(given);
   for (std::size_t l = 0; l < kNetLayers; ++l) {
-    check(given[l], l, l == 0 ? 128 : kHiddenMax);
     const GivenLayer from = without_leaves(given[l], l);
     Layer& layer = layers_[l];
     layer.in = from.in;

@@ -93,10 +93,13 @@ struct PlainProducts {
   }
 };
 
+// Raises Section unless there are 72 or 112 inputs, 8 to 256 values in each hidden layer, in multiples of 8, and 32 outputs;
+// shifts are 3 to 13, of the last layer 9 to 13; and no sum can pass 32 bits.
+void check_layers(const std::array<GivenLayer, kNetLayers>& layers);
+
 class RiddleNet {
  public:
-  // Raises Section unless there are 72 or 112 inputs, 8 to 256 values in each hidden layer, in multiples of 8, and 32 outputs;
-  // shifts are 3 to 13, of the last layer 9 to 13; and no sum can pass 32 bits.
+  // Raises Section as `check_layers` does.
   explicit RiddleNet(const std::array<GivenLayer, kNetLayers>& layers, NetForm form = net_forms_here().back());
 
   std::size_t inputs() const { return layers_[0].in; }

@@ -39,7 +39,7 @@ export interface DecoderOptions {
 }
 
 /** Codecs that are decoded here, by number (docs/wire-format.md): raw, zstd, png, riddle, predictive. */
-export const DECODED_HERE: ReadonlySet<number> = new Set([1, 2, 4, 10, 11]);
+export const DECODED_HERE: ReadonlySet<number> = new Set([1, 2, 3, 4, 10, 11]);
 
 /** A frame takes a fiftieth of this; a thread that is silent for so long has stumbled over something and is begun anew. */
 const PATIENCE_MS = 15_000;

@@ -1,6 +1,9 @@
 /** The core of the package as a WebAssembly module (native/wasm): what it exports, and the arrays of its memory. */
 
 import { DecodeError, type ErrorCode } from "../../../../typescript/src/errors.js";
+import { inflated } from "../../../../typescript/src/inflate.js";
+import { ROWS, type Sensor } from "../../../../typescript/src/sensor.js";
+import { zstdFrame } from "../../../../typescript/src/zstd.js";
 
 /** What the module exports: native/wasm/api.cpp says it of each. */
 interface Exports {
@@ -8,70 +11,60 @@ interface Exports {
   _initialize(): void;
   lidarcodec_open(): number;
   lidarcodec_input(stream: number, size: number): number;
-  lidarcodec_sensor(stream: number): void;
-  lidarcodec_columns(stream: number, at: number, size: number, width: number): void;
-  lidarcodec_mask(
-    stream: number,
-    at: number,
-    size: number,
-    keep: number,
-    motionAt: number,
-    motionSize: number,
-    follows: number,
-  ): void;
-  lidarcodec_intensity(stream: number, at: number, size: number): void;
-  lidarcodec_begin_nets(stream: number): void;
-  lidarcodec_net(
-    stream: number,
-    at: number,
-    size: number,
-    first: number,
-    second: number,
-    shift1: number,
-    shift2: number,
-    shift3: number,
-    expects: number,
-  ): void;
-  lidarcodec_use_nets(stream: number, learned: number): void;
-  lidarcodec_ranges(stream: number, at: number, size: number, step: number, follows: number): void;
-  lidarcodec_done(stream: number, follows: number): void;
+  lidarcodec_give_calibration(stream: number): void;
+  lidarcodec_missing_weights(stream: number): number;
+  lidarcodec_give_weights(stream: number): void;
+  lidarcodec_give_picture(stream: number): void;
+  lidarcodec_push(stream: number): void;
+  lidarcodec_width(stream: number): number;
   lidarcodec_azimuth(stream: number): number;
-  lidarcodec_fired(stream: number): number;
-  lidarcodec_returns(stream: number): number;
-  lidarcodec_bright(stream: number): number;
   lidarcodec_range(stream: number): number;
+  lidarcodec_intensity(stream: number): number;
+  lidarcodec_sensor_name(stream: number): number;
+  lidarcodec_sensor_hash(stream: number): number;
+  lidarcodec_convention(stream: number): number;
+  lidarcodec_range_step(stream: number): number;
+  lidarcodec_table(stream: number): number;
+  lidarcodec_laser(stream: number): number;
 }
 
-const ROWS = 64;
-const NONE = 0xffffffff;
+const TABLE = 11 * ROWS;
+const LOWER_LASERS = 32;
 /** Of ErrorCode of native/src/base/error.hpp. */
-const CODES: readonly ErrorCode[] = ["section", "header", "truncated", "checksum", "section", "section"];
+const CODES: readonly ErrorCode[] = [
+  "section",
+  "header",
+  "truncated",
+  "checksum",
+  "section",
+  "section",
+  "version",
+  "reference",
+];
 
-/** Where a section lies in the message that was given last. */
-export interface Part {
-  readonly at: number;
-  readonly size: number;
+/** Planes of a frame, views that hold until the next call. */
+export interface NativeFrame {
+  readonly width: number;
+  readonly range: Uint16Array;
+  readonly azimuth: Uint16Array;
+  /** Null where none are sent. */
+  readonly intensity: Uint8Array | null;
 }
 
-/** A network in a weight file: where its layers are, two hidden sizes, three shifts as the file has them. */
-export interface Network {
-  readonly layers: Uint8Array;
-  readonly hidden: readonly [number, number];
-  readonly shifts: readonly [number, number, number];
-  readonly expects: boolean;
-}
-
-/** The state of one stream. After any error it is of no more use: make another one. */
+/** A session of the core. After any error that it throws it is of no more use: make another one. */
 export class NativeStream {
   readonly #exports: Exports;
   readonly #stream: number;
-  width = 0;
 
   constructor(module: WebAssembly.Module) {
     const failed = (code: number, what: number): never => {
       throw new DecodeError(CODES[code] ?? "section", this.#text(what));
     };
-    const instance = new WebAssembly.Instance(module, { lidarcodec: { failed } });
+    const unzstd = (frame: number, size: number, plain: number, bytes: number): number =>
+      this.#opened(plain, () => zstdFrame(this.#bytes().slice(frame, frame + size), bytes)) === bytes ? 1 : 0;
+    const inflate = (stream: number, size: number, plain: number, most: number): number =>
+      this.#opened(plain, () => inflated(this.#bytes().slice(stream, stream + size), most));
+    const instance = new WebAssembly.Instance(module, { lidarcodec: { failed, unzstd, inflate } });
     this.#exports = instance.exports as unknown as Exports;
     this.#exports._initialize();
     this.#stream = this.#exports.lidarcodec_open();
@@ -83,78 +76,83 @@ export class NativeStream {
 
   #text(at: number): string {
     const bytes = this.#bytes();
-    return new TextDecoder().decode(bytes.slice(at, Math.min(bytes.indexOf(0, at), at + 500)));
+    return new TextDecoder("utf-8", { ignoreBOM: true }).decode(
+      bytes.slice(at, Math.min(bytes.indexOf(0, at), at + 500)),
+    );
   }
 
-  /** Gives the bytes that parts are parts of. */
-  give(data: Uint8Array): void {
+  /** Puts what was decompressed at its place: how many bytes, or -1 for what is damaged. */
+  #opened(at: number, open: () => Uint8Array): number {
+    try {
+      const plain = open();
+      this.#bytes().set(plain, at);
+      return plain.length;
+    } catch {
+      return -1;
+    }
+  }
+
+  #give(data: Uint8Array): void {
     const at = this.#exports.lidarcodec_input(this.#stream, data.length);
     this.#bytes().set(data, at);
   }
 
-  /** rows: (6, 64), of each row of an image its half, and what the calibration says of it */
-  sensor(rows: Int32Array): void {
-    this.give(new Uint8Array(rows.buffer, rows.byteOffset, rows.byteLength));
-    this.#exports.lidarcodec_sensor(this.#stream);
+  /** A CALIBRATION section that an earlier message of the stream brought. */
+  giveCalibration(section: Uint8Array): void {
+    this.#give(section);
+    this.#exports.lidarcodec_give_calibration(this.#stream);
   }
 
-  columns({ at, size }: Part, width: number): void {
-    this.width = width;
-    this.#exports.lidarcodec_columns(this.#stream, at, size, width);
+  /** Name of weights that a message needs and that are not here yet; "" if there are none. */
+  missingWeights(message: Uint8Array): string {
+    this.#give(message);
+    return this.#text(this.#exports.lidarcodec_missing_weights(this.#stream));
   }
 
-  mask({ at, size }: Part, keep: boolean, motion: Part | null, follows: boolean): void {
-    const [motionAt, motionSize] = [motion?.at ?? NONE, motion?.size ?? 0];
-    this.#exports.lidarcodec_mask(this.#stream, at, size, +keep, motionAt, motionSize, +follows);
+  /** The file of the weights that were missing. */
+  giveWeights(file: Uint8Array): void {
+    this.#give(file);
+    this.#exports.lidarcodec_give_weights(this.#stream);
   }
 
-  intensity({ at, size }: Part): void {
-    this.#exports.lidarcodec_intensity(this.#stream, at, size);
+  /** The picture in the message that is pushed next. samples: 64 x W */
+  givePicture(samples: Uint16Array): void {
+    this.#give(new Uint8Array(samples.buffer, samples.byteOffset, samples.byteLength));
+    this.#exports.lidarcodec_give_picture(this.#stream);
   }
 
-  /** Codes with these networks from now on, as if nothing had been learned; null: without any. */
-  networks(networks: readonly Network[] | null): void {
-    this.#exports.lidarcodec_begin_nets(this.#stream);
-    for (const { layers, hidden, shifts, expects } of networks ?? []) {
-      this.give(layers);
-      this.#exports.lidarcodec_net(this.#stream, 0, layers.length, ...hidden, ...shifts, +expects);
-    }
-    this.#exports.lidarcodec_use_nets(this.#stream, +(networks !== null));
+  /** Decodes a message. */
+  push(message: Uint8Array): NativeFrame {
+    this.#give(message);
+    this.#exports.lidarcodec_push(this.#stream);
+    const { memory, ...of } = this.#exports;
+    const width = of.lidarcodec_width(this.#stream);
+    const intensity = of.lidarcodec_intensity(this.#stream);
+    return {
+      width,
+      range: new Uint16Array(memory.buffer, of.lidarcodec_range(this.#stream), ROWS * width),
+      azimuth: new Uint16Array(memory.buffer, of.lidarcodec_azimuth(this.#stream), 2 * width),
+      intensity: intensity === 0 ? null : new Uint8Array(memory.buffer, intensity, ROWS * width),
+    };
   }
 
-  ranges({ at, size }: Part, step: number, follows: boolean): void {
-    this.#exports.lidarcodec_ranges(this.#stream, at, size, step, +follows);
+  /** Hash of the sensor of the frame that was pushed. */
+  get sensorHash(): string {
+    return this.#text(this.#exports.lidarcodec_sensor_hash(this.#stream));
   }
 
-  done(follows: boolean): void {
-    this.#exports.lidarcodec_done(this.#stream, +follows);
-  }
-
-  // Views of arrays: they hold until the next call.
-
-  get azimuth(): Uint16Array {
-    return new Uint16Array(this.#exports.memory.buffer, this.#exports.lidarcodec_azimuth(this.#stream), 2 * this.width);
-  }
-
-  get fired(): Uint8Array {
-    return new Uint8Array(this.#exports.memory.buffer, this.#exports.lidarcodec_fired(this.#stream), 2 * this.width);
-  }
-
-  get returns(): Uint8Array {
-    const at = this.#exports.lidarcodec_returns(this.#stream);
-    return new Uint8Array(this.#exports.memory.buffer, at, ROWS * this.width);
-  }
-
-  get intensities(): Uint8Array {
-    const at = this.#exports.lidarcodec_bright(this.#stream);
-    return new Uint8Array(this.#exports.memory.buffer, at, ROWS * this.width);
-  }
-
-  get range(): Uint16Array {
-    return new Uint16Array(
-      this.#exports.memory.buffer,
-      this.#exports.lidarcodec_range(this.#stream),
-      ROWS * this.width,
-    );
+  /** A copy of that sensor. */
+  get sensor(): Sensor {
+    const { memory, ...of } = this.#exports;
+    const laser = new Uint8Array(memory.buffer, of.lidarcodec_laser(this.#stream), ROWS).slice();
+    return {
+      name: this.#text(of.lidarcodec_sensor_name(this.#stream)),
+      hash: this.sensorHash,
+      convention: of.lidarcodec_convention(this.#stream) === 0 ? "ros" : "veloview",
+      rangeStep: of.lidarcodec_range_step(this.#stream) / 10_000_000,
+      table: new Int32Array(memory.buffer, of.lidarcodec_table(this.#stream), TABLE).slice(),
+      laser,
+      half: laser.map((id) => (id < LOWER_LASERS ? 0 : 1)),
+    };
   }
 }

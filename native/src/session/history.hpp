@@ -11,7 +11,7 @@
 #include "motion/beams.hpp"
 #include "motion/range_history.hpp"
 
-namespace lidarcodec::wasm {
+namespace lidarcodec {
 
 // Which cells were returns in each of 2000 directions.
 class MaskMemory {
@@ -71,4 +71,4 @@ class StreamMemory {
   std::optional<Motion> motion_;
 };
 
-}  // namespace lidarcodec::wasm
+}  // namespace lidarcodec

@@ -1,4 +1,4 @@
-#include "stream_memory.hpp"
+#include "session/history.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -6,7 +6,7 @@
 #include "base/error.hpp"
 #include "motion/warp.hpp"
 
-namespace lidarcodec::wasm {
+namespace lidarcodec {
 namespace {
 
 constexpr std::size_t kTurn = 36'000, kNumberBytes = 3;
@@ -149,4 +149,4 @@ void StreamMemory::remember(const std::vector<std::uint16_t>& ranges, const Colu
   }
 }
 
-}  // namespace lidarcodec::wasm
+}  // namespace lidarcodec

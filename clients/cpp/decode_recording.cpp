@@ -1,0 +1,60 @@
+// Decodes a recording: a line for each frame, and its points as KITTI has them (x, y, z, intensity; f32) if a folder is given.
+//   decode_recording FILE.mcap [OUT] [--weights FOLDER]
+#include <filesystem>
+#include <iostream>
+#include <map>
+
+#include "recording.hpp"
+#include "session.hpp"
+
+namespace {
+
+void write_points(const std::filesystem::path& path, const std::vector<lidarcodec_point>& points) {
+  std::ofstream file(path, std::ios::binary);
+  for (const lidarcodec_point& point : points) {
+    const float values[4] = {point.x, point.y, point.z, static_cast<float>(point.intensity)};
+    file.write(reinterpret_cast<const char*>(values), sizeof(values));
+  }
+  if (!file) throw std::runtime_error("cannot write " + path.string());
+}
+
+int run(const std::string& recording, const std::string& out, const std::string& weights) {
+  std::map<std::string, Session> sessions;  // a stream has a session of its own
+  int frames = 0, refused = 0;
+  Recording(recording).read([&](const std::string& topic, const uint8_t* message, size_t size) {
+    Session& session = sessions[topic];
+    if (!session) session = open_session(weights);
+    lidarcodec_frame frame;
+    if (lidarcodec_push(session.get(), message, size, &frame) != LIDARCODEC_OK) {
+      std::cerr << topic << ": " << lidarcodec_error_text(session.get()) << "\n";
+      ++refused;
+      return;
+    }
+    std::cout << topic << " frame " << frame.index << " at " << frame.stamp_ns << " ns: " << frame.points << " points\n";
+    if (!out.empty()) write_points(std::filesystem::path(out) / (std::to_string(frames) + ".bin"), points_of(session, frame));
+    ++frames;
+  });
+  std::cout << frames << " frames, " << refused << " messages refused\n";
+  return refused > 0;
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  std::string recording, out, weights;
+  for (int i = 1; i < count; ++i) {
+    const std::string word = words[i];
+    if (word == "--weights" && i + 1 < count) weights = words[++i];
+    else (recording.empty() ? recording : out) = word;
+  }
+  if (recording.empty()) {
+    std::cerr << "usage: decode_recording FILE.mcap [OUT] [--weights FOLDER]\n";
+    return 2;
+  }
+  try {
+    return run(recording, out, weights);
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << "\n";
+    return 1;
+  }
+}

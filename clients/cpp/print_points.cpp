@@ -1,0 +1,55 @@
+// Prints the points of a live stream's messages, which come on the standard input: for each its size, u32 little endian, and then
+// its bytes. README.md says how a subscription gives them.
+//   print_points [--weights FOLDER]
+#include <iostream>
+
+#include "session.hpp"
+
+namespace {
+
+constexpr uint32_t kMostMessage = 64u << 20;
+
+// Whether a message came; false at the end.
+bool read_message(std::vector<uint8_t>& message) {
+  unsigned char size[4];
+  if (!std::cin.read(reinterpret_cast<char*>(size), sizeof(size))) return false;
+  const uint32_t bytes = size[0] | uint32_t{size[1]} << 8 | uint32_t{size[2]} << 16 | uint32_t{size[3]} << 24;
+  if (bytes > kMostMessage) throw std::runtime_error("a message of more than 64 MiB");
+  message.resize(bytes);
+  return static_cast<bool>(std::cin.read(reinterpret_cast<char*>(message.data()), bytes));
+}
+
+int run(const std::string& weights) {
+  const Session session = open_session(weights);
+  std::vector<uint8_t> message;
+  while (read_message(message)) {
+    lidarcodec_frame frame;
+    const lidarcodec_status status = lidarcodec_push(session.get(), message.data(), message.size(), &frame);
+    if (status == LIDARCODEC_MISSING_REFERENCE) {
+      std::cerr << lidarcodec_error_text(session.get()) << "\n";  // a program on the network asks for a key frame here
+    } else if (status != LIDARCODEC_OK) {
+      std::cerr << "byte " << lidarcodec_error_offset(session.get()) << ": " << lidarcodec_error_text(session.get()) << "\n";
+    } else {
+      const std::vector<lidarcodec_point> points = points_of(session, frame);
+      std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";
+      if (!points.empty()) std::cout << ", the first at " << points[0].x << " " << points[0].y << " " << points[0].z;
+      std::cout << std::endl;
+    }
+  }
+  return 0;
+}
+
+}  // namespace
+
+int main(int count, char** words) {
+  if (count != 1 && (count != 3 || std::string(words[1]) != "--weights")) {
+    std::cerr << "usage: print_points [--weights FOLDER] < MESSAGES\n";
+    return 2;
+  }
+  try {
+    return run(count == 3 ? words[2] : "");
+  } catch (const std::exception& error) {
+    std::cerr << error.what() << "\n";
+    return 1;
+  }
+}

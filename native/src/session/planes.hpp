@@ -1,0 +1,36 @@
+// Sections that all codecs have beside ranges: intensities, pose, side information; and all planes of codec `raw`.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "session/message.hpp"
+#include "session/outside.hpp"
+#include "session/sensor.hpp"
+
+namespace lidarcodec {
+
+// A frame, W columns. Images are (64, W) or, of halves of columns, (2, W), row after row.
+struct Planes {
+  std::size_t width = 0;
+  std::vector<std::uint16_t> range;      // (64, W), range steps; 0: no return
+  std::vector<std::uint16_t> azimuth;    // (2, W), 0.01 degree, 0 to 35999
+  std::vector<std::uint8_t> intensity;   // (64, W)
+  std::vector<std::uint8_t> fired;       // (2, W), 0 or 1
+  std::vector<std::uint8_t> returns;     // (64, W), 0 or 1
+};
+
+// Fills `intensity`, 0 where nothing was sent. Raises Section or Truncated.
+void decode_intensities(const Message& message, const Outside& outside, const Sensor& sensor, Planes& planes);
+
+// T_world_sensor, the first three rows; nothing without a POSE section. Raises Section.
+std::optional<std::array<double, 12>> decode_pose(const Message& message);
+
+// Raises Section if packets or position packets are announced without side information, which is not looked into.
+void check_side(const Message& message);
+
+// Raises Section.
+Planes decode_raw(const Message& message, const Sensor& sensor);
+
+}  // namespace lidarcodec

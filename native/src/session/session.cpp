@@ -1,0 +1,246 @@
+#include "session/session.hpp"
+
+#include <algorithm>
+
+#include "base/sha256.hpp"
+#include "planes/azimuth_coder.hpp"
+#include "planes/keep_coder.hpp"
+#include "session/lattice.hpp"
+#include "session/ranges.hpp"
+
+namespace lidarcodec {
+namespace {
+
+constexpr std::size_t kReturnsPerByte = 128;  // most returns for a byte of a message of riddle
+constexpr std::size_t kNameBytes = 8;
+constexpr std::uint8_t kPlainEffort = 1, kMostEffort = 4;
+constexpr std::uint8_t kSparseKeep = 4, kSparseKeepAfter = 5;
+
+bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec == Codec::Riddle; }
+
+void check_codec(Codec codec, const Outside& outside) {
+  const std::string name = name_of(codec);
+  if (name.empty()) throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)), 12);
+  const bool is_picture = codec == Codec::Png;
+  if (is_picture && !outside.opens_pictures(codec))
+    throw Error(ErrorCode::Version, "codec " + name + " needs a decoder of pictures, and none was given", 12);
+  if (!is_picture && codec != Codec::Raw && codec != Codec::Zstd && codec != Codec::Pcodec && !expects_ranges(codec))
+    throw Error(ErrorCode::Version, "codec " + name + " is not decoded here", 12);
+}
+
+Columns columns_of(const Planes& planes) { return {planes.width, planes.azimuth.data(), planes.fired.data()}; }
+
+// Effort and name of the weights, in front of ranges of riddle.
+struct RiddleHead {
+  std::uint8_t effort;
+  std::string name;
+};
+
+RiddleHead riddle_head(Bytes coded) {
+  if (coded.size() < 1 + kNameBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", coded.size());
+  if (coded[0] < kPlainEffort || coded[0] > kMostEffort) throw Error(ErrorCode::Section, "ranges of effort " + std::to_string(coded[0]) + ": 1 to 4 are known");
+  return {coded[0], hex(coded.subspan(1, kNameBytes))};
+}
+
+// Networks of weights for an effort, 2 to 4, as the coder of ranges takes them. Raises Section.
+std::shared_ptr<const RiddleNets> nets_of(const WeightFile& weights, std::uint8_t effort) {
+  auto nets = std::make_shared<RiddleNets>();
+  const auto size = static_cast<std::uint8_t>(effort - 2);
+  nets->alone.emplace(weights.network(false, size).given());
+  nets->expecting.emplace(weights.network(true, size).given());
+  return nets;
+}
+
+}  // namespace
+
+void Session::begin_stream(const Message& message) {
+  const std::pair of(message.codec, message.stream_id);
+  if (of_ == of) return;
+  if (of_) {
+    sensors_ = {};
+    shelf_.forget();
+    masks_.forget();
+    mask_stream_.forget();
+    memory_.forget();
+    last_.reset();
+  }
+  of_ = of;
+  coder_ = std::make_unique<PredictiveCoder>();
+  used_.reset();
+}
+
+void Session::give_calibration(Bytes section) {
+  Message message;
+  message.sections.push_back({static_cast<std::uint8_t>(SectionType::Calibration), 0, section});
+  sensors_.of(message, *outside_);
+}
+
+const SessionFrame& Session::push(Bytes data) {
+  const Message message = read_message(data);
+  check_codec(message.codec, *outside_);
+  begin_stream(message);
+  if (message.frame_count != 1) throw Error(ErrorCode::Section, "a message of " + std::to_string(message.frame_count) + " frames of a codec that sends one each");
+  const std::shared_ptr<const Sensor> sensor = sensors_.of(message, *outside_);
+  if (message.needs && message.needs != last_)
+    throw Error(ErrorCode::Reference, "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) + ", which was not decoded: ask for a key frame", *message.needs);
+  Planes planes = decode(message, *sensor);
+  if (!message.needs) masks_.forget();
+  masks_.remember(planes.returns.data(), columns_of(planes), sensor->beams.half);
+  last_ = message.frame_index;
+
+  SessionFrame frame;
+  frame.codec = message.codec;
+  frame.stream_id = message.stream_id;
+  frame.index = message.frame_index;
+  frame.stamp_ns = message.stamp_ns;
+  frame.key = message.key;
+  frame.sensor = sensor;
+  frame.has_intensity = message.has(SectionType::Intensity);
+  frame.pose = decode_pose(message);
+  const std::optional<Bytes> lattice = message.find(SectionType::Lattice);
+  frame.planes = lattice ? in_own_columns(planes, *lattice, *outside_) : std::move(planes);
+  frame_ = std::move(frame);
+  return frame_;
+}
+
+Planes Session::decode(const Message& message, const Sensor& sensor) {
+  if (message.codec == Codec::Raw) {
+    Planes planes = decode_raw(message, sensor);
+    check_side(message);
+    decode_pose(message);
+    return planes;
+  }
+  if (expects_ranges(message.codec)) {
+    last_.reset();  // a message that fails halfway has taught something else than its encoder learned
+    expected_.reset();
+    motion_ = {};
+    if (!message.needs) {
+      memory_.forget();
+      mask_stream_.forget();
+      coder_->reset();
+    }
+  }
+  const Bytes coded = message.section(SectionType::Azimuth);
+  Azimuths azimuths = decode_azimuth(coded.data(), coded.size(), message.width);
+  Planes planes;
+  planes.width = message.width;
+  planes.azimuth = std::move(azimuths.azimuth);
+  planes.fired = std::move(azimuths.fired);
+  decode_mask_of(message, sensor, planes);
+  decode_intensities(message, *outside_, sensor, planes);
+  check_side(message);
+  decode_pose(message);
+  if (expects_ranges(message.codec))
+    decode_ranges(message, sensor, planes);
+  else
+    planes.range = decode_quantised(message, *outside_, planes.returns);
+  return planes;
+}
+
+void Session::decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes) {
+  const bool keep = message.has(SectionType::Keep);
+  const Bytes coded = message.section(keep ? SectionType::Keep : SectionType::Mask);
+  const std::uint8_t kind = coded.empty() ? 0 : coded[0];
+  const MaskGeometry geometry = sensor.geometry(planes.width, planes.fired.data());
+  if (expects_ranges(message.codec) && !keep && (kind == kMaskBegins || kind == kMaskGoesOn)) {
+    const std::vector<std::uint16_t>* const foreseen = expected(message, sensor, planes);
+    MaskView view;
+    view.geometry = geometry;
+    view.azimuth = planes.azimuth.data();
+    view.vertical = sensor.beams.vertical;
+    view.expected = foreseen == nullptr ? nullptr : foreseen->data();
+    view.motion = motion_;
+    planes.returns = mask_stream_.decode(coded.data(), coded.size(), view);
+    return;
+  }
+  std::vector<std::uint8_t> before;
+  EarlierMask earlier;
+  if (message.needs) {
+    before = masks_.before(columns_of(planes), sensor.beams.half);
+    earlier = {before.data(), planes.width};
+  }
+  planes.returns = keep && (kind == kSparseKeep || kind == kSparseKeepAfter)
+                       ? decode_keep(coded.data(), coded.size(), geometry, planes.azimuth.data(), earlier)
+                       : decode_mask(coded.data(), coded.size(), geometry, earlier);
+}
+
+// What the ranges of the message at hand are expected to be; nullptr without a MOTION section. Raises Section.
+const std::vector<std::uint16_t>* Session::expected(const Message& message, const Sensor& sensor, const Planes& planes) {
+  if (!expected_ && message.has(SectionType::Motion)) {
+    const Bytes data = message.section(SectionType::Motion);
+    motion_ = memory_.motion(data.data(), data.size());
+    expected_ = memory_.expected(motion_, columns_of(planes), sensor.beams);
+  }
+  return expected_ ? &*expected_ : nullptr;
+}
+
+void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes& planes) {
+  const bool learned = message.codec == Codec::Riddle;
+  if (learned) {
+    const auto returns = static_cast<std::size_t>(std::count_if(planes.returns.begin(), planes.returns.end(), [](std::uint8_t r) { return r != 0; }));
+    if (message.section_bytes() * kReturnsPerByte < returns)
+      throw Error(ErrorCode::Section, "sections of " + std::to_string(message.section_bytes()) + " bytes for " + std::to_string(returns) + " returns: too few");
+    shelf_.take_all(message, *outside_);
+  }
+  const std::vector<std::uint16_t>* const foreseen = expected(message, sensor, planes);
+  auto [step, coded] = split_step(message.section(SectionType::Range));
+  const std::optional<RiddleHead> head = learned ? std::optional(riddle_head(coded)) : std::nullopt;
+  if (head) coded = coded.subspan(1 + kNameBytes);
+  const KnownColumns known = known_columns(coded.data(), coded.size());
+  if (known != kWholeFrame) memory_.edge(static_cast<std::size_t>(known));  // are they here?
+  if (head) use_networks(message, head->effort, head->name);
+  const RangeCells cells{step, sensor.level};
+  if (known != kWholeFrame) {
+    decode_slab(coded, cells, static_cast<std::size_t>(known), foreseen, sensor, planes);
+  } else {
+    planes.range = coder_->decode(coded.data(), coded.size(), planes.returns.data(), cells, sensor.geometry(planes.width, planes.fired.data()),
+                                  foreseen == nullptr ? nullptr : foreseen->data());
+    memory_.forget_edge();
+  }
+  memory_.remember(planes.range, columns_of(planes), sensor.beams.half, known != kWholeFrame);
+}
+
+// Ranges of a slab, with the columns before it as if they were its own.
+void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t before, const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes) {
+  const std::vector<std::uint16_t> foreseen = expected == nullptr ? std::vector<std::uint16_t>(planes.returns.size()) : *expected;
+  const Edge edge = memory_.edge(before);
+  const Edge all = edge.and_then({planes.width, {planes.returns.begin(), planes.returns.end()}, foreseen, planes.fired});
+  std::vector<std::uint8_t> known(all.ranges.size());
+  std::transform(all.ranges.begin(), all.ranges.end(), known.begin(), [](std::uint16_t r) { return std::uint8_t{r != 0}; });
+  const std::vector<std::uint16_t> image =
+      coder_->decode(coded.data(), coded.size(), known.data(), cells, sensor.geometry(all.width, all.fired.data()),
+                     expected == nullptr ? nullptr : all.expected.data(), static_cast<KnownColumns>(edge.width), edge.ranges.data());
+  const Edge own = Edge{all.width, image, all.expected, all.fired}.last(planes.width);
+  planes.range = own.ranges;
+  memory_.keep_edge(own);
+}
+
+// Codes with the networks that a message names from now on. What was learned stays where a stream goes on with other weights
+// for the same effort. Raises Section or Reference.
+void Session::use_networks(const Message& message, std::uint8_t effort, const std::string& name) {
+  const Used wanted{effort == kPlainEffort ? "" : name, effort};
+  const Shelf::Weights weights = effort == kPlainEffort ? nullptr : shelf_.find(name, message.frame_index, *outside_);
+  if (used_ == wanted) return;
+  const std::shared_ptr<const RiddleNets> nets = weights == nullptr ? nullptr : nets_of(*weights, effort);
+  const bool goes_on = message.needs && nets != nullptr && used_ && !used_->weights.empty() && used_->effort == effort;
+  if (goes_on)
+    coder_->change(nets);
+  else
+    coder_ = std::make_unique<PredictiveCoder>(quickest_path(), nets);
+  used_ = wanted;
+  if (message.needs && !goes_on) throw Error(ErrorCode::Section, "another effort than that of the frame before, which it goes on from");
+}
+
+std::string Session::missing_weights(Bytes data) const {
+  try {
+    const Message message = read_message(data);
+    if (message.codec != Codec::Riddle) return "";
+    const RiddleHead head = riddle_head(split_step(message.section(SectionType::Range)).second);
+    const bool same_stream = of_ == std::pair(message.codec, message.stream_id);
+    return head.effort == kPlainEffort ? "" : (same_stream ? shelf_ : Shelf()).missing(message, head.name, *outside_);
+  } catch (const Error&) {
+    return "";  // `push` says what is wrong
+  }
+}
+
+}  // namespace lidarcodec

@@ -1,0 +1,81 @@
+// Decoder of one stream: bytes of messages in, planes of frames out. The same for every program that embeds the core; what
+// each of them has of its own is given from outside. The format is docs/wire-format.md.
+//
+// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Other codecs are
+// refused by name.
+#pragma once
+#include <array>
+#include <memory>
+#include <optional>
+
+#include "mask/stream.hpp"
+#include "predictive/coder.hpp"
+#include "session/history.hpp"
+#include "session/planes.hpp"
+#include "session/sensor.hpp"
+#include "session/shelf.hpp"
+
+namespace lidarcodec {
+
+struct SessionFrame {
+  Codec codec{};
+  std::uint64_t stream_id = 0, index = 0;
+  std::int64_t stamp_ns = 0;  // host time of the first packet, since 1970 UTC
+  bool key = false;
+  std::shared_ptr<const Sensor> sensor;
+  Planes planes;  // of a thinned frame in its own columns
+  bool has_intensity = false;
+  std::optional<std::array<double, 12>> pose;  // T_world_sensor, the first three rows
+};
+
+class Session {
+ public:
+  explicit Session(std::unique_ptr<const Outside> outside) : outside_(std::move(outside)) {}
+
+  // The frame of a message. It holds until the next call. Raises Header, Version, Truncated, Checksum, Section, or Reference
+  // where a key message has to come first; then goes on with the next message.
+  const SessionFrame& push(Bytes message);
+
+  // Takes a CALIBRATION section that a message of the stream brought before this session began: else the stream could not be
+  // decoded before its next key message. Raises Section.
+  void give_calibration(Bytes section);
+
+  // Name of weights that a message needs and that are not here yet, as far as the message says so: "" if there are none.
+  // Where weights can be had, but take their time, ask before `push`, and have `Outside::weights` give them then.
+  std::string missing_weights(Bytes message) const;
+
+ private:
+  // Which networks the coder of ranges has; without any the name is "".
+  struct Used {
+    std::string weights;
+    std::uint8_t effort = 0;
+    bool operator==(const Used&) const = default;
+  };
+
+  void begin_stream(const Message& message);
+  Planes decode(const Message& message, const Sensor& sensor);
+  void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
+  const std::vector<std::uint16_t>* expected(const Message& message, const Sensor& sensor, const Planes& planes);
+  void decode_ranges(const Message& message, const Sensor& sensor, Planes& planes);
+  void decode_slab(Bytes coded, const RangeCells& cells, std::size_t before, const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes);
+  void use_networks(const Message& message, std::uint8_t effort, const std::string& name);
+
+  std::unique_ptr<const Outside> outside_;
+  SessionFrame frame_;
+
+  std::optional<std::pair<Codec, std::uint64_t>> of_;  // codec and stream of what follows
+  SensorBook sensors_;
+  Shelf shelf_;
+  MaskMemory masks_;
+  std::optional<std::uint64_t> last_;  // index of the frame that was decoded last, if others may need it
+
+  // Of codecs that expect ranges.
+  MaskStream mask_stream_;
+  StreamMemory memory_;
+  Motion motion_;                                        // of the message at hand
+  std::optional<std::vector<std::uint16_t>> expected_;  // (64, W), of the message at hand, once it is asked for
+  std::unique_ptr<PredictiveCoder> coder_;
+  std::optional<Used> used_;
+};
+
+}  // namespace lidarcodec
