@@ -1,3 +1,5 @@
+#include <nanobind/stl/pair.h>
+
 #include "bindings.hpp"
 #include "pco/groups.hpp"
 #include "pco/pco.hpp"
