@@ -7,6 +7,7 @@ interpreter while that is going down aborts the whole process ("FATAL: exception
 from __future__ import annotations
 
 import atexit
+import signal
 import threading
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ CLOSING: Final = "close"
 LEAST_S: Final = 0.1
 MOST_S: Final = 5.0
 LOOK_S: Final = 0.02
+STUCK_S: Final = 10
 TASKS: Final = Path("/proc/self/task")
 
 
@@ -31,6 +33,8 @@ def _let_late_threads_end() -> None:
     for thread in threading.enumerate():
         if thread.name.startswith(f"{CLOSING} "):
             thread.join(max(0.0, end_s - time.monotonic()))
+            if thread.is_alive():
+                _end_even_if_stuck()
     time.sleep(LEAST_S)
     before = None
     while time.monotonic() < end_s:
@@ -39,6 +43,13 @@ def _let_late_threads_end() -> None:
             return
         before = now
         time.sleep(LOOK_S)
+
+
+def _end_even_if_stuck() -> None:
+    """Have the system end the process in STUCK_S, by SIGALRM. A library that failed while it held a lock, as without
+    memory, can hold up the end of the interpreter for ever, and handlers of Python do not run any more."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(STUCK_S)
 
 
 def _asleep() -> dict[str, bytes] | None:

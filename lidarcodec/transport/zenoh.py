@@ -113,7 +113,11 @@ def _within_limit(close: Callable[[], object], what: str) -> None:
             logger.debug("closing %s: %s", what, _reason(error))
 
     thread = threading.Thread(target=run, name=f"{CLOSING} {what}", daemon=True)
-    thread.start()
+    try:
+        thread.start()
+    except RuntimeError as error:  # no more threads: the end of the process gives it back
+        logger.warning("closing %s: %s", what, error)
+        return
     thread.join(CLOSE_LIMIT_S)
     if thread.is_alive():
         logger.warning("closing %s took more than %g s and was abandoned", what, CLOSE_LIMIT_S)

@@ -94,6 +94,9 @@ class Audit:
 
         try:
             await self._app(scope, receive, entering)
+        except Exception:  # a fault of ours, which is answered outside of this
+            await self._all(operations, "failed")
+            raise
         finally:
             await self._all(operations, "sent")  # there was no answer: what became of it is not known
 

@@ -71,6 +71,10 @@ async def test_a_target_that_what_is_set_keeps_out_of_reach_is_said_so_or_refuse
         assert refused.status_code == 422
         assert refused.json()["type"] == "urn:lidarcodec:problem:target_out_of_reach"
         assert car.settings.intensity == "auto"
+        for wrong in ("lattice:x", "lattice:1e3", "lattice:0", "lattice:"):
+            body = {"reduction": wrong, "target_kbps": 400}
+            refused = await client.patch(f"{STREAM}/settings?strict=true", json=body)
+            assert (refused.status_code, refused.json()["field"]) == (422, "reduction"), refused.text
         body = (await client.patch(f"{STREAM}/settings", json=pinned)).json()
         (warning,) = body["warnings"]
         assert warning["code"] == "target_out_of_reach"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 
@@ -37,6 +38,18 @@ def run(code: str) -> subprocess.CompletedProcess[str]:
 def test_a_thread_that_is_at_work_at_the_end_may_finish(start):
     ended = run(LATE + start)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "ended", "")
+
+
+def test_a_library_that_hangs_at_the_end_is_ended_by_the_system():
+    """A service manager would otherwise wait for it for ever, and no signal but SIGKILL would end it."""
+    stuck = """
+import atexit, ctypes
+atexit.register(lambda: ctypes.PyDLL(None).pause())  # runs after ours, with the interpreter's lock held
+late_threads.let_late_threads_end_at_exit()
+late_threads.MOST_S, late_threads.STUCK_S = 0.5, 1
+threading.Thread(target=time.sleep, args=(1e6,), name=late_threads.CLOSING + ' it', daemon=True).start()
+"""
+    assert run(LATE + stuck).returncode == -signal.SIGALRM
 
 
 def test_one_that_never_ends_holds_up_no_exit():

@@ -276,10 +276,12 @@ class Publisher:
             if not self._stop.is_set():
                 self._failure = self._failure or told(error)
         finally:
-            for one in reversed(self._declared):  # the token first: receivers see the end after the last message
-                one.close()
-            self._opened.set()
-            self._end()
+            try:
+                for one in reversed(self._declared):  # the token first: receivers see the end after the last message
+                    one.close()
+            finally:
+                self._opened.set()
+                self._end()
 
     def _declare(self, transport: Transport) -> Sender:
         keys = self.keys
