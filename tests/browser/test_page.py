@@ -86,6 +86,11 @@ def test_the_page_decodes_what_it_can_and_says_so_where_the_server_must(fleet, p
     assert eventually(lambda: shown() > before, 2 * LIMIT_S)
     expect(page).to_have_title(POINTS)
     fleet.change(SETTINGS, codec="pcodec")
+    expect(row_of(page)).to_contain_text("pcodec")
+    before = shown()
+    assert eventually(lambda: shown() > before, 2 * LIMIT_S)
+    expect(page.locator("footer")).not_to_contain_text("The server decodes this stream")
+    fleet.change(SETTINGS, codec="jpeg")
     expect(page.locator("footer")).to_contain_text("The server decodes this stream")
     expect(page).to_have_title(POINTS)
 
