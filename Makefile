@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables web wasm site clean
+.PHONY: help demo test lint check bench bench-compare golden identity fuzz soak faults sweeps images-check format native tables evidence web wasm site clean
 
 # A module that was deleted is built again, whatever the stamp says.
 ifeq ($(wildcard lidarcodec/_native*.so),)
@@ -98,6 +98,9 @@ native: $(NATIVE) ## build the native core into lidarcodec/
 tables: $(STAMPS)/dev $(NATIVE) ## write the tables of the documents that repeat tables of the code, and docs/openapi.json
 	@PYTHONPATH=. $(BIN)/python tools/tables.py
 	@$(BIN)/python -m lidarcodec_server.openapi docs/openapi.json
+
+evidence: $(STAMPS)/dev $(NATIVE) ## write docs/evaluation.md and the table of README.md from benchmarks/results
+	@$(BIN)/python -m benchmarks.evidence
 
 web: ## build the page from clients/web into the server's package, where it is committed (needs node 20.19 and npm)
 	cd clients/web && $(NPM_INSTALL) && npm run --silent build

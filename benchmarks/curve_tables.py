@@ -1,4 +1,4 @@
-"""The curves of benchmarks/curves.json as Markdown tables at equal RMSE, and as pictures."""
+"""The curves of benchmarks/results/curves.json as Markdown tables at equal RMSE, and as pictures."""
 
 from __future__ import annotations
 

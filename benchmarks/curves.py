@@ -1,7 +1,7 @@
 """Error against bitrate of every codec, and what peers reach: measured once, drawn as often as wanted.
 
-    python -m benchmarks.curves --measure [--scene NAME]...    writes benchmarks/curves.json
-    python -m benchmarks.curves --write docs/evaluation.md     tables between the marks, pictures beside the page
+    python -m benchmarks.curves --measure [--scene NAME]...    writes benchmarks/results/curves.json
+    python -m benchmarks.curves --draw docs                    pictures of what stands there
 
 One scene by hand: `lidarcodec bench SOURCE --codec pcodec,predictive,png,jxl,jpeg,h264 --curve
 --set intensity=off --skip 40 --frames 48 --json --plot curves.png`, and the peers with `--peers --metrics all`.
@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.curve_tables import draw, text
-from benchmarks.marks import Marks
-from benchmarks.scenes import DATA, HERE
+from benchmarks.results import FOLDER, here
+from benchmarks.scenes import DATA
 from benchmarks.tables import KITTI
 from lidarcodec.commands import simulate
 from lidarcodec.commands.bench.curve import curve, knob_of
@@ -31,7 +31,7 @@ from lidarcodec.evaluation.bench import bench
 from lidarcodec.evaluation.peers import table as peers
 from lidarcodec.evaluation.peers.run import bench_peer
 
-RESULTS = HERE / "curves.json"
+RESULTS = FOLDER / "curves.json"
 CODECS = "pcodec,predictive,png,jxl,jpeg,jpeg-layered,h264,h264-log"
 PEER_FRAMES = 4
 FIVE_CM = {
@@ -42,7 +42,6 @@ FIVE_CM = {
     "h264-log": "crf=1",
 }
 """Settings with an RMSE of about 5 cm, whose errors are shown by range."""
-MARKS = Marks("<!-- curves: python -m benchmarks.curves --write docs/evaluation.md -->", "<!-- end of curves -->")
 
 
 @dataclass(frozen=True)
@@ -132,25 +131,27 @@ def _measured(run: Run, spec: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measure, write, or both."""
+    """Measure, draw, or both."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.curves", description=__doc__)
-    parser.add_argument("--measure", action="store_true", help="anew, instead of what benchmarks/curves.json holds")
+    parser.add_argument(
+        "--measure", action="store_true", help="anew, instead of what benchmarks/results/curves.json holds"
+    )
     parser.add_argument("--scene", action="append", choices=RUNS, default=[], help="only this one; repeatable")
-    parser.add_argument("--write", type=Path, default=None, help="page with the marks; pictures go into its folder")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="another file than benchmarks/curves.json")
+    parser.add_argument("--draw", type=Path, default=None, metavar="FOLDER", help="pictures into this folder")
+    parser.add_argument(
+        "--results", type=Path, default=RESULTS, help="another file than benchmarks/results/curves.json"
+    )
     chosen = parser.parse_args()
     results = chosen.results
-    known: dict[str, Any] = json.loads(results.read_text()) if results.exists() else {}
+    known: dict[str, Any] = json.loads(results.read_text())["scenes"] if results.exists() else {}
     if chosen.measure:
         for name in chosen.scene or RUNS:
             known[name] = measure(RUNS[name])
-            results.write_text(_one_result_a_line({name: known[name] for name in RUNS if name in known}))
-    page = text(known)
-    if chosen.write is None:
-        print(page)
-        return 0
-    MARKS.write(chosen.write, page)
-    draw(known, chosen.write.parent)
+            scenes = {name: known[name] for name in RUNS if name in known}
+            results.write_text(_one_result_a_line({**here(), "scenes": scenes}))
+    print(text(known))
+    if chosen.draw is not None:
+        draw(known, chosen.draw)
     return 0
 
 

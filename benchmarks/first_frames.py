@@ -1,6 +1,6 @@
 """The first frames of a stream: bits a return of `riddle`, beside `pcodec`, ours and the library's, on the same frames.
 
-    python -m benchmarks.first_frames [--drives 0005,0013] [--frames 5] [--write docs/evaluation.md]
+    python -m benchmarks.first_frames [--drives 0005,0013] [--frames 5] [--save]
 
 Every stream begins with its key frame. Bits are those of range, mask and motion, lossless and with the two bounds;
 every frame is decoded, and its errors are what they may be. `pcodec` the library gets the returns of a frame row by
@@ -14,10 +14,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
-from benchmarks.marks import Marks
+from benchmarks import results
 from benchmarks.range_table import BOUNDS, COUNTED, DRIVES, OF_KITTI, OF_KITTI_VNNI, check, frames_of_drive
 from lidarcodec.codecs import table
 from lidarcodec.entropy import encode_mask
@@ -26,10 +25,6 @@ from lidarcodec.frame import Frame
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import pack, unpack
 
-MARKS = Marks(
-    "<!-- first frames: python -m benchmarks.first_frames --write docs/evaluation.md -->",
-    "<!-- end of first frames -->",
-)
 OWN = "`pcodec`"
 LIBRARY = "pcodec, the library, and our mask"
 ROWS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -88,21 +83,20 @@ def measure(drive: str, number: int) -> str:
 
 
 def main() -> int:
-    """Measure, and print or write."""
+    """Measure, and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.first_frames", description=__doc__)
-    drives = [drive for drive in DRIVES if drive not in ("s3", "odometry")]  # which have no five frames
+    drives = [drive for drive in DRIVES if drive not in ("singles", "s3", "odometry")]  # which have no five frames
     parser.add_argument("--drives", default=",".join(drives), help="of " + ", ".join(DRIVES))
     parser.add_argument("--frames", type=int, default=5, help="how many")
-    parser.add_argument("--write", type=Path, default=None, help="file with the marks")
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/first-frames")
     chosen = parser.parse_args()
     if chosen.frames < 1 or not set(chosen.drives.split(",")) <= set(DRIVES):
         parser.error("one frame at least, of drives that are there")
-    parts = []
     for drive in chosen.drives.split(","):
-        parts.append(measure(drive, chosen.frames))
-        print(parts[-1], flush=True)
-    if chosen.write is not None:
-        MARKS.write(chosen.write, "\n\n".join(parts))
+        of_drive = measure(drive, chosen.frames)
+        print(of_drive, flush=True)
+        if chosen.save:
+            results.save(f"first-frames/{drive}", of_drive)
     return 0
 
 

@@ -1,6 +1,6 @@
 """Free ranges against rounded ones: bits a return, errors and milliseconds, on the same frames in the same run.
 
-    python -m benchmarks.free_ranges [--drives 0005] [--codecs riddle] [--write docs/evaluation.md]
+    python -m benchmarks.free_ranges [--drives 0005] [--codecs riddle] [--save]
 
 Every eighth frame of a drive behind the frame before it. Bits are those of range, mask and motion, the mask's part
 beside them. Each frame is coded with both shapes in turns, and decoded; the bound is checked at every return. Times are
@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.marks import Marks
+from benchmarks import results
 from benchmarks.range_table import COUNTED, DRIVES, check, pairs, timed
 from benchmarks.working_points import chamfer
 from lidarcodec.codecs import table
@@ -26,7 +25,6 @@ from lidarcodec.message import Message, SectionType
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import pack, unpack
 
-MARKS = Marks("<!-- free: python -m benchmarks.free_ranges --write docs/evaluation.md -->", "<!-- end of free -->")
 SHAPES = ("rounded", "free")
 STEP_CM = 0.2
 
@@ -97,21 +95,20 @@ def measure(drive: str, codecs: list[str], bounds: list[float], every: int) -> s
 
 
 def main() -> int:
-    """Measure, and print or write."""
+    """Measure, and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.free_ranges", description=__doc__)
     parser.add_argument("--drives", default="0005,0013,sfnd,city", help="of " + ", ".join(DRIVES))
     parser.add_argument("--codecs", default="riddle,predictive")
     parser.add_argument("--bounds", default="0.01,0.02,0.05,0.1,0.2", help="metres")
     parser.add_argument("--every", type=int, default=8, help="which frames")
-    parser.add_argument("--write", type=Path, default=None, help="file with the marks")
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/free-ranges")
     chosen = parser.parse_args()
     bounds = [float(bound) for bound in chosen.bounds.split(",")]
-    parts = []
     for drive in chosen.drives.split(","):
-        parts.append(measure(drive, chosen.codecs.split(","), bounds, chosen.every))
-        print(parts[-1], flush=True)
-    if chosen.write is not None:
-        MARKS.write(chosen.write, "\n\n".join(parts))
+        of_drive = measure(drive, chosen.codecs.split(","), bounds, chosen.every)
+        print(of_drive, flush=True)
+        if chosen.save:
+            results.save(f"free-ranges/{drive}", of_drive)
     return 0
 
 

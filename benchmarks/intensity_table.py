@@ -1,10 +1,10 @@
 """Prints, as Markdown, what intensities of few values cost and how far off they are, drive by drive.
 
-    python -m benchmarks.intensity_table [--frames 6] [--write docs/evaluation.md]
+    python -m benchmarks.intensity_table [--frames 6] [--save]
 
 Drives 0013, `sfnd`, 0001 and 0005, frames spread evenly over 54 revolutions of each. Bits are those of the section, a
 return; errors are of 255. Beside `levels=N` stands what N evenly spaced values take that each return is rounded to.
---write puts the table between its marks in that page.
+--save writes benchmarks/results/intensity.csv.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from __future__ import annotations
 import argparse
 import time
 from itertools import islice
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.marks import Marks
+from benchmarks import results
 from benchmarks.scenes import DATA
 from lidarcodec import api, entropy
 from lidarcodec.frame import Frame
@@ -26,10 +25,6 @@ from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intens
 from lidarcodec.planes.sections import fired_cells
 from lidarcodec.settings import StreamSettings
 
-MARKS: Final = Marks(
-    "<!-- intensities: python -m benchmarks.intensity_table --write docs/evaluation.md -->",
-    "<!-- end of intensities -->",
-)
 DRIVES: Final = {
     "0013": "kitti_0013_f052-107.pcap.xz",
     "sfnd": "kitti_sfnd_f000-049.pcap.xz",
@@ -119,16 +114,15 @@ def table_of(count: int) -> str:
 
 
 def main() -> None:
-    """Print the table, or write it."""
+    """Print the table, and with --save keep it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=6, help="frames of each drive")
-    parser.add_argument("--write", type=Path, metavar="PAGE", help="the page to write into")
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/intensity.csv")
     given = parser.parse_args()
     text = table_of(given.frames)
-    if given.write is None:
-        print(text)
-    else:
-        MARKS.write(given.write, text)
+    print(text)
+    if given.save:
+        results.save("intensity", text, title="Bits a return / RMSE, of 255")
 
 
 if __name__ == "__main__":

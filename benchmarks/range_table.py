@@ -1,10 +1,11 @@
 """Ranges against every peer: bits a return and milliseconds, drive by drive, on the same frames in the same run.
 
-    python -m benchmarks.range_table [--drives 0005,0013] [--every 8] [--write docs/evaluation.md]
+    python -m benchmarks.range_table [--drives 0005,0013] [--every 8] [--save]
 
 Ours are measured on every eighth frame, alone and after the frame before it; peers alone, but FFV1, which keeps
 statistics, too. Bits are those of range, mask and motion; all that a peer writes. Times are of one processor core, of
-this process alone, median of the frames. Every frame is decoded, and its errors are what they may be.
+this process alone, median of the frames. Every frame is decoded, and its errors are what they may be. --save writes
+benchmarks/results/ranges/DRIVE.csv.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.marks import Marks
+from benchmarks import results, split
 from benchmarks.scenes import DATA
 from lidarcodec.codecs import table
 from lidarcodec.evaluation.geometry import xyz_of
@@ -40,6 +41,7 @@ COUNTED = (SectionType.RANGE, SectionType.MASK, SectionType.KEEP, SectionType.MO
 KITTI = "kitti_hdl64e_s2_recovered_db.xml"
 ODOMETRY = tuple(f"kitti_odometry_00_{number:06}.bin.xz" for number in range(3))
 DRIVES: dict[str, tuple[str, str, str | None]] = {
+    split.NAME: (split.TITLE, split.FILE, split.CALIBRATION),
     "0005": ("KITTI raw, drive 0005 (test)", "kitti_0005.pcap.xz", KITTI),
     "0013": ("KITTI raw, drive 0013", "kitti_0013_f052-107.pcap.xz", KITTI),
     "sfnd": ("KITTI raw, drive `sfnd`", "kitti_sfnd_f000-049.pcap.xz", KITTI),
@@ -49,8 +51,6 @@ DRIVES: dict[str, tuple[str, str, str | None]] = {
     "city": ("simulated town", "sim:city?seed=1&frames=42", None),
     "road": ("simulated road", "sim:road?seed=1&frames=42", None),
 }
-MARKS = Marks("<!-- ranges: python -m benchmarks.range_table --write docs/evaluation.md -->", "<!-- end of ranges -->")
-
 
 OF_KITTI = str(Path(__file__).parent / "weights" / "riddle-kitti.lcrw")
 OF_KITTI_VNNI = str(Path(__file__).parent / "weights" / "riddle-kitti-vnni.lcrw")
@@ -184,6 +184,9 @@ def frames_of_drive(drive: str) -> Iterator[Frame]:
 
 def pairs(drive: str, every: int) -> Iterator[tuple[Frame | None, Frame]]:
     """Every so many frames of a drive with the one before; all of one that is short."""
+    if drive == split.NAME:
+        yield from ((None, frame) for frame in split.frames())
+        return
     before: Frame | None = None
     step = 1 if drive in ("odometry", "s3") else 2 if drive == "0006" else every
     for number, frame in enumerate(frames_of_drive(drive)):
@@ -194,13 +197,15 @@ def pairs(drive: str, every: int) -> Iterator[tuple[Frame | None, Frame]]:
 
 def measure(drive: str, every: int) -> str:
     """The table of a drive."""
-    names = [row.name for row in OURS] + [f"`{name}`" for name in PEERS]
+    blind = drive == split.NAME
+    ours_here = [row for row in OURS if not blind or not (row.after or "weights" in row.own)]
+    names = [row.name for row in ours_here] + [f"`{name}`" for name in PEERS]
     rows = {name: [Row() for _ in BOUNDS] for name in names}
     frames = points = 0
     for before, frame in pairs(drive, every):
         frames, points = frames + 1, points + frame.points
         for at, bound in enumerate(BOUNDS):
-            for ours in OURS:
+            for ours in ours_here:
                 rows[ours.name][at].add(*(found := of_ours(ours, bound, before, frame))[:1], frame.points, *found[1:])
             for name, values in PEERS.items():
                 rows[f"`{name}`"][at].add(
@@ -225,18 +230,17 @@ def measure(drive: str, every: int) -> str:
 
 
 def main() -> int:
-    """Measure, and print or write."""
+    """Measure, and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.range_table", description=__doc__)
     parser.add_argument("--drives", default=",".join(DRIVES), help="of " + ", ".join(DRIVES))
     parser.add_argument("--every", type=int, default=8, help="which frames")
-    parser.add_argument("--write", type=Path, default=None, help="file with the marks")
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/ranges")
     chosen = parser.parse_args()
-    parts = []
     for drive in chosen.drives.split(","):
-        parts.append(measure(drive, chosen.every))
-        print(parts[-1], flush=True)
-    if chosen.write is not None:
-        MARKS.write(chosen.write, "\n\n".join(parts))
+        table_of_drive = measure(drive, chosen.every)
+        print(table_of_drive, flush=True)
+        if chosen.save:
+            results.save(f"ranges/{drive}", table_of_drive)
     return 0
 
 

@@ -1,23 +1,22 @@
-"""What a target bitrate shows, with no other setting touched: the table in docs/evaluation.md.
+"""What a target bitrate shows, with no other setting touched.
 
-    python -m benchmarks.rate_pictures [--codecs riddle,pcodec] [--drives 0005] [--write docs/evaluation.md]
+    python -m benchmarks.rate_pictures [--codecs riddle,pcodec] [--drives 0005] [--save]
 
 For each target: kbit/s sent with everything counted, the mean of five seconds that is furthest above the target (of the
 whole stretch if it is shorter), the Chamfer distance with gaps filled in at the receiver and of measured returns alone,
 bits of intensity over returns of the original frames, its RMSE with gaps filled in, and frames that were left out.
-With --write, rows of drives and codecs that were not measured stay as they are.
+--save writes benchmarks/results/targets/DRIVE-CODEC.csv.
 """
 
 from __future__ import annotations
 
 import argparse
 from itertools import islice
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.marks import Marks
+from benchmarks import results
 from benchmarks.rate_table import Sent
 from benchmarks.scenes import DATA
 from benchmarks.working_points import chamfer
@@ -31,7 +30,6 @@ from lidarcodec.settings import StreamSettings
 from lidarcodec.units import PACKET_INTERVAL_US
 from lidarcodec.wire import size_of
 
-MARKS: Final = Marks("<!-- rate pictures: begin -->", "<!-- rate pictures: end -->")
 TARGETS: Final = (300, 450, 600, 750, 1000, 1500, 2500, 4000)
 DRIVES: Final = {
     "0005": "kitti_0005.pcap.xz",
@@ -41,12 +39,10 @@ DRIVES: Final = {
     "city": "sim:city?frames=60",
 }
 HEAD: Final = (
-    "| drive | codec | target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
+    "| target, kbit/s | sent | worst 5 s | Chamfer, m | measured returns alone "
     "| intensity, bits a return | its RMSE, of 255 | frames left out |\n"
-    "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    "|---:|---:|---:|---:|---:|---:|---:|---:|"
 )
-Rows = dict[tuple[str, str], list[str]]
-"""Lines of the table by drive and codec."""
 COMPARED: Final = 5
 """Distances are those of every so many-th frame."""
 
@@ -94,42 +90,31 @@ def shown(frames: list[Frame], codec: str, target: float) -> dict[str, Any]:
     }
 
 
-def table_with(measured: Rows, before: str) -> str:
-    """The table with what was measured, and with the rows of other drives and codecs as the table before has them."""
-    rows: Rows = {}
-    for line in before.splitlines()[2:]:
-        _, drive, codec, *_ = line.split("|")
-        rows.setdefault((drive.strip(), codec.strip(" `")), []).append(line)
-    rows |= measured
-    return "\n".join([HEAD, *(line for drive in DRIVES for pair in rows if pair[0] == drive for line in rows[pair])])
-
-
 def main() -> None:
-    """Measure, print, and with --write put the table between its marks."""
+    """Measure, print, and with --save keep the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--codecs", default="riddle,pcodec")
     parser.add_argument("--drives", default="0005")
     parser.add_argument("--frames", type=int, default=60)
-    parser.add_argument("--write", type=Path)
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/targets")
     given = parser.parse_args()
-    rows: Rows = {}
-    print(HEAD)
     for drive in given.drives.split(","):
         spec = DRIVES[drive]
         source = spec if spec.startswith("sim:") else str(DATA / spec)
         frames = list(islice(api.read_frames(source), given.frames))
         for codec in given.codecs.split(","):
-            lines = rows[drive, codec] = []
+            lines = [HEAD]
+            print(f"{drive}, {codec}", HEAD, sep="\n")
             for target in TARGETS:
                 row = shown(frames, codec, target)
                 lines.append(
-                    f"| {drive} | `{codec}` | {target:,} | {row['sent']:,.0f} | {100 * row['worst']:+.1f} % |"
+                    f"| {target:,} | {row['sent']:,.0f} | {100 * row['worst']:+.1f} % |"
                     f" {row['filled_m']:.3f} | {row['measured_m']:.3f} | {row['intensity']:.2f} | {row['shades']:.1f} |"
                     f" {row['left']} |"
                 )
                 print(lines[-1], flush=True)
-    if given.write:
-        MARKS.write(given.write, table_with(rows, MARKS.read(given.write)))
+            if given.save:
+                results.save(f"targets/{drive}-{codec}", "\n".join(lines), title=f"Drive {drive}, `{codec}`")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Ours against RCPCC (HITSZ-NRSL/RCPCC, ICRA 2025) at the same bits: the table in docs/evaluation.md.
+"""Ours against RCPCC (HITSZ-NRSL/RCPCC, ICRA 2025) at the same bits.
 
-    python -m benchmarks.rcpcc DRIVER [--drive 0005] [--calibration db.xml] [--write docs/evaluation.md]
+    python -m benchmarks.rcpcc DRIVER [--drive 0005] [--calibration db.xml] [--save]
 
 RCPCC states no licence, so its code is not here. DRIVER is your own program around it, called as
 
@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.marks import Marks
+from benchmarks import results
 from benchmarks.rate_pictures import COMPARED, DRIVES
 from benchmarks.scenes import DATA
 from benchmarks.working_points import apart
@@ -38,7 +38,6 @@ from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from lidarcodec.wire import size_of
 
-MARKS: Final = Marks("<!-- rcpcc: begin -->", "<!-- rcpcc: end -->")
 LEVELS: Final = (0, 2, 3, 5)
 STEPS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 BOUNDS_M: Final = (0.02, 0.03, 0.045, 0.065, 0.1, 0.14, 0.2, 0.3)
@@ -125,14 +124,14 @@ def _line(frames: str, who: str, size: float, metres: npt.NDArray[np.float64]) -
 
 
 def main() -> None:
-    """Measure, print, and with --write put the table between its marks."""
+    """Measure, print, and with --save keep the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("driver", type=Path)
     parser.add_argument("--drive", default="0005", choices=DRIVES)
     parser.add_argument("--codec", default="riddle")
     parser.add_argument("--calibration", type=Path, help="of the sensor that recorded the drive, a db.xml or yaml")
     parser.add_argument("--frames", type=int, default=60)
-    parser.add_argument("--write", type=Path)
+    parser.add_argument("--save", action="store_true", help="into benchmarks/results/rcpcc.csv")
     given = parser.parse_args()
     spec = DRIVES[given.drive]
     source = spec if spec.startswith("sim:") else str(DATA / spec)
@@ -142,8 +141,8 @@ def main() -> None:
     for line in rows(given.driver.resolve(), frames, given.codec):
         lines.append(line)
         print(line, flush=True)
-    if given.write:
-        MARKS.write(given.write, "\n".join(lines))
+    if given.save:
+        results.save("rcpcc", "\n".join(lines), title="RCPCC", about=f"Drive {given.drive}.")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.curve_tables import at_rmse, draw, text
-from benchmarks.curves import MARKS, RESULTS, RUNS
+from benchmarks.curves import RESULTS, RUNS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "evaluation.md"
 
@@ -34,14 +34,13 @@ def test_nothing_is_said_where_nothing_was_measured(rmse_m):
 
 
 def test_the_page_shows_what_the_results_say():
-    known = json.loads(RESULTS.read_text())
+    known = json.loads(RESULTS.read_text())["scenes"]
     assert list(known) == list(RUNS)
-    shown = PAGE.read_text().partition(MARKS.begin)[2].partition(MARKS.end)[0].strip()
-    assert shown == text(known)
+    assert text(known) in PAGE.read_text()
 
 
 def test_the_pictures_of_the_page_are_small(tmp_path):
-    known = json.loads(RESULTS.read_text())
+    known = json.loads(RESULTS.read_text())["scenes"]
     draw(known, tmp_path)
     for picture in tmp_path.iterdir():
         committed = PAGE.parent / picture.name
