@@ -1,8 +1,9 @@
 """Frames that nothing in the package was trained, tuned or chosen by: headline figures are measured on these.
 
-They are the 45 single scans of KITTI, of many places. Only the networks for measuring (`weights/`) were trained on
-them, so rows of those are left out. The last third of drive 0001 is no such split: networks and their pruning were
-compared on its frames 79 to 89, and settings and contexts were chosen by the drive.
+They are the 45 single scans of KITTI, of many places. Only networks that are in no package were trained on them:
+those for measuring (`weights/`), whose rows are left out, and those of RIDDLE's paper. The last third of drive 0001 is
+no such split: networks and their pruning were compared on its frames 79 to 89, and settings and contexts were chosen
+by the drive.
 """
 
 from __future__ import annotations
