@@ -6,8 +6,8 @@
 namespace lidarcodec {
 namespace {
 
-// Number of cells that differ; cells are 0 or 1. Eight at a time: each byte lane of the sum holds up to 255.
-std::size_t differing(const std::uint8_t* a, const std::uint8_t* b, std::ptrdiff_t n) {
+// The Hamming distance of n cells of 0 or 1. Eight bytes at a time; after 255 steps a byte of the sum may be full.
+std::size_t hamming_distance(const std::uint8_t* a, const std::uint8_t* b, std::ptrdiff_t n) {
   std::size_t total = 0;
   while (n >= 8) {
     std::uint64_t lanes = 0;
@@ -23,18 +23,18 @@ std::size_t differing(const std::uint8_t* a, const std::uint8_t* b, std::ptrdiff
   return total;
 }
 
-// a[k] against b[k + shift] where both exist; the rest counts as if every eighth cell differed.
-std::size_t disagreement(const std::uint8_t* a, std::ptrdiff_t na, const std::uint8_t* b, std::ptrdiff_t nb,
+// The Hamming distance of a[k] from b[k + shift] where both exist. Of the other cells every eighth counts as different.
+std::size_t shifted_distance(const std::uint8_t* a, std::ptrdiff_t na, const std::uint8_t* b, std::ptrdiff_t nb,
                          std::ptrdiff_t shift) {
   const std::ptrdiff_t begin = std::clamp<std::ptrdiff_t>(-shift, 0, na);
   const std::ptrdiff_t end = std::clamp<std::ptrdiff_t>(nb - shift, begin, na);
   const std::size_t outside = static_cast<std::size_t>(na - (end - begin)) / 8;
-  return outside + (end > begin ? differing(a + begin, b + begin + shift, end - begin) : 0);
+  return outside + (end > begin ? hamming_distance(a + begin, b + begin + shift, end - begin) : 0);
 }
 
-class Best {
+class Minimum {
  public:
-  // Keeps the first of equals.
+  // Of equal costs the first one is kept.
   void offer(std::int64_t value, std::size_t cost) {
     if (cost < cost_) {
       cost_ = cost;
@@ -56,7 +56,7 @@ std::size_t unlike_above(const MaskLayout& layout, const std::uint8_t* rows, std
   for (std::size_t row = 2; row < kMaskRows; row += 4) {
     if (layout.half(row) != layout.half(row - 1)) continue;
     const auto n = static_cast<std::ptrdiff_t>(layout.cells(row));
-    sum += disagreement(rows + row * width, n, rows + (row - 1) * width, n, layout.shift(row - 1, row, turn));
+    sum += shifted_distance(rows + row * width, n, rows + (row - 1) * width, n, layout.shift(row - 1, row, turn));
   }
   return sum;
 }
@@ -65,12 +65,13 @@ std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std:
   const auto cost = [&](std::int64_t turn) {
     return unlike_above(layout, rows, width, static_cast<std::uint32_t>(turn));
   };
-  // Near the truth scenes decide more than geometry does, so the nominal turn stays unless another is clearly better.
-  Best coarse;
+  // Near the true turn the distance depends on the scene more than on the turn. So the nominal turn stays unless another one is better by
+  // an eighth.
+  Minimum coarse;
   coarse.offer(kNominalTurn, cost(kNominalTurn) / 8 * 7);
   for (std::int64_t turn = 960; turn < 9000; turn += turn / 20) coarse.offer(turn, cost(turn));
   if (coarse.value() == kNominalTurn) return kNominalTurn;
-  Best fine;
+  Minimum fine;
   for (int step = -5; step <= 5; ++step) {
     const std::int64_t turn = coarse.value() + step * coarse.value() / 200;
     fine.offer(turn, cost(turn));
@@ -82,15 +83,15 @@ EarlierShift find_earlier(const std::uint8_t* mask, std::size_t width, const Ear
   const auto cost = [&](std::int64_t shift) {
     std::size_t sum = 0;
     for (std::size_t row = 2; row < kMaskRows; row += 4) {
-      sum += disagreement(mask + row * width, static_cast<std::ptrdiff_t>(width), earlier.cells + row * earlier.width,
+      sum += shifted_distance(mask + row * width, static_cast<std::ptrdiff_t>(width), earlier.cells + row * earlier.width,
                           static_cast<std::ptrdiff_t>(earlier.width), shift);
     }
     return sum;
   };
-  Best coarse;
+  Minimum coarse;
   coarse.offer(0, cost(0));
   for (std::int64_t shift = -128; shift <= 128; shift += 4) coarse.offer(shift, cost(shift));
-  Best fine;
+  Minimum fine;
   fine.offer(coarse.value(), cost(coarse.value()));
   for (std::int64_t step = 1; step <= 3; ++step) {
     fine.offer(coarse.value() - step, cost(coarse.value() - step));

@@ -1,5 +1,5 @@
-// What coding a mask of a stream takes most of its time for, with AVX2. Chosen at run time (mask/stream.cpp), so each function
-// says for itself what it is compiled for.
+// The inner loops of the mask coder of streams, for AVX2. The form is chosen at run time (mask/stream.cpp), so each function has its own
+// target attribute.
 #pragma once
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -15,7 +15,7 @@
 
 namespace lidarcodec {
 
-// What is added to all numbers of contexts, of every kind of cells to the left.
+// The part of the cells to the left in all context numbers, for every state of LeftCells.
 struct alignas(32) Avx2Left {
   static constexpr std::size_t kRuns = 8, kClasses = 8;
   std::array<std::array<std::uint16_t, kCellContexts>, 4 * kRuns * kClasses> of{};
@@ -23,8 +23,8 @@ struct alignas(32) Avx2Left {
   constexpr Avx2Left() {
     for (std::uint32_t i = 0; i < of.size(); ++i)
       for (std::size_t c = 0; c < kCellContexts; ++c)
-        of[i][c] = static_cast<std::uint16_t>((i & 1) * kAddedLeft.last[c] + (i >> 1 & 1) * kAddedLeft.before[c] +
-                                              i / 4 % kRuns * kAddedLeft.run[c] + i / 4 / kRuns * kAddedLeft.holes[c]);
+        of[i][c] = static_cast<std::uint16_t>((i & 1) * kLeftContext.last[c] + (i >> 1 & 1) * kLeftContext.before[c] +
+                                              i / 4 % kRuns * kLeftContext.run[c] + i / 4 / kRuns * kLeftContext.holes[c]);
   }
   static std::size_t number(const LeftCells& left) {
     return (left.bits & 3u) | left.run << 2 | std::uint32_t{kCountClass[left.holes]} << 5;
@@ -32,16 +32,16 @@ struct alignas(32) Avx2Left {
 };
 inline constexpr Avx2Left kAvx2Left;
 
-// PlainOdds with all of a decision's in a vector. What a decision moves is put down when the next one has read what it needs,
-// which it moves too where it is the same: so it need not wait until that is in memory.
-class Avx2Odds {
+// PlainLogOdds with the cells of a decision in a vector. The updated cells are stored after the next decision has loaded its own. Cells that
+// both share are updated in the registers, so no load waits for a store.
+class Avx2LogOdds {
  public:
   using Numbers = std::array<std::uint16_t, kCellContexts>;
 
-  LIDARCODEC_AVX2 explicit Avx2Odds(std::int16_t* cells)
+  LIDARCODEC_AVX2 explicit Avx2LogOdds(std::int16_t* cells)
       : cells_(cells), values_(_mm256_set1_epi16(cells[0])), numbers_(_mm256_setzero_si256()), all_by_(_mm256_setzero_si256()) {}
 
-  // Numbers of the contexts of each cell beside each other.
+  // The context numbers of a block, [cell][context].
   struct alignas(32) Block {
     std::array<Numbers, kContextBlock> of;
   };
@@ -50,7 +50,7 @@ class Avx2Odds {
     for (std::size_t half = 0; half < 2; ++half) {
       __m256i rows[8], turned[8];
       for (std::size_t i = 0; i < 8; ++i) rows[i] = _mm256_set_m128i(eight(from[i + 8], half), eight(from[i], half));
-      // In each half of a vector by itself: three times, the upper four rows between the lower four.
+      // Transposes 8 x 8 numbers in each half of the vectors: three rounds that interleave rows i and i + 4.
       for (std::size_t round = 0; round < 3; ++round) {
         for (std::size_t i = 0; i < 4; ++i) {
           turned[2 * i] = _mm256_unpacklo_epi16(rows[i], rows[i + 4]);
@@ -71,8 +71,8 @@ class Avx2Odds {
     const __m256i same = _mm256_cmpeq_epi16(numbers, numbers_);
     numbers_ = numbers;
     values_ = moved(values, _mm256_and_si256(all_by_, same));
-    // Mostly the sum can do without waiting for values that were moved.
-    const __m256i far = _mm256_cmpgt_epi16(_mm256_abs_epi16(values), _mm256_set1_epi16(32767 - kMostMoved));
+    // Without saturation the sum needs no updated cells: it is the sum of the loaded ones, plus `by` for each shared cell.
+    const __m256i far = _mm256_cmpgt_epi16(_mm256_abs_epi16(values), _mm256_set1_epi16(32767 - kMaxUpdate));
     if (!_mm256_testz_si256(far, far)) return added(values_);
     return added(values) + by_ * (_mm_popcnt_u32(static_cast<std::uint32_t>(_mm256_movemask_epi8(same))) >> 1);
   }
@@ -87,15 +87,15 @@ class Avx2Odds {
 
  private:
   static_assert(kCellContexts == 16 && kContextBlock == 16 && kCellsBegin.back() < 65536);
-  static constexpr int kMostMoved = 128;
-  static_assert(MaskModel::kRate < kMostMoved);
+  static constexpr int kMaxUpdate = 128;
+  static_assert(MaskModel::kRate < kMaxUpdate);
 
   LIDARCODEC_AVX2 static __m256i load(const Numbers& numbers) {
     return _mm256_load_si256(reinterpret_cast<const __m256i*>(numbers.data()));
   }
   LIDARCODEC_AVX2 static void store(__m256i numbers, Numbers& to) {
     _mm256_store_si256(reinterpret_cast<__m256i*>(to.data()), numbers);
-    asm("" : "+m"(to));  // else they are taken out of the vector one by one, which takes longer
+    asm("" : "+m"(to));  // else GCC extracts the numbers from the vector one by one, which is slower
   }
   LIDARCODEC_AVX2 static __m128i eight(const Numbers& numbers, std::size_t half) {
     return _mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data() + 8 * half));
@@ -133,21 +133,21 @@ class Avx2Odds {
 
   std::int16_t* cells_;
   alignas(32) Numbers here_{}, there_{};  // numbers of this decision, and of the last one
-  __m256i values_, numbers_, all_by_;     // of the last decision: after it, and by how much it moved them
+  __m256i values_, numbers_, all_by_;     // of the last decision: its updated cells, their numbers, the update
   std::int32_t by_ = 0;
 };
 
 struct Avx2MaskForms {
-  using Odds = Avx2Odds;
+  using Odds = Avx2LogOdds;
 
-  // Group after group, each out of a vector of as many directions as it may lie in.
+  // Gathers group after group by a shuffle of a vector of kWithin directions.
   template <std::size_t count>
   LIDARCODEC_AVX2 static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at,
-                                           const CellPicks& picks, const std::array<std::uint8_t*, count>& to) {
-    constexpr std::size_t kGroup = CellPicks::kGroup;
+                                           const CellGroups& picks, const std::array<std::uint8_t*, count>& to) {
+    constexpr std::size_t kGroup = CellGroups::kGroup;
     for (std::size_t g = 0; g < picks.groups(); ++g) {
       const std::size_t begin = g * kGroup, first = at[begin];
-      if (picks[g] == CellPicks::kApart || first + CellPicks::kWithin > kPlaces) {
+      if (picks[g] == CellGroups::kSpread || first + CellGroups::kWithin > kDirections) {
         look_up_each(from, at.data(), begin, begin + kGroup, to);
         continue;
       }
@@ -160,18 +160,18 @@ struct Avx2MaskForms {
     look_up_each(from, at.data(), picks.groups() * kGroup, at.size(), to);
   }
 
-  // Sixteen directions out of a vector of as many cells.
+  // Scatters to sixteen directions by a shuffle of a vector of sixteen cells.
   LIDARCODEC_AVX2 static void put_group(const std::uint8_t* cells, const std::uint8_t* behind, std::uint8_t* to) {
     const __m128i values = _mm_loadu_si128(reinterpret_cast<const __m128i*>(cells));
     const __m128i order = _mm_loadu_si128(reinterpret_cast<const __m128i*>(behind));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm_shuffle_epi8(values, order));
   }
-  LIDARCODEC_AVX2 [[gnu::flatten]] static void put(const std::uint8_t* values, const DirectionPicks& picks, std::size_t shift,
+  LIDARCODEC_AVX2 [[gnu::flatten]] static void put(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift,
                                                    std::uint8_t* to) {
     put_groups(values, picks, shift, to, put_group);
   }
 
-  // Each work by itself: a larger one has too few registers.
+  // Not inlined: a larger function has too few registers.
   template <class Work>
   LIDARCODEC_AVX2 [[gnu::flatten, gnu::noinline]] static void run(const Work& work) {
     work();

@@ -13,19 +13,19 @@ namespace {
 
 constexpr std::uint8_t kNone = kMaskNone, kAll = kMaskAll, kAlone = 2, kWithEarlier = 3;
 
-// Surer than 1 in 128, the first model is used alone: nothing to gain, and two thirds of the cells are done fast.
-constexpr std::uint32_t kSure = 512;
+// The first model is used alone where its probability is below this or above 65536 minus this: 1 in 128. Mixing gains little there.
+constexpr std::uint32_t kAloneLimit = 512;
 
-// Length of the run of equal cells before this one, in eight classes.
+// Class, 0 to 7, of the length of the run of equal cells before this one.
 constexpr std::array<std::uint8_t, 16> kRunClass = {0, 1, 2, 3, 4, 4, 5, 5, 5, 6, 6, 6, 6, 6, 6, 7};
 
-// Where the probability of a context starts, by the cells to the left and above: {00, 01, 10, 11} = 2 * left + above.
+// The prior probability of a context, of 65536, by 2 * left + above: the cells to the left and above.
 constexpr std::array<std::uint32_t, 4> kPrior = {10000, 24000, 42000, 61000};
 
 template <std::size_t N>
 class Models {
  public:
-  // Bits `left` and `above` of a context's number say which prior it starts from.
+  // left, above: the bits of a context number that hold these cells, and select the prior.
   Models(int left, int above) {
     for (std::size_t i = 0; i < N; ++i) models_[i] = BitModel(kPrior[2 * ((i >> left) & 1) + ((i >> above) & 1)]);
   }
@@ -35,16 +35,16 @@ class Models {
   std::array<BitModel, N> models_;
 };
 
-// The part of each cell's two contexts that is known before the row is begun. A loop each for whole rows, so that compilers
-// make vectors of them.
+// The part of each cell's two contexts that does not depend on the row itself. Each step is one loop over the row, so that compilers
+// vectorise it.
 class KnownContext {
  public:
   std::vector<std::uint8_t> first, second;
 
   explicit KnownContext(std::size_t width) : first(width), second(width), twos_(width + kRoom), fours_(width + kRoom), counts_(width) {}
 
-  // u, v: the rows above, of n cells.
-  void look(const std::uint8_t* u, const std::uint8_t* v, std::size_t n) {
+  // Without an earlier mask. u, v: the row above and the second row above, of n cells.
+  void find_contexts(const std::uint8_t* u, const std::uint8_t* v, std::size_t n) {
     count(v - 6, n);
     const std::uint8_t* const four = fours_.data();
     fill(counts_, n, [=](std::ptrdiff_t k) { return four[k] + four[k + 4] + four[k + 8] + v[k + 6]; });
@@ -55,8 +55,8 @@ class KnownContext {
     });
   }
 
-  // p: the same row earlier.
-  void look(const std::uint8_t* u, const std::uint8_t* v, const std::uint8_t* p, std::size_t n) {
+  // With an earlier mask. p: its row.
+  void find_contexts(const std::uint8_t* u, const std::uint8_t* v, const std::uint8_t* p, std::size_t n) {
     count(p - 3, n);
     const std::uint8_t *const two = twos_.data(), *const four = fours_.data();
     fill(counts_, n, [=](std::ptrdiff_t k) { return four[k] + two[k + 4] + p[k + 3]; });
@@ -68,7 +68,7 @@ class KnownContext {
   }
 
  private:
-  static constexpr std::size_t kRoom = 12;  // so many more sums than cells are asked for
+  static constexpr std::size_t kRoom = 12;  // sums are needed for so many more cells
 
   template <class Number>
   static void fill(std::vector<std::uint8_t>& to, std::size_t n, const Number& number) {
@@ -76,14 +76,14 @@ class KnownContext {
     for (std::ptrdiff_t k = 0; k < static_cast<std::ptrdiff_t>(n); ++k) at[k] = static_cast<std::uint8_t>(number(k));
   }
 
-  // Sums of two and of four cells, from the first on.
+  // Sums of two and of four adjacent cells.
   void count(const std::uint8_t* cells, std::size_t n) {
     fill(twos_, n + kRoom - 2, [=](std::ptrdiff_t k) { return cells[k] + cells[k + 1]; });
     const std::uint8_t* const two = twos_.data();
     fill(fours_, n + kRoom - 4, [=](std::ptrdiff_t k) { return two[k] + two[k + 2]; });
   }
 
-  // Classes of a count of returns in a window of so many cells: none, some, nearly all, all.
+  // Class of the number of returns in a window of `size` cells: none, some, at least three quarters, all.
   template <int size>
   static int class_of(std::uint8_t count) {
     return (count > 0) + (count >= size - size / 4) + (count == size);
@@ -93,16 +93,16 @@ class KnownContext {
 };
 
 struct MaskModels {
-  Models<256> first{7, 0};  // left at bit 7 in both forms, above at bit 0
+  Models<256> first{7, 0};  // left is bit 7, above is bit 0
   Models<2048> second{7, 0};
   std::array<Mixer, 4> mixers;  // by left and above
 };
 
-// Codes `n` cells in `cells`, writing or reading as `Bits` does.
+// Codes the n cells of a row. Bits: BitWriter or BitReader.
 template <bool kEarlier, class Bits>
 void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::uint8_t* cells, std::size_t n) {
   std::uint32_t left = 1, left2 = 1, run = 0;
-  std::uint32_t held = 0;  // the first context of the last cell, whose model is at hand: mostly the next one's, too
+  std::uint32_t held = 0;  // first context of the last cell; its model is in a register, as the next cell mostly has the same
   BitModel a = models.first[held];
   for (std::size_t k = 0; k < n; ++k) {
     const std::uint32_t run_class = kRunClass[run];
@@ -113,10 +113,10 @@ void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::ui
       a = models.first[first];
       held = first;
     }
-    const std::uint32_t sure = a.probability();
+    const std::uint32_t alone = a.probability();
     bool bit;
-    if (sure < kSure || sure > 65536u - kSure) {
-      bit = bits.bit(cells[k], sure);
+    if (alone < kAloneLimit || alone > 65536u - kAloneLimit) {
+      bit = bits.bit(cells[k], alone);
     } else {
       const std::uint32_t second = known.second[k] | left << 7 | (kEarlier ? run_class : left2) << 8;
       BitModel& b = models.second[second];
@@ -134,7 +134,7 @@ void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::ui
   models.first[held] = a;
 }
 
-// Codes all rows. `rows[r]` holds the cells of row r, closed up; of rows not yet decoded only the room.
+// Codes all rows. rows: the cells of each row, closed up, row after row at distance `width`; a decoder fills them.
 template <class Bits>
 void code_mask(Bits& bits, const MaskLayout& layout, std::size_t width, const MaskShifts& shifts,
                const EarlierMask& earlier, std::uint8_t* rows) {
@@ -154,10 +154,10 @@ void code_mask(Bits& bits, const MaskLayout& layout, std::size_t width, const Ma
     std::uint8_t* cells = rows + row * width;
     if (earlier.width > 0) {
       layout.align_earlier(earlier, row, shifts.earlier, before);
-      known.look(above.cells(), above2.cells(), before.cells(), n);
+      known.find_contexts(above.cells(), above2.cells(), before.cells(), n);
       code_row<true>(bits, models, known, cells, n);
     } else {
-      known.look(above.cells(), above2.cells(), n);
+      known.find_contexts(above.cells(), above2.cells(), n);
       code_row<false>(bits, models, known, cells, n);
     }
   }

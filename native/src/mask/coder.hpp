@@ -1,8 +1,8 @@
 // Mask coder: which cells of a 64 x W image hold a return. The format is docs/wire-format-sections.md, section "mask".
 //
-// Rows are coded from the top, each with its own bits to the left, the two rows above and, if there is one, the mask of
-// an earlier frame as context. The lasers of a firing look up to 18 degrees apart, so the rows above are first shifted
-// by rotation correction. Blocks that did not fire have no cells: a row is its half's fired columns, closed up.
+// Rows are coded from the top by context templates, as in JBIG (ITU-T T.82): the cells to the left, the two rows above and, if there is
+// one, the mask of an earlier frame. The lasers of a firing look up to 18 degrees apart, so the rows above are first shifted by their
+// rotation correction. Blocks that did not fire have no cells: a row is the fired columns of its half, closed up.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -15,10 +15,10 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kMaskRows = kRows;
 
-// Kinds of masks of one byte: no returns, and nothing but returns.
+// Kinds of masks that take one byte: no cell is a return, and all fired cells are returns.
 inline constexpr std::uint8_t kMaskNone = 0, kMaskAll = 1;
 
-// What encoder and decoder know beforehand.
+// What encoder and decoder know before the mask.
 struct MaskGeometry {
   std::size_t width = 0;
   const std::uint8_t* fired = nullptr;             // (2, W): upper, lower

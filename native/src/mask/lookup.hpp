@@ -1,4 +1,4 @@
-// Rows of directions, looked up for the cells of a row.
+// Gathers from rows of directions to rows of cells, and scatters back.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -11,81 +11,82 @@
 
 namespace lidarcodec {
 
-inline constexpr std::size_t kPlaces = kSlots;  // directions of a row
+inline constexpr std::size_t kDirections = kSlots;  // directions of a row, equally spaced over a turn
 
-// Cells in groups: what lies between them is the same in all rows of a half, and mostly little.
-class CellPicks {
+// Gathers the directions of groups of adjacent cells. The offsets within a group are the same in all rows of a half, and mostly small, so
+// that a vector shuffle can do a group.
+class CellGroups {
  public:
   static constexpr std::size_t kGroup = 8, kWithin = 16;
-  static constexpr std::uint64_t kApart = ~std::uint64_t{0};  // of a group that is not within so many directions
+  static constexpr std::uint64_t kSpread = ~std::uint64_t{0};  // a group whose offsets reach kWithin or more
 
-  CellPicks() = default;
-  // slots: of each cell its direction.
-  explicit CellPicks(const std::vector<std::uint16_t>& slots) : of_(slots.size() / kGroup) {
+  CellGroups() = default;
+  // slots: the direction of each cell.
+  explicit CellGroups(const std::vector<std::uint16_t>& slots) : of_(slots.size() / kGroup) {
     for (std::size_t g = 0; g < of_.size(); ++g) {
       const std::uint16_t* const slot = slots.data() + g * kGroup;
-      for (std::size_t j = 0; j < kGroup && of_[g] != kApart; ++j) {
-        const std::uint64_t behind = (slot[j] + kPlaces - slot[0]) % kPlaces;
-        of_[g] = behind < kWithin ? of_[g] | behind << (8 * j) : kApart;
+      for (std::size_t j = 0; j < kGroup && of_[g] != kSpread; ++j) {
+        const std::uint64_t behind = (slot[j] + kDirections - slot[0]) % kDirections;
+        of_[g] = behind < kWithin ? of_[g] | behind << (8 * j) : kSpread;
       }
     }
   }
 
   std::size_t groups() const { return of_.size(); }
-  // How far each cell of a group lies behind its first one, a byte each.
+  // The offsets of the cells of a group from its first one, a byte each.
   std::uint64_t operator[](std::size_t group) const { return of_[group]; }
 
  private:
   std::vector<std::uint64_t> of_;
 };
 
-// The other way: directions in groups, and the cells whose they are.
-class DirectionPicks {
+// The inverse: the cells of groups of adjacent directions.
+class DirectionGroups {
  public:
-  static constexpr std::size_t kGroup = 16, kGroups = kPlaces / kGroup;
-  static constexpr std::uint32_t kNobody = 0xFFFFFFFF;
-  static constexpr std::size_t kRoom = kGroup;  // values of cells may be read so far beyond the last
+  static constexpr std::size_t kGroup = 16, kGroups = kDirections / kGroup;
+  static constexpr std::uint32_t kNoCell = 0xFFFFFFFF;
+  static constexpr std::size_t kRoom = kGroup;  // cells beyond the last one that may be read
 
   struct Group {
-    std::array<std::uint8_t, kGroup> behind{};  // how far the cell of each direction lies behind `first`
-    std::uint32_t first = kNobody;              // kNobody: one has no cell, or they are not within so many
+    std::array<std::uint8_t, kGroup> behind{};  // offset of the cell of each direction from `first`
+    std::uint32_t first = kNoCell;              // kNoCell: a direction has no cell, or an offset reaches kGroup
   };
 
-  // owner: of each direction the cell, or kNobody.
-  void begin(std::vector<std::uint32_t> owner) {
-    owner_ = std::move(owner);
+  // owner: of each direction the cell, or kNoCell.
+  void begin(std::vector<std::uint32_t> cell_of) {
+    cells_ = std::move(cell_of);
     groups_.resize(kGroups);
     for (std::size_t g = 0; g < kGroups; ++g) {
-      const std::uint32_t* const cells = owner_.data() + g * kGroup;
+      const std::uint32_t* const cells = cells_.data() + g * kGroup;
       const auto [least, most] = std::minmax_element(cells, cells + kGroup);
-      if (*most == kNobody || *most - *least >= kGroup) continue;
+      if (*most == kNoCell || *most - *least >= kGroup) continue;
       groups_[g].first = *least;
       for (std::size_t i = 0; i < kGroup; ++i) groups_[g].behind[i] = static_cast<std::uint8_t>(cells[i] - *least);
     }
   }
 
   const Group& operator[](std::size_t group) const { return groups_[group]; }
-  std::uint32_t owner(std::size_t direction) const { return owner_[direction]; }
+  std::uint32_t cell_of(std::size_t direction) const { return cells_[direction]; }
 
  private:
-  std::vector<std::uint32_t> owner_;
+  std::vector<std::uint32_t> cells_;
   std::vector<Group> groups_;
 };
 
-// to[direction + shift] = values[its cell] for directions that have one. put_group: of a group whose cells lie together.
+// to[direction + shift] = values[cell of the direction], for directions with a cell. put_group: does a group with a valid `first`.
 template <class PutGroup>
-inline void put_groups(const std::uint8_t* values, const DirectionPicks& picks, std::size_t shift, std::uint8_t* to, PutGroup put_group) {
-  constexpr std::size_t kGroup = DirectionPicks::kGroup;
-  for (std::size_t g = 0; g < DirectionPicks::kGroups; ++g) {
-    const DirectionPicks::Group& group = picks[g];
-    const std::size_t at = (g * kGroup + shift) % kPlaces;
-    if (group.first != DirectionPicks::kNobody && at + kGroup <= kPlaces) {
+inline void put_groups(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift, std::uint8_t* to, PutGroup put_group) {
+  constexpr std::size_t kGroup = DirectionGroups::kGroup;
+  for (std::size_t g = 0; g < DirectionGroups::kGroups; ++g) {
+    const DirectionGroups::Group& group = picks[g];
+    const std::size_t at = (g * kGroup + shift) % kDirections;
+    if (group.first != DirectionGroups::kNoCell && at + kGroup <= kDirections) {
       put_group(values + group.first, group.behind.data(), to + at);
       continue;
     }
     for (std::size_t i = 0; i < kGroup; ++i) {
-      const std::uint32_t owner = picks.owner(g * kGroup + i);
-      if (owner != DirectionPicks::kNobody) to[(at + i) % kPlaces] = values[owner];
+      const std::uint32_t cell_of = picks.cell_of(g * kGroup + i);
+      if (cell_of != DirectionGroups::kNoCell) to[(at + i) % kDirections] = values[cell_of];
     }
   }
 }

@@ -1,4 +1,4 @@
-// Rows of a mask, closed up to the columns that fired and shifted onto each other.
+// The rows of a mask: closed up to the columns that fired, and aligned with each other.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -23,7 +23,7 @@ class PaddedRowOf {
   Cell* cells() { return cells_.data() + kMargin; }
   const Cell* cells() const { return cells_.data() + kMargin; }
 
-  // Beyond its ends a row of n cells goes on as it ends.
+  // Fills the margins with the first and the last of n cells.
   void pad(std::size_t n) {
     if (n == 0) return;
     std::fill(cells_.data(), cells(), *cells());
@@ -35,7 +35,7 @@ class PaddedRowOf {
 };
 using PaddedRow = PaddedRowOf<std::uint8_t>;
 
-// For each half, its fired columns, and how its cells are found from those of the other.
+// The fired columns of each half, and the map from the cells of one half to those of the other.
 class MaskLayout {
  public:
   explicit MaskLayout(const MaskGeometry& geometry) : geometry_(geometry) {
@@ -60,7 +60,7 @@ class MaskLayout {
   // Whether cell k of a row is column k.
   bool whole(std::size_t row) const { return cells(row) == geometry_.width; }
 
-  // Cells of row `above` that lie to the right of where they look on `row`, for `turn` columns in a full turn.
+  // The shift, in cells, of row `above` to the right of the same directions in `row`; turn: columns in a full turn.
   std::int64_t shift(std::size_t above, std::size_t row, std::uint32_t turn) const {
     if (geometry_.width == 0) return 0;
     const auto width = static_cast<std::int64_t>(geometry_.width);
@@ -72,8 +72,8 @@ class MaskLayout {
     return floor_div(2 * apart * cells_in_turn + kTurn, 2 * kTurn);
   }
 
-  // Fills `out`, margins too, with row `above` as seen from `row`. Beyond its ends a row goes on as it ends; a row
-  // without cells, like the one above the first, is all `none`: returns of masks.
+  // Fills `out` and its margins with row `above`, aligned with `row`. Beyond its ends a row repeats its last cell. A row without cells
+  // gives `none` everywhere.
   template <class Cell>
   void align(const Cell* above_cells, std::size_t above, std::size_t row, std::int64_t shift,
              PaddedRowOf<Cell>& out, Cell none = 1) const {
@@ -95,7 +95,7 @@ class MaskLayout {
     }
   }
 
-  // Fills `out` with a row of an earlier mask whose columns lie `shift` to the right of where they are seen here.
+  // Fills `out` and its margins with a row of an earlier mask, whose columns lie `shift` to the right of those of the same direction here.
   void align_earlier(const EarlierMask& earlier, std::size_t row, std::int64_t shift, PaddedRow& out) const {
     const std::uint8_t* from = earlier.cells + row * earlier.width;
     const auto n = static_cast<std::ptrdiff_t>(cells(row));

@@ -12,17 +12,17 @@ namespace lidarcodec {
 namespace {
 
 struct PlainMaskForms {
-  using Odds = PlainOdds;
+  using Odds = PlainLogOdds;
 
   template <std::size_t count>
-  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at, const CellPicks&,
+  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at, const CellGroups&,
                       const std::array<std::uint8_t*, count>& to) {
     look_up_each(from, at.data(), 0, at.size(), to);
   }
 
-  static void put(const std::uint8_t* values, const DirectionPicks& picks, std::size_t shift, std::uint8_t* to) {
+  static void put(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift, std::uint8_t* to) {
     put_groups(values, picks, shift, to, [](const std::uint8_t* cells, const std::uint8_t* behind, std::uint8_t* at) {
-      for (std::size_t i = 0; i < DirectionPicks::kGroup; ++i) at[i] = cells[behind[i]];
+      for (std::size_t i = 0; i < DirectionGroups::kGroup; ++i) at[i] = cells[behind[i]];
     });
   }
 
@@ -32,45 +32,45 @@ struct PlainMaskForms {
   }
 };
 
-// Codes a row that was looked at.
+// Codes a row whose windows were computed.
 template <class Forms, class Bits>
 void code_row(Bits& bits_so_far, MaskModel& model, const MaskWindows& windows, std::uint8_t* cells, std::size_t n) {
-  Bits bits = bits_so_far;  // and others: so that a compiler sees that nobody else has them
-  std::int32_t left_over = model.left_over();
+  Bits bits = bits_so_far;  // this and the next ones are local copies, so that compilers keep them in registers
+  std::int32_t remainder = model.remainder();
   BitModel* const gates = model.gates();
   const std::uint16_t* const gate_numbers = windows.gate.data();
   using Odds = typename Forms::Odds;
   Odds odds(model.cells());
   typename Odds::Block block;
-  std::size_t known = n;  // the block whose contexts are
+  std::size_t known = n;  // the block whose context numbers are computed
   LeftCells left;
   for (std::size_t k = 0; k < n; ++k) {
-    BitModel& gate = gates[gate_numbers[k] | left.few() << 6 | (left.bits & 1u) << 8];
-    std::uint32_t likely = gate.probability();
-    const bool sure = MaskModel::sure(likely);
+    BitModel& gate = gates[gate_numbers[k] | left.hole_class() << 6 | (left.bits & 1u) << 8];
+    std::uint32_t probability = gate.probability();
+    const bool sure = MaskModel::sure(probability);
     if (!sure) {
       if (known != k / kContextBlock) {
         known = k / kContextBlock;
         Forms::run([&windows, &block, known] {
           ContextBlock numbers;
-          windows.number(known * kContextBlock, numbers);
+          windows.number_contexts(known * kContextBlock, numbers);
           Odds::put_block(numbers, block);
         });
       }
-      likely = MaskModel::likely(odds.sum(block, k % kContextBlock, left));
+      probability = MaskModel::probability(odds.sum(block, k % kContextBlock, left));
     }
     const auto learn = [&](bool bit) {
-      if (!sure) odds.move(MaskModel::move(bit, likely, left_over));
+      if (!sure) odds.move(MaskModel::move(bit, probability, remainder));
       gate.update(bit);
       if constexpr (Bits::kReads) cells[k] = bit;
       left.take(bit);
     };
-    // One of two ways, so that what comes next need not wait for a bit that is what it mostly is.
-    if (bits.bit(cells[k], likely)) learn(true);
+    // A branch, so that the processor predicts the bit and goes on.
+    if (bits.bit(cells[k], probability)) learn(true);
     else learn(false);
   }
   odds.end();
-  model.left_over() = left_over;
+  model.remainder() = remainder;
   bits_so_far = bits;
 }
 
@@ -103,7 +103,7 @@ void MaskStream::code(Bits bits, const MaskView& view, std::uint8_t* rows) {
       expected.pad(n);
     }
     frame.begin_row(row, range);
-    Forms::run([&] { windows.template look<Forms>(frame, row, n, view.expected == nullptr ? nullptr : range); });
+    Forms::run([&] { windows.template begin_row<Forms>(frame, row, n, view.expected == nullptr ? nullptr : range); });
 
     std::uint8_t* const cells = rows + row * width;
     Forms::run([&] { code_row<Forms>(bits, model_, windows, cells, n); });

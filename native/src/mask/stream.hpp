@@ -1,7 +1,6 @@
 // Mask coder of streams with memory: the format is docs/wire-format-sections.md, section "masks in streams".
 //
-// Where there were returns in the last turns, what the ranges are expected to be, and what was learned from one frame to the
-// next: a fifth less than the coder of single masks (mask/coder.hpp) needs.
+// Its contexts are the masks of the last turns, the expected ranges and the rows above. Its models go on from frame to frame.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -19,16 +18,16 @@ inline constexpr std::uint8_t kMaskBegins = 6, kMaskGoesOn = 7;
 // One at each end of a stream. After an error only `forget` may be called.
 class MaskStream {
  public:
-  // path: how it computes. All paths give the same bytes.
+  // path: which instructions it uses; all paths give the same bytes.
   explicit MaskStream(Path path = quickest_path()) : path_(path) {}
 
   void forget() { begun_ = false; }
 
-  // Bytes of a mask, (64, W), of 0 and others. A mask without returns, or of nothing but returns, leaves the memory as it is.
+  // Encodes a mask, (64, W); 0: no return. A mask without returns, or with all fired cells returns, does not change the models.
   // Raises Section if a cell is set in a block that did not fire, or an azimuth is out of range.
   std::vector<std::uint8_t> encode(const std::uint8_t* mask, const MaskView& view);
 
-  // (64, W) of 0 and 1, of a section of one of the two kinds. Raises Section or Truncated.
+  // The mask, (64, W) of 0 and 1, from a section of one of the two kinds. Raises Section or Truncated.
   std::vector<std::uint8_t> decode(const std::uint8_t* data, std::size_t size, const MaskView& view);
 
  private:
@@ -38,8 +37,8 @@ class MaskStream {
   void code(Bits bits, const MaskView& view, std::uint8_t* rows);
   void begin(bool fresh);
 
-  [[maybe_unused]] Path path_;  // some processors have one form only
-  MaskPlaces places_;
+  [[maybe_unused]] Path path_;  // unused where there is one form
+  MaskTables places_;
   MaskModel model_;
   bool begun_ = false, fresh_ = false;
 };

@@ -1,5 +1,5 @@
-// What is known of the cells of a row before the row is begun, for a whole row at a time, and the numbers of their contexts,
-// for a block of cells where one is asked for: all of each number but what lies to the left.
+// The features of the cells of a row that do not depend on the row itself, computed for a whole row at a time, and the context numbers of
+// blocks of cells, without the part of the cells to the left.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -15,18 +15,18 @@ namespace lidarcodec {
 class MaskWindows {
  public:
   static constexpr std::size_t kBlock = kContextBlock, kStep = 32;
-  static constexpr std::size_t kRoom = kStep;  // so many more than there are cells in a row are looked at
+  static constexpr std::size_t kRoom = kStep;  // features are computed for so many more cells
 
   explicit MaskWindows(std::size_t width) : here(width + kRoom), place(width + kRoom), gate(width + kRoom) {
     for (PaddedRow* row : {&above_, &above2_, &above3_, &below_, &place_above_, &place_below_, &one_, &two_, &four_, &eight_,
-                           &u_, &v_, &w_, &h_, &h2_, &h3_, &holes_above_, &holes_wide_, &changed_, &holes_here_, &holes_new_,
-                           &holes_ever_, &about_, &near_, &rough_, &over_, &wide_, &changes_, &around_, &there_, &ever_})
+                           &above_bits_, &above2_bits_, &above3_bits_, &turn_bits_, &turn2_bits_, &turn3_bits_, &holes_above_, &holes_wide_, &changed_, &holes_here_, &holes_new_,
+                           &holes_ever_, &about_, &near_, &rough_, &above_class_, &wide_class_, &changed_class_, &around_class_, &places_class_, &ever_class_})
       *row = PaddedRow(width + kRoom);
   }
 
-  // Looks at the row that a frame has begun, of n cells; expected: their ranges, margins too, nullptr: nothing.
+  // Computes the features of the row that a frame has begun, of n cells. expected: expected ranges, padded; or nullptr.
   template <class Forms>
-  void look(const MaskFrame& frame, std::size_t row, std::size_t n, const std::uint16_t* expected) {
+  void begin_row(const MaskFrame& frame, std::size_t row, std::size_t n, const std::uint16_t* expected) {
     frame.beams<Forms>({&above3_, &above2_, &above_, &here, &below_});
     frame.places<Forms>({&place_above_, &place, &place_below_});
     const std::size_t all = n + 2 * kMargin;
@@ -48,77 +48,78 @@ class MaskWindows {
     sum(n, holes_ever_);
     fill(c, all, [=](std::size_t i) { return ~h[i] & 1; });
     sum(n, about_);
-    pack(above_, 0, n, u_);
-    pack(above2_, 0, n, v_);
-    pack(above3_, 0, n, w_);
-    pack(here, 0, n, h_);
-    pack(here, 1, n, h2_);
-    pack(here, 2, n, h3_);
-    look_ahead(n, expected);
+    pack(above_, 0, n, above_bits_);
+    pack(above2_, 0, n, above2_bits_);
+    pack(above3_, 0, n, above3_bits_);
+    pack(here, 0, n, turn_bits_);
+    pack(here, 1, n, turn2_bits_);
+    pack(here, 2, n, turn3_bits_);
+    classify_expected(n, expected);
     number_gates(n);
     row_ = static_cast<unsigned>(row);
   }
 
-  // Numbers the contexts of a block of the row that was looked at last; what is left of each cell is yet to be added.
-  void number(std::size_t begin, ContextBlock& to) const {
+  // The context numbers of a block of this row, without the part of the cells to the left. a1, a2, a3: eight cells of each of the three
+  // rows above; t1, t2, t3: eight cells of this row in each of the last three turns. Bit 3 is the cell itself (pack).
+  void number_contexts(std::size_t begin, ContextBlock& to) const {
     const auto at = [begin](const PaddedRow& cells) { return cells.cells() + begin; };
     const unsigned row = row_;
-    const std::uint8_t *const U = at(u_), *const V = at(v_), *const W = at(w_), *const H = at(h_), *const H2 = at(h2_),
-                       *const H3 = at(h3_);
+    const std::uint8_t *const a1 = at(above_bits_), *const a2 = at(above2_bits_), *const a3 = at(above3_bits_), *const t1 = at(turn_bits_), *const t2 = at(turn2_bits_),
+                       *const t3 = at(turn3_bits_);
     const std::uint8_t *const h = at(here), *const b = at(below_), *const p = at(place), *const u = at(above_);
     const std::uint8_t *const near = at(near_), *const rough = at(rough_), *const about = at(about_);
-    const std::uint8_t *const over = at(over_), *const wide = at(wide_), *const changed = at(changes_), *const around = at(around_),
-                       *const there = at(there_), *const ever = at(ever_);
-    // Bit 1: above; bit 2: a turn ago; bit 0 is left for the cell to the left.
+    const std::uint8_t *const over = at(above_class_), *const wide = at(wide_class_), *const changed = at(changed_class_), *const around = at(around_class_),
+                       *const there = at(places_class_), *const ever = at(ever_class_);
+    // Bit 1: the cell above; bit 2: this cell a turn ago; bit 0 is for the cell to the left.
     std::array<std::uint8_t, kBlock> twos;
     std::uint8_t* const two = twos.data();
-    fill_block(two, [=](std::size_t k) { return (U[k] >> 3 & 1) << 1 | (H[k] >> 3 & 1) << 2; });
+    fill_block(two, [=](std::size_t k) { return (a1[k] >> 3 & 1) << 1 | (t1[k] >> 3 & 1) << 2; });
     const auto context = [&](std::size_t i, auto value) {
       fill_block(to[i].data(), [=](std::size_t k) { return kCellsBegin[i] + static_cast<unsigned>(value(k)); });
     };
     context(0, [=](std::size_t k) {
       const auto c = static_cast<std::uint8_t>(3 - reaches<std::uint8_t>(about[k], 1) - reaches<std::uint8_t>(about[k], 3) - reaches<std::uint8_t>(about[k], 9));
-      return two[k] | (V[k] >> 4 & 1u) << 3 | c << 4;
+      return two[k] | (a2[k] >> 4 & 1u) << 3 | c << 4;
     });
     context(1, [=](std::size_t k) {
-      return two[k] | (U[k] >> 2 & 1u) << 3 | (U[k] >> 4 & 1u) << 4 | (H[k] & 1u) << 5 | (H[k] >> 2 & 1u) << 6 | (H[k] >> 4 & 1u) << 7;
+      return two[k] | (a1[k] >> 2 & 1u) << 3 | (a1[k] >> 4 & 1u) << 4 | (t1[k] & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 | (t1[k] >> 4 & 1u) << 7;
     });
-    context(2, [=](std::size_t k) { return (two[k] & 2u) | (H[k] & 127u) << 2; });
+    context(2, [=](std::size_t k) { return (two[k] & 2u) | (t1[k] & 127u) << 2; });
     context(3, [=](std::size_t k) { return two[k] | near[k] << 3 | near[static_cast<std::ptrdiff_t>(k) - 1] << 6 | near[k + 1] << 9; });
     context(4, [=](std::size_t k) {
       const std::uint8_t holes = zeros(static_cast<std::uint8_t>(h[k] | 1u));
       return two[k] | near[k] << 3 | rough[k] << 6 | (2 - reaches<std::uint8_t>(holes, 2) - reaches<std::uint8_t>(holes, 5)) << 9;
     });
-    context(5, [=](std::size_t k) { return (two[k] & 4u) >> 1 | U[k] << 3; });
-    context(6, [=](std::size_t k) { return two[k] | (V[k] >> 2 & 15u) << 3 | (W[k] >> 3 & 3u) << 7 | (U[k] >> 4 & 1u) << 9; });
-    context(7, [=](std::size_t k) { return two[k] | (H2[k] >> 1 & 31u) << 3 | (H3[k] >> 2 & 7u) << 8; });
+    context(5, [=](std::size_t k) { return (two[k] & 4u) >> 1 | a1[k] << 3; });
+    context(6, [=](std::size_t k) { return two[k] | (a2[k] >> 2 & 15u) << 3 | (a3[k] >> 3 & 3u) << 7 | (a1[k] >> 4 & 1u) << 9; });
+    context(7, [=](std::size_t k) { return two[k] | (t2[k] >> 1 & 31u) << 3 | (t3[k] >> 2 & 7u) << 8; });
     context(8, [=](std::size_t k) { return (two[k] & 2u) | near[k] << 2 | row << 5; });
     context(9, [=](std::size_t k) { return two[k] | changed[k] << 3 | around[k] << 7; });
     context(10, [=](std::size_t k) { return two[k] | (p[k] & 1u) << 3 | there[k] << 4; });
     context(11, [=](std::size_t k) { return two[k] | p[k] << 3; });
-    context(12, [=](std::size_t k) { return two[k] | (H[k] >> 4 & 1u) << 3 | ever[k] << 4 | over[k] << 8; });
-    context(13, [=](std::size_t k) { return (two[k] & 2u) | (U[k] >> 4 & 1u) << 2 | wide[k] << 6; });
+    context(12, [=](std::size_t k) { return two[k] | (t1[k] >> 4 & 1u) << 3 | ever[k] << 4 | over[k] << 8; });
+    context(13, [=](std::size_t k) { return (two[k] & 2u) | (a1[k] >> 4 & 1u) << 2 | wide[k] << 6; });
     context(14, [=](std::size_t k) {
-      return two[k] | (h[k] >> 1 & 3u) << 3 | (H[k] >> 4 & 1u) << 5 | (H[k] >> 2 & 1u) << 6 | (b[k] & 1u) << 7 | (b[k + 1] & 1u) << 8 |
-             (U[k] >> 4 & 1u) << 9 | (u[k] >> 1 & 1u) << 11;
+      return two[k] | (h[k] >> 1 & 3u) << 3 | (t1[k] >> 4 & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 | (b[k] & 1u) << 7 | (b[k + 1] & 1u) << 8 |
+             (a1[k] >> 4 & 1u) << 9 | (u[k] >> 1 & 1u) << 11;
     });
     context(15, [=](std::size_t k) { return two[k] | row << 3 | at_most_7(there[k]) << 9; });
   }
 
-  PaddedRow here, place;            // bytes of turns, of the direction of each cell and of its place
-  std::vector<std::uint16_t> gate;  // number of the first model
+  PaddedRow here, place;            // history bytes of the direction of each cell and of its place
+  std::vector<std::uint16_t> gate;  // number of the gate
 
  private:
   static constexpr std::size_t kMargin = PaddedRow::kMargin;
   static std::uint8_t* first(PaddedRow& row) { return row.cells() - kMargin; }
   static const std::uint8_t* first(const PaddedRow& row) { return row.cells() - kMargin; }
 
-  // to[i] = value(i), by vectors: `to` is no part of what `value` reads. Up to kStep - 1 more: nothing is left for the end.
+  // to[i] = value(i), vectorised: `value` reads nothing from `to`. Computes up to kStep - 1 more, so that no scalar loop remains.
   template <class Number, class Value>
   static void fill(Number* __restrict to, std::size_t n, Value value) {
     for (std::size_t begin = 0; begin < n; begin += kStep) {
 #if defined(__clang__)
-#pragma clang loop interleave(disable) unroll(disable)  // a page fetches this
+#pragma clang loop interleave(disable) unroll(disable)  // small, for the page
 #elif defined(__GNUC__)
 #pragma GCC unroll 1
 #endif
@@ -142,14 +143,14 @@ class MaskWindows {
     x = static_cast<std::uint8_t>((x & 0x33) + (x >> 2 & 0x33));
     return static_cast<std::uint8_t>((x + (x >> 4)) & 0x0F);
   }
-  // 1 if a number is not below a limit, else 0; so that compilers use the vectors' minimum, in lanes of its own size.
+  // 1 if a number is at least a limit, else 0: written with minima, which compilers vectorise without widening.
   template <class Number>
   static constexpr Number reaches(Number number, Number limit) {
     const auto before = static_cast<Number>(limit - 1);
     const Number up_to = number < limit ? number : limit, below = number < before ? number : before;
     return static_cast<Number>(up_to - below);
   }
-  // Classes of counts that reach no further limit than these.
+  // Classes of counts that reach at most the first `limits` limits.
   template <std::size_t limits>
   static const std::uint8_t* classes(const PaddedRow& counts, std::size_t n, PaddedRow& to) {
     fill(to.cells(), n, [from = counts.cells()](std::size_t k) {
@@ -163,7 +164,7 @@ class MaskWindows {
   static constexpr std::uint16_t at_most_1(std::uint16_t x) { return x < 1 ? x : std::uint16_t{1}; }
   static constexpr std::uint8_t at_most_7(std::uint8_t x) { return x < 7 ? x : std::uint8_t{7}; }
 
-  // Sums of counts over nine cells, from four to the left to four to the right; leaves those of eight.
+  // Sums of one_ over nine cells, from four to the left to four to the right. eight_ then has the sums of eight.
   void sum(std::size_t n, PaddedRow& sums) {
     const std::uint8_t* const c = first(one_);
     std::uint8_t *const two = first(two_), *const four = first(four_), *const eight = first(eight_);
@@ -174,7 +175,7 @@ class MaskWindows {
     fill(sums.cells(), n, [=](std::size_t k) { return eight[k + 4] + c[k + 12]; });
   }
 
-  // A bit of the bytes of eight cells, from three to the left (lowest) to four to the right.
+  // Packs one bit of each of eight cells into a byte: from three cells to the left, the lowest bit, to four to the right.
   void pack(const PaddedRow& bytes, int bit, std::size_t n, PaddedRow& packed) {
     const std::uint8_t* const b = bytes.cells() - 3;
     std::uint8_t *const one = first(one_), *const two = first(two_), *const four = first(four_);
@@ -184,8 +185,8 @@ class MaskWindows {
     fill(packed.cells(), n, [=](std::size_t i) { return four[i] | four[i + 4] << 4; });
   }
 
-  // Classes of what is expected.
-  void look_ahead(std::size_t n, const std::uint16_t* e) {
+  // near_: octave class of the expected range; rough_: class of its differences from four neighbours, relative to the range.
+  void classify_expected(std::size_t n, const std::uint16_t* e) {
     if (e == nullptr) {
       fill(near_.cells() - 1, n + 2, [](std::size_t) { return 0; });
       fill(rough_.cells(), n, [](std::size_t) { return 0; });
@@ -218,26 +219,27 @@ class MaskWindows {
   }
 
   void number_gates(std::size_t n) {
-    const std::uint8_t *const U = u_.cells(), *const H = h_.cells();
-    const std::uint8_t* const over = classes<8>(holes_above_, n, over_);
-    classes<10>(holes_wide_, n, wide_);
-    classes<7>(changed_, n, changes_);
-    const std::uint8_t* const around = classes<10>(holes_here_, n, around_);
-    classes<9>(holes_new_, n, there_);
-    const std::uint8_t* const ever = classes<13>(holes_ever_, n, ever_);
+    const std::uint8_t *const a1 = above_bits_.cells(), *const t1 = turn_bits_.cells();
+    const std::uint8_t* const over = classes<8>(holes_above_, n, above_class_);
+    classes<10>(holes_wide_, n, wide_class_);
+    classes<7>(changed_, n, changed_class_);
+    const std::uint8_t* const around = classes<10>(holes_here_, n, around_class_);
+    classes<9>(holes_new_, n, places_class_);
+    const std::uint8_t* const ever = classes<13>(holes_ever_, n, ever_class_);
     fill(gate.data(), n, [=](std::size_t k) {
-      return at_most_7(ever[k]) | at_most_7(over[k]) << 3 | (U[k] >> 3 & 1u) << 9 | (H[k] >> 3 & 1u) << 10 | at_most_7(around[k]) << 11;
+      return at_most_7(ever[k]) | at_most_7(over[k]) << 3 | (a1[k] >> 3 & 1u) << 9 | (t1[k] >> 3 & 1u) << 10 | at_most_7(around[k]) << 11;
     });
   }
 
-  // Bytes of turns of the rows above, of this frame already, of the row below, and of places above and below.
+  // History bytes of the three rows above, with this frame, of the row below, and of the places above and below.
   PaddedRow above_{0}, above2_{0}, above3_{0}, below_{0}, place_above_{0}, place_below_{0};
   PaddedRow one_{0}, two_{0}, four_{0}, eight_{0};
-  PaddedRow u_{0}, v_{0}, w_{0}, h_{0}, h2_{0}, h3_{0};  // eight cells of the rows above and of three turns
-  // Holes over nine cells: in the three rows above, also over 17; in four turns and three of the row below; at places in two
-  // turns and one above and below, and in eight; a turn ago. And cells above that are not as they were a turn ago.
+  PaddedRow above_bits_{0}, above2_bits_{0}, above3_bits_{0}, turn_bits_{0}, turn2_bits_{0}, turn3_bits_{0};  // eight cells of the rows above and of the last three turns
+  // Counts of holes over nine cells: in the three rows above, also over 17 (wide); in four turns of this row and three of the row below
+  // (here); in two turns of the places, and one of those above and below (new); in eight turns of them (ever); a turn ago (about). And of
+  // cells in the two rows above that changed since the last turn.
   PaddedRow holes_above_{0}, holes_wide_{0}, holes_here_{0}, holes_new_{0}, holes_ever_{0}, about_{0}, changed_{0};
-  PaddedRow over_{0}, wide_{0}, changes_{0}, around_{0}, there_{0}, ever_{0};  // classes of holes, in the order of their contexts
+  PaddedRow above_class_{0}, wide_class_{0}, changed_class_{0}, around_class_{0}, places_class_{0}, ever_class_{0};  // classes of these counts
   PaddedRow near_{0}, rough_{0};
   unsigned row_ = 0;
 };
