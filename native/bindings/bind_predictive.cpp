@@ -13,8 +13,8 @@ using lidarcodec::RiddleNets;
 
 namespace {
 
-// Lets go of the Python object that networks belong to.
-struct LetGo {
+// Releases the Python object that owns the networks.
+struct Release {
   PyObject* object;
   void operator()(const RiddleNets*) const noexcept {
     if (!nb::is_alive()) return;
@@ -23,16 +23,16 @@ struct LetGo {
   }
 };
 
-// Networks shared with Python. nanobind's own caster (nanobind/stl/shared_ptr.h) ends the process where memory is short:
-// it makes a shared_ptr in a function that may not throw.
+// Networks shared with Python. nanobind's own caster (nanobind/stl/shared_ptr.h) makes a shared_ptr in a noexcept function, and so
+// ends the process when memory is short.
 std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
   if (nets.is_none()) return nullptr;
   const auto* const found = nb::cast<const RiddleNets*>(nets);
-  return {found, LetGo{nets.inc_ref().ptr()}};  // which lets go if there is no memory for what counts
+  return {found, Release{nets.inc_ref().ptr()}};  // a shared_ptr that cannot be made calls Release
 }
 
-// Where to put what is sent, (64, W); nullptr for (64, 0).
-std::uint16_t* place_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent, const MaskGeometry& geometry) {
+// Where the sent ranges go, (64, W); nullptr for (64, 0).
+std::uint16_t* sent_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent, const MaskGeometry& geometry) {
   if (sent.shape(1) == 0) return nullptr;
   if (sent.shape(0) != kMaskRows || sent.shape(1) != geometry.width)
     throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "what is sent is (64, W), as wide as the columns");
@@ -49,7 +49,7 @@ void bind_predictive(nb::module_& m) {
         for (const lidarcodec::Path path : lidarcodec::paths_here()) names.append(lidarcodec::name_of(path));
         return names;
       },
-      "The ways to compute that this processor can run, the fastest last.");
+      "The paths that this processor can run, the fastest last.");
   m.def(
       "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); }, nb::arg("data"),
       "The number of known columns that the bytes of a slab need; -1 for a whole frame, or without returns.");
@@ -74,7 +74,7 @@ void bind_predictive(nb::module_& m) {
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
             const std::uint16_t* const seen = expectation(expected, geometry);
-            std::uint16_t* const to = place_of(sent, geometry);
+            std::uint16_t* const to = sent_of(sent, geometry);
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;

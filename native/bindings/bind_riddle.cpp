@@ -27,7 +27,7 @@ void bind_riddle(nb::module_& m) {
         for (const NetForm form : lidarcodec::net_forms_here()) names.append(lidarcodec::name_of(form));
         return names;
       },
-      "The ways to run networks on this processor, the fastest last.");
+      "The forms of networks that this processor can run, the fastest last.");
   nb::class_<RiddleNets>(m, "RiddleNets")
       .def(nb::init<>())
       .def(
@@ -40,7 +40,7 @@ void bind_riddle(nb::module_& m) {
           },
           nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("c1").noconvert(),
           nb::arg("w2").noconvert(), nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("c2").noconvert(),
-          nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(), nb::arg("form") = "", "Take a network; whether it knows what to expect its inputs say.")
+          nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(), nb::arg("form") = "", "Sets a network. Its number of inputs tells whether it is for frames with expected ranges.")
       .def(
           "run",
           [](const RiddleNets& nets, In<std::int8_t, 2> inputs) {
@@ -57,7 +57,7 @@ void bind_riddle(nb::module_& m) {
                 for (std::size_t leaf = 0; leaf < lidarcodec::kLeafOdds; ++leaf) of[leaf] = net->leaf_odds(*at[k], leaf);
               }
             };
-            std::size_t i = 0;  // as frames are coded: by fours, slabs by twos, and ends one by one
+            std::size_t i = 0;  // four at a time as in frames, two as in slabs, one as at the ends of rows
             for (; i + 4 <= count; i += 4) run(i, std::array{values, values + 1, values + 2, values + 3});
             for (; i + 2 <= count; i += 2) run(i, std::array{values, values + 1});
             for (; i < count; ++i) run(i, std::array{values});

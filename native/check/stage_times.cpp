@@ -61,31 +61,31 @@ struct Watched : Forms {
     watch.contexts.add(watch.found - begun);
   }
   template <const auto& kUsed>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  static void add_up(const std::int16_t* cells, const Slots& slots, Probabilities& chances) {
     const std::uint64_t begun = ticks();
     watch.looked_at = 0;
     Forms::template add_up<kUsed>(cells, slots, chances);
     watch.sums.add(ticks() - begun);
   }
   template <const auto& kUsed>
-  static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
-                    std::int16_t* said, Chances& chances) {
+  static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const MixingWeights& weights,
+                  std::int16_t* context_odds, Probabilities& chances) {
     const std::uint64_t begun = ticks();
     if (watch.looked_at != 0) watch.inputs_and_network.add(begun - watch.found);
     watch.looked_at = 0;
-    Forms::template weigh<kUsed>(cells, slots, net, weights, said, chances);
+    Forms::template mix<kUsed>(cells, slots, net, weights, context_odds, chances);
     watch.sums.add(ticks() - begun);
   }
-  template <const auto& kUsed, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+  template <const auto& kUsed, bool kNetwork>
+  static void learn(std::int16_t* cells, const Slots& slots, const Probabilities& chances, const Walk& walked) {
     const std::uint64_t begun = ticks();
-    Forms::template learn<kUsed, kLearned>(cells, slots, chances, walked);
+    Forms::template learn<kUsed, kNetwork>(cells, slots, chances, walked);
     watch.learning.add(ticks() - begun);
   }
-  static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,
-                            const Walk& walked) {
+  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds, const Probabilities& chances,
+                           const Walk& walked) {
     const std::uint64_t begun = ticks();
-    Forms::learn_weights(weights, net, said, chances, walked);
+    Forms::learn_mixing(weights, net, context_odds, chances, walked);
     watch.learning.add(ticks() - begun);
   }
 };
@@ -135,16 +135,16 @@ struct Stages {
 };
 
 // Codes all rows of an image as `code_rows` of predictive/paths.hpp does, watched.
-template <class Forms, bool kExpects, bool kLearned, class Coder, class Image>
+template <class Forms, bool kExpects, bool kNetwork, class Coder, class Image>
 void code_watched(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image, Stages& stages) {
-  using Rows = PredictiveRows<Coder, Watched<Forms>, kExpects, kLearned>;
+  using Rows = PredictiveRows<Coder, Watched<Forms>, kExpects, kNetwork>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
   watch = {};
   std::uint64_t canvas = 0, last = ticks();
-  Rows coder(on.model, on.teaching, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
-  RowStage<Rows::kReads, kExpects, kLearned> stage(source, 0, coder.start(), coder.first());
+  Rows coder(on.model, on.network, source.cells, (kMaxRange + kMaxLevel) / step + 1, on.quick, parts);
+  RowStage<Rows::kReads, kExpects, kNetwork> stage(source, 0, coder.start(), coder.first());
   for (std::size_t row = 0; row < kMaskRows; ++row) {
-    const RowWork work = stage.begin(row, image);
+    const RowTask work = stage.begin(row, image);
     canvas += ticks() - last;
     coder.code(work);
     last = ticks();
@@ -159,7 +159,7 @@ void code_watched(const ImageCoding& on, const RowSource& source, PredictivePart
   put(stages.contexts, taken(watch.contexts));
   put(stages.sums, taken(watch.sums));
   put(stages.learning, taken(watch.learning));
-  if (!kLearned || watch.inputs.times == 0) return;
+  if (!kNetwork || watch.inputs.times == 0) return;
   const double inputs = taken(watch.inputs) / static_cast<double>(watch.inputs.times);
   put(stages.inputs, n * inputs);
   put(stages.network, taken(watch.inputs_and_network) - inputs * static_cast<double>(watch.inputs_and_network.times));
@@ -180,15 +180,15 @@ struct Task {
   std::vector<Frame> frames;
 };
 
-template <class Forms, bool kExpects, bool kLearned>
+template <class Forms, bool kExpects, bool kNetwork>
 void measure(const Task& task) {
   Stages writing, reading;
   const std::optional<RiddleNet>& net = kExpects ? task.expecting : task.alone;
-  const Teaching teaching{kLearned ? &*net : nullptr, nullptr};
+  const NetworkUse network{kNetwork ? &*net : nullptr, nullptr};
   MaskGeometry geometry = task.geometry;
-  std::vector<PredictiveModel> models(4, PredictiveModel(kLearned));
-  SlabStates states;
-  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], teaching, states, false, !kLearned}; };
+  std::vector<PredictiveModel> models(4, PredictiveModel(kNetwork));
+  SlabEnds states;
+  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], network, states, false, !kNetwork}; };
   for (int round = 0; round < task.rounds; ++round) {
     for (PredictiveModel& model : models) model.reset();
     for (const Frame& frame : task.frames) {
@@ -205,7 +205,7 @@ void measure(const Task& task) {
       };
       PredictiveParts<WideEncoder> written, again;
       whole(writing, [&] { write_image(with(0), source, written, frame.ranges.data()); });
-      code_watched<Forms, kExpects, kLearned>(with(1), source, again, frame.ranges.data(), writing);
+      code_watched<Forms, kExpects, kNetwork>(with(1), source, again, frame.ranges.data(), writing);
       std::array<std::vector<std::uint8_t>, kMostParts> streams;
       for (std::size_t p = 0; p < kMostParts; ++p) streams[p] = written[p].coder.finish(written[p].interval);
       const auto decode = [&](const auto& work) {
@@ -220,7 +220,7 @@ void measure(const Task& task) {
         if (image != frame.ranges) throw Error(ErrorCode::Section, "ranges that do not come back as they were");
       };
       decode([&](auto& parts, std::uint16_t* image) { whole(reading, [&] { read_image(with(2), source, parts, image); }); });
-      decode([&](auto& parts, std::uint16_t* image) { code_watched<Forms, kExpects, kLearned>(with(3), source, parts, image, reading); });
+      decode([&](auto& parts, std::uint16_t* image) { code_watched<Forms, kExpects, kNetwork>(with(3), source, parts, image, reading); });
     }
   }
   for (const auto& [way, stages] : {std::pair<const char*, Stages&>{"encode", writing}, {"decode", reading}}) {

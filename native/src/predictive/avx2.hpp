@@ -1,5 +1,5 @@
-// The functions of predictive/forms.hpp for processors with AVX2: all of a slot at a time, and all contexts' slots at once.
-// Chosen at run time (predictive/coder.cpp), so each function says for itself what it is compiled for.
+// The functions of predictive/forms.hpp for AVX2: a vector holds a whole slot, or the slots of all contexts. The form is chosen at run
+// time (predictive/paths.hpp), so each function has its own target attribute.
 #pragma once
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -15,22 +15,21 @@
 
 namespace lidarcodec {
 
-// Where the forms below find the features of each context of features, and what to do with them. Features lie in four
-// vectors of 16 bytes: two of positions, classes, positions of what is expected. The positions come out of their packing
-// as {groups 0 1 4 5} and {groups 2 3 6 7}.
+// Byte shuffles that gather the features of each context. The features are in four vectors of 16 bytes: two of positions, one of
+// classes, one of positions of expected ranges. Packing leaves the positions as {groups 0 1 4 5} and {groups 2 3 6 7}.
 struct alignas(32) Avx2Tables {
   using Bytes = std::array<std::uint8_t, 32>;
   static constexpr std::size_t kLanes = 16;
   static_assert(kAllContexts - kFixedContexts <= kLanes);
 
-  std::array<Bytes, 4> two{}, third{};  // where in each vector a context's first two features are, and its third
-  Bytes kept{};                         // bits of the first two
-  Bytes weights{};                      // of the first two: their sum and the third is twice the slot
+  std::array<Bytes, 4> two{}, third{};  // shuffles of each vector for the first two features of each context, and for the third
+  Bytes kept{};                         // mask of the bits of the first two that are used
+  Bytes weights{};                      // of the first two; the weighted sum plus the third is twice the slot
   alignas(32) std::array<std::uint32_t, kLanes> begins{};
 
   constexpr Avx2Tables() {
     for (auto* of : {&two, &third})
-      for (Bytes& bytes : *of) bytes.fill(0x80);  // none in this vector
+      for (Bytes& bytes : *of) bytes.fill(0x80);  // not in this vector: the shuffle gives 0
     for (std::size_t i = 0; i < kAllContexts - kFixedContexts; ++i) {
       const Context context = context_of_features(i);
       place(two, 2 * i, context.a);
@@ -56,7 +55,7 @@ inline constexpr Avx2Tables kAvx2Tables;
 constexpr bool all_even(const std::array<std::int16_t, 4>& rates) {
   return rates[0] % 2 == 0 && rates[1] % 2 == 0 && rates[2] % 2 == 0 && rates[3] % 2 == 0;
 }
-static_assert(all_even(kPredictiveRates) && all_even(kLearnedRates));
+static_assert(all_even(kContextRates) && all_even(kNetworkRates));
 
 struct Avx2Forms {
   template <class Work>
@@ -66,11 +65,11 @@ struct Avx2Forms {
 
   template <bool kExpects>
   LIDARCODEC_AVX2 static void find(const Known& known, Slots& found) {
-    constexpr std::size_t kPairs = kExpects ? 3 : 2;  // of pairs of groups of positions
+    constexpr std::size_t kPairs = kExpects ? 3 : 2;  // vectors of differences
     __m256i differences[kPairs], sizes[kPairs], counts[kPairs];
-    differences[0] = around_first(known.around);
-    differences[1] = around_second(known.around);
-    if constexpr (kExpects) differences[2] = around_expected(known.expected);
+    differences[0] = differences_first(known.around);
+    differences[1] = differences_second(known.around);
+    if constexpr (kExpects) differences[2] = differences_expected(known.expected);
     for (std::size_t v = 0; v < kPairs; ++v) {
       sizes[v] = _mm256_min_epu16(_mm256_abs_epi16(differences[v]), _mm256_set1_epi16(32767));
       counts[v] = _mm256_set1_epi16(static_cast<std::int16_t>(kPositionLimitCount));
@@ -106,7 +105,7 @@ struct Avx2Forms {
     found.of[2] = kContextBegins[2] + known.returns % kMaskContexts * kSlotCells;
     found.of[3] = kContextBegins[3] + (up * kScaleClasses + known.scale) * kSlotCells;
     found.of[4] = kContextBegins[4] + known.firing * kSlotCells;
-    asm("" : "+m"(found));  // else they are taken out of the vectors one by one, which takes twice as long
+    asm("" : "+m"(found));  // else GCC extracts the numbers from the vectors one by one, which is slower
   }
 
   LIDARCODEC_AVX2 static NearRanges near(const std::array<std::int32_t, 8>& r, std::int32_t origin, bool down) {
@@ -126,7 +125,7 @@ struct Avx2Forms {
 
   template <bool kExpects>
   LIDARCODEC_AVX2 [[gnu::flatten]] static void inputs(const Surroundings& of, std::int8_t* in) {
-    find_inputs<kExpects, AtOnce>(of, in);
+    find_inputs<kExpects, Avx2GroupWriter>(of, in);
   }
 
   LIDARCODEC_AVX2 static std::int32_t products(const std::int16_t* a, const std::int16_t* b, std::size_t blocks) {
@@ -139,40 +138,40 @@ struct Avx2Forms {
   }
 
   template <const auto& kUsed>
-  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  LIDARCODEC_AVX2 static void add_up(const std::int16_t* cells, const Slots& slots, Probabilities& chances) {
     store(probabilities_of(sum_of<kUsed>(cells, slots)), chances.of.data());
   }
 
   template <const auto& kUsed>
-  LIDARCODEC_AVX2 static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
-                                    std::int16_t* said, Chances& chances) {
+  LIDARCODEC_AVX2 static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const MixingWeights& weights,
+                                    std::int16_t* context_odds, Probabilities& chances) {
     const __m256i contexts = sum_of<kUsed>(cells, slots);
-    store(contexts, said);
+    store(contexts, context_odds);
     const __m256i quarter = _mm256_adds_epi16(_mm256_mulhi_epi16(load(net), load(weights.of_net.data())),
                                               _mm256_mulhi_epi16(contexts, load(weights.of_contexts.data())));
     const __m256i half = _mm256_adds_epi16(quarter, quarter);
     store(probabilities_of(_mm256_adds_epi16(half, half)), chances.of.data());
   }
 
-  LIDARCODEC_AVX2 static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said,
-                                            const Chances& chances, const Walk& walked) {
+  LIDARCODEC_AVX2 static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds,
+                                            const Probabilities& chances, const Walk& walked) {
     const __m256i error = error_of(walked, chances);
-    const __m256i rate = _mm256_set1_epi16(kBalanceRate / 2);
+    const __m256i rate = _mm256_set1_epi16(kMixingRate / 2);
     const __m256i by_net = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(net)), rate);
-    const __m256i by_contexts = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(said)), rate);
+    const __m256i by_contexts = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(context_odds)), rate);
     store(_mm256_adds_epi16(load(weights.of_net.data()), by_net), weights.of_net.data());
     store(_mm256_adds_epi16(load(weights.of_contexts.data()), by_contexts), weights.of_contexts.data());
   }
 
-  template <const auto& kUsed, bool kLearned>
-  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
+  template <const auto& kUsed, bool kNetwork>
+  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Probabilities& chances, const Walk& walked) {
     const __m256i error = error_of(walked, chances);
-    alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kLearned>.size()> by;
+    alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kNetwork>.size()> by;
 #pragma GCC unroll 4
     for (std::size_t r = 0; r < by.size(); ++r) {
       // (error * rate / 2 + 2^14) >> 15 is what `by_rate` gives, as rates are even.
-      __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kRates<kLearned>[r] / 2)));
-      if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(kSeenOnce[r])));
+      __m256i move = _mm256_mulhrs_epi16(error, _mm256_set1_epi16(static_cast<std::int16_t>(kRates<kNetwork>[r] / 2)));
+      if (r + 1 < by.size()) move = _mm256_add_epi16(move, _mm256_zextsi128_si256(_mm_cvtsi32_si128(kCountSteps[r])));
       store(move, by[r].data());
     }
 #pragma GCC unroll 20
@@ -184,20 +183,20 @@ struct Avx2Forms {
   }
 
  private:
-  // What inputs::OneByOne does, eight distances at a time.
-  struct AtOnce {
-    template <std::size_t Straight, inputs::Places A, inputs::Places B>
-    LIDARCODEC_AVX2 static void put(const inputs::Forms& forms, const inputs::Aparts& a, const inputs::Aparts& b, std::int8_t* in) {
-      const __m256 units = _mm256_set1_ps(forms.units[0]), sixteenths = _mm256_set1_ps(forms.units[0] * 16.0f);
+  // inputs::GroupWriter, eight differences at a time.
+  struct Avx2GroupWriter {
+    template <std::size_t Linear, inputs::Slices A, inputs::Slices B>
+    LIDARCODEC_AVX2 static void put(const inputs::Quantiser& quantiser, const inputs::DifferenceGroups& a, const inputs::DifferenceGroups& b, std::int8_t* in) {
+      const __m256 units = _mm256_set1_ps(quantiser.units[0]), sixteenths = _mm256_set1_ps(quantiser.units[0] * 16.0f);
       __m256i quarters[4], sizes[4];
 #pragma GCC unroll 4
       for (std::size_t g = 0; g < 4; ++g) {
         const __m256i apart = _mm256_sub_epi32(both(a[g].of, b[g].of), both(a[g].from, b[g].from));
         quarters[g] = _mm256_add_epi32(_mm256_srai_epi32(apart, 2), both(a[g].more, b[g].more));
-        const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Straight ? sixteenths : units);
-        sizes[g] = g < Straight ? _mm256_cvttps_epi32(_mm256_add_ps(size, _mm256_set1_ps(0.5f))) : log2_16(size);
+        const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Linear ? sixteenths : units);
+        sizes[g] = g < Linear ? _mm256_cvttps_epi32(_mm256_add_ps(size, _mm256_set1_ps(0.5f))) : log2_16(size);
       }
-      // Packing keeps sizes within 127, and the sign of a quarter what it is.
+      // Packing saturates sizes at 127, and keeps the signs of quarters.
       const __m256i numbers = _mm256_sign_epi8(packed(sizes), packed(quarters));
       put<A>(_mm256_castsi256_si128(numbers), in);
       put<B>(_mm256_extracti128_si256(numbers, 1), in);
@@ -215,15 +214,15 @@ struct Avx2Forms {
       return _mm256_packs_epi16(_mm256_packs_epi32(of[0], of[1]), _mm256_packs_epi32(of[2], of[3]));
     }
 
-    // How many bytes there are if the groups stand behind each other, else 0.
-    static constexpr std::size_t run_of(const inputs::Places& places) {
+    // The number of bytes if the slices are adjacent, else 0.
+    static constexpr std::size_t run_of(const inputs::Slices& places) {
       std::size_t bytes = places[0].count;
       for (std::size_t g = 1; g < places.size(); bytes += places[g++].count)
         if (places[g].at != places[0].at + bytes) return 0;
       return bytes;
     }
-    // Which bytes are the first eight of a run, and which the last eight.
-    static constexpr std::array<std::uint8_t, 16> ends_of(const inputs::Places& places) {
+    // Shuffle of the first eight bytes of a run, and of its last eight.
+    static constexpr std::array<std::uint8_t, 16> ends_of(const inputs::Slices& places) {
       std::array<std::uint8_t, 16> run{}, ends{};
       std::size_t bytes = 0;
       for (std::size_t g = 0; g < places.size(); ++g)
@@ -234,7 +233,7 @@ struct Avx2Forms {
       }
       return ends;
     }
-    template <inputs::Places To>
+    template <inputs::Slices To>
     LIDARCODEC_AVX2 static void put(__m128i numbers, std::int8_t* in) {
       constexpr std::size_t kBytes = run_of(To);
       if constexpr (kBytes >= 8) {
@@ -258,7 +257,7 @@ struct Avx2Forms {
     return sum;
   }
 
-  LIDARCODEC_AVX2 static __m256i error_of(const Walk& walked, const Chances& chances) {
+  LIDARCODEC_AVX2 static __m256i error_of(const Walk& walked, const Probabilities& chances) {
     const __m256i missing = _mm256_sub_epi16(load(walked.wanted.data()), load(chances.of.data()));
     return _mm256_and_si256(missing, load(walked.taken.data()));
   }
@@ -280,12 +279,12 @@ struct Avx2Forms {
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), from);
   }
 
-  // Four numbers each, the first in the lower half.
+  // A vector of two times four numbers: low in the lower half, high in the upper.
   LIDARCODEC_AVX2 static __m256i fours(const std::int32_t* low, const std::int32_t* high) {
     return _mm256_inserti128_si256(_mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(low))),
                                    _mm_loadu_si128(reinterpret_cast<const __m128i*>(high)), 1);
   }
-  // The same number four times in the lower half, what the other one has in its lower half in the upper.
+  // A vector with `low` four times in the lower half, and the lower half of `high` in the upper.
   LIDARCODEC_AVX2 static __m256i same(std::int32_t low, __m256i high) {
     return _mm256_permute2x128_si256(_mm256_castsi128_si256(_mm_set1_epi32(low)), high, 0x20);
   }
@@ -294,24 +293,24 @@ struct Avx2Forms {
     return _mm256_zextsi128_si256(_mm_set1_epi32(number));
   }
 
-  // Differences of predictive/positions.hpp: groups 0 and 1, and 2 and 3.
-  LIDARCODEC_AVX2 static __m256i around_first(const Around& around) {
+  // Differences of predictive/positions.hpp: groups 0 to 3.
+  LIDARCODEC_AVX2 static __m256i differences_first(const Neighbours& around) {
     const __m256i above = fours(around.above, around.above + 1);
     const __m256i even = quarters(_mm256_sub_epi32(fours(around.last, around.above), _mm256_set1_epi32(around.base)));
     const __m256i odd = quarters(_mm256_sub_epi32(above, same(around.base, above)));
     return _mm256_packs_epi32(even, _mm256_add_epi32(odd, in_low_half(around.level)));
   }
 
-  // Groups 4 and 5, and 6 and 7.
-  LIDARCODEC_AVX2 static __m256i around_second(const Around& around) {
+  // Groups 4 to 7.
+  LIDARCODEC_AVX2 static __m256i differences_second(const Neighbours& around) {
     const __m256i upper = fours(around.upper, around.upper + 1);
     const __m256i even = _mm256_sub_epi32(fours(around.above + 2, around.upper), fours(around.above, around.above));
     const __m256i odd = quarters(_mm256_sub_epi32(upper, same(around.base, upper)));
     return _mm256_packs_epi32(_mm256_srav_epi32(even, _mm256_setr_epi32(3, 3, 3, 3, 2, 2, 2, 2)), odd);
   }
 
-  // Of what is expected: groups 0 and 1, and 2 and 3.
-  LIDARCODEC_AVX2 static __m256i around_expected(const Expected& expected) {
+  // Groups 0 to 3 of expected ranges.
+  LIDARCODEC_AVX2 static __m256i differences_expected(const Expected& expected) {
     const __m256i here = fours(expected.here, expected.here + 1), came = fours(expected.here, expected.came);
     const __m256i above = fours(expected.here, expected.above), base = _mm256_set1_epi32(expected.base);
     const __m256i even = quarters(_mm256_sub_epi32(here, same(expected.base, here)));
@@ -324,13 +323,13 @@ struct Avx2Forms {
     const std::uint32_t seen = (known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3;
     const std::uint32_t direct = known.scale / 2 | known.returns >> 12 << 8 | known.leaves >> 4 << 16 | seen << 24;
     // scale_class of four sizes: exponent and mantissa of a float that holds size + 2 exactly.
-    __m128i sizes = _mm_cvtsi32_si128(static_cast<int>(known.mean_size));  // one by one: they were just written
+    __m128i sizes = _mm_cvtsi32_si128(static_cast<int>(known.mean_size));  // one by one: a vector load would wait for the stores
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.last_size), 1);
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.up_size), 2);
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.seen_size), 3);
     const __m128i number = _mm_castps_si128(_mm_cvtepi32_ps(_mm_add_epi32(sizes, _mm_set1_epi32(2))));
     const __m128i mantissa = _mm_and_si128(number, _mm_set1_epi32(0x7FFFFF));
-    const __m128i upper_half = _mm_cmpgt_epi32(mantissa, _mm_set1_epi32(0x3504F3));  // of the octave: above its root of 2
+    const __m128i upper_half = _mm_cmpgt_epi32(mantissa, _mm_set1_epi32(0x3504F3));  // of the octave: the mantissa is above the square root of 2
     const __m128i halves = _mm_sub_epi32(_mm_slli_epi32(_mm_srli_epi32(number, 23), 1), upper_half);
     constexpr int kFirst = 2 * 127 + 1;  // that of class 0
     const __m128i of_class = _mm_min_epi32(halves, _mm_set1_epi32(kFirst + static_cast<int>(kScaleClasses) - 1));

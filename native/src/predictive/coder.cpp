@@ -12,8 +12,8 @@ namespace lidarcodec {
 
 namespace {
 
-// Bytes before the streams: kind, turn u16, firing u8, bytes of each stream but the last u32; of a slab also known u8.
-constexpr std::size_t kSizesAt = 4;
+// The header: kind u8, turn u16, firing u8, the size of each stream but the last u32; of a slab also known u8.
+constexpr std::size_t kSizesAt = 4;  // offset of the sizes of streams
 std::size_t head_bytes(std::size_t parts, bool slab) { return kSizesAt + 4 * (parts - 1) + (slab ? 1 : 0); }
 std::size_t parts_of(bool slab) { return slab ? kSlabParts : kMostParts; }
 
@@ -35,12 +35,12 @@ std::size_t take(const std::uint8_t* from, int bytes) {
   return value;
 }
 
-// Firing of column 0 of an image, from that of the first column behind those that are known.
+// The firing of column 0 of an image; firing: that of the first column after `past` known ones.
 std::uint32_t firing_of_first(std::uint32_t firing, std::size_t past) {
   return (firing + kFirings - static_cast<std::uint32_t>(past % kFirings)) % kFirings;
 }
 
-// Returns that are to be coded: behind the known columns.
+// The number of returns after the known columns: those that are coded.
 std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* returns, std::size_t width, std::size_t known) {
   std::size_t before = 0;
   for (std::size_t row = 0; row < kMaskRows && known != 0; ++row)
@@ -59,7 +59,7 @@ KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
 }
 
 PredictiveCoder::PredictiveCoder(Path path, std::shared_ptr<const RiddleNets> nets)
-    : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), states_(std::make_unique<SlabStates>()) {}
+    : path_(path), nets_(std::move(nets)), model_(nets_ != nullptr), slab_ends_(std::make_unique<SlabEnds>()) {}
 PredictiveCoder::~PredictiveCoder() = default;
 
 const RiddleNet* PredictiveCoder::net_of(bool expects) const {
@@ -80,7 +80,7 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
   if (returned.returns == 0) return;
   if (turn == 0) turn = find_turn(layout, returned.cells.data(), geometry.width);
   PredictiveModel model(true);
-  SlabStates states;
+  SlabEnds states;
   PredictiveParts<WideEncoder> parts;
   write_image({quickest_path(), model, {nullptr, &samples}, states, false, false},
               {layout, returned, cells, expected, geometry.width, 0, turn, 0}, parts, ranges);
@@ -93,7 +93,7 @@ void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
 
 void PredictiveCoder::reset() {
   model_.reset();
-  *states_ = {};
+  *slab_ends_ = {};
 }
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
@@ -118,7 +118,7 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const RangeKind kind{expected != nullptr, known >= 0, net != nullptr, quick && net == nullptr, cells.free};
   if (samples != nullptr) samples->inputs = inputs;
   PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *states_, kind.slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts, ranges);
+  write_image({path_, model_, {net, samples}, *slab_ends_, kind.slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts, ranges);
   const std::size_t count = parts_of(kind.slab);
   std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
   std::size_t size = head_bytes(count, kind.slab);
@@ -175,7 +175,7 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     parts[p].interval = parts[p].coder.start();
     at += bytes;
   }
-  read_image({path_, model_, {net, nullptr}, *states_, slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
+  read_image({path_, model_, {net, nullptr}, *slab_ends_, slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
   for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
   return image;
 }

@@ -1,5 +1,5 @@
-// What is done with all contexts of a return at once, for any processor: its slots are found, their log odds added up, and
-// all of them taught. A *form* is a struct of such functions; every form gives the same results.
+// The computations on all contexts of a return: find the slots, sum the log odds, update the cells. A *form* is a struct of these
+// functions for one kind of processor. All forms give the same results.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -12,32 +12,32 @@
 
 namespace lidarcodec {
 
-// How fast a context learns, by how often it was seen: less than 6, 24, 96 times, and more.
-inline constexpr std::array<std::int16_t, 4> kPredictiveRates = {720, 460, 320, 230};
-inline constexpr std::array<std::int16_t, 4> kLearnedRates = {216, 138, 96, 70};  // where a network has said most
-inline constexpr std::int16_t kBalanceRate = 786;  // even, as the others are
-template <bool kLearned>
-inline constexpr const std::array<std::int16_t, 4>& kRates = kLearned ? kLearnedRates : kPredictiveRates;
-// The first cell of a slot counts how often it was seen, in steps that are the smaller the slower it learns: the upper bits
-// then tell the rate.
-inline constexpr std::array<std::int16_t, 4> kSeenOnce = {1366, 455, 114, 0};
+// Learning rates of a context, of 65536, by how often it was seen: below 6, 24 and 96 times, and from 96 on.
+inline constexpr std::array<std::int16_t, 4> kContextRates = {720, 460, 320, 230};
+inline constexpr std::array<std::int16_t, 4> kNetworkRates = {216, 138, 96, 70};  // with a network as prior: 0.3 times those, rounded to even
+inline constexpr std::int16_t kMixingRate = 786;  // of the weights of mixing: 0.012; even, as AVX2 halves rates
+template <bool kNetwork>
+inline constexpr const std::array<std::int16_t, 4>& kRates = kNetwork ? kNetworkRates : kContextRates;
+// The first cell of a slot counts how often it was seen. The count advances by 8192 / 6, 8192 / 18 and 8192 / 72 a time, so that its
+// upper three bits are the number of the rate.
+inline constexpr std::array<std::int16_t, 4> kCountSteps = {1366, 455, 114, 0};
 constexpr std::size_t rate_of_slot(const std::int16_t* slot) { return static_cast<std::uint16_t>(slot[0]) >> 13; }
 static_assert([] {
   std::int16_t cell = 0;
   bool right = true;
   for (int seen = 0; seen < 200; ++seen) {
     right = right && rate_of_slot(&cell) == std::size_t{seen >= 6} + (seen >= 24) + (seen >= 96);
-    cell = static_cast<std::int16_t>(cell + kSeenOnce[rate_of_slot(&cell)]);
+    cell = static_cast<std::int16_t>(cell + kCountSteps[rate_of_slot(&cell)]);
   }
   return right;
 }());
 
-// Probabilities of the nodes of a return's tree, 1 to 15.
-struct alignas(32) Chances {
+// The probabilities of a one at the nodes 1 to 15 of a return's tree, of 32768.
+struct alignas(32) Probabilities {
   std::array<std::int16_t, 16> of;
 };
 
-// A slot's first cell, by features.
+// The slot of a context: 4 bits of each of two features, or the upper 3 bits of each of three.
 constexpr std::uint32_t slot_of(const Context& context, const Features& of) {
   return context.is_pair() ? of[context.a] * 16u + of[context.b]
                            : (of[context.a] >> 1) * 64u + (of[context.b] >> 1) * 8u + (of[context.c] >> 1);
@@ -46,7 +46,7 @@ constexpr std::uint32_t slot_of(const Context& context, const Features& of) {
 // Eight cells at a time.
 template <class Cells, class Positions>
 struct NarrowForm : PlainProducts {
-  // Calls what is to be compiled for the form's processors.
+  // Calls `work`, compiled for the form's processors.
   template <class Work>
   static void run(const Work& work) {
     work();
@@ -55,7 +55,7 @@ struct NarrowForm : PlainProducts {
   template <bool kExpects>
   static void find(const Known& known, Slots& found) {
     Features of;
-    Positions::of_around(known.around, known.scale, of.data());
+    Positions::of_neighbours(known.around, known.scale, of.data());
     const auto relative = [&](std::uint32_t size) {
       const std::int32_t c = static_cast<std::int32_t>(scale_class(size)) - static_cast<std::int32_t>(known.scale) + 7;
       return static_cast<std::uint8_t>(std::clamp(c, 0, 15));
@@ -67,9 +67,9 @@ struct NarrowForm : PlainProducts {
     of[kLastSize] = relative(known.last_size);
     of[kUpSize] = relative(known.up_size);
     if constexpr (kExpects) {
-      Positions::of_expected(known.expected, known.scale, of.data() + kSeenLeft);
-      of[kSeenMask] = static_cast<std::uint8_t>((known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3);
-      of[kSeenSize] = relative(known.seen_size);
+      Positions::of_expected(known.expected, known.scale, of.data() + kExpectedLeft);
+      of[kExpectedMask] = static_cast<std::uint8_t>((known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3);
+      of[kExpectedSize] = relative(known.seen_size);
     }
     const auto name = [&](std::size_t context, std::uint32_t slot) {
       found.of[context] = kContextBegins[context] + slot * kSlotCells;
@@ -88,11 +88,11 @@ struct NarrowForm : PlainProducts {
   static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t origin, bool down) { return {ranges, origin, down}; }
   static std::uint32_t from(const NearRanges& near, std::uint32_t so_far) { return near.from(so_far); }
 
-  static Cells error_of(const Walk& walked, const Chances& chances, std::size_t at) {
+  static Cells error_of(const Walk& walked, const Probabilities& chances, std::size_t at) {
     return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at), Cells::load(chances.of.data() + at));
   }
 
-  // kUsed: numbers of the contexts, here and below.
+  // The sum of log odds. kUsed: the contexts, here and below.
   template <const auto& kUsed>
   static Cells sum_of(const std::int16_t* cells, const Slots& slots, std::size_t at) {
     Cells sum = Cells::load(cells + slots.of[kUsed[0]] + at);
@@ -107,17 +107,17 @@ struct NarrowForm : PlainProducts {
   }
 
   template <const auto& kUsed>
-  static void add_up(const std::int16_t* cells, const Slots& slots, Chances& chances) {
+  static void add_up(const std::int16_t* cells, const Slots& slots, Probabilities& chances) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kUsed>(cells, slots, at)).store(chances.of.data() + at);
   }
 
-  // The same with what a network says, each by its weight. said: takes the log odds of the contexts.
+  // Logistic mixing of the log odds of the contexts with those of a network, net. Writes the log odds of the contexts to context_odds.
   template <const auto& kUsed>
-  static void weigh(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const Balance& weights,
-                    std::int16_t* said, Chances& chances) {
+  static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const MixingWeights& weights,
+                    std::int16_t* context_odds, Probabilities& chances) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) {
       const Cells contexts = sum_of<kUsed>(cells, slots, at);
-      contexts.store(said + at);
+      contexts.store(context_odds + at);
       const Cells quarter = product(Cells::load(net + at), Cells::load(weights.of_net.data() + at)) +
                             product(contexts, Cells::load(weights.of_contexts.data() + at));
       const Cells half = quarter + quarter;
@@ -125,29 +125,29 @@ struct NarrowForm : PlainProducts {
     }
   }
 
-  static void learn_weights(Balance& weights, const std::int16_t* net, const std::int16_t* said, const Chances& chances,
+  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds, const Probabilities& chances,
                             const Walk& walked) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) {
       const Cells error = error_of(walked, chances, at);
       const auto move = [&](std::int16_t* weight, const std::int16_t* of) {
-        (Cells::load(weight + at) + by_rate(product(error, Cells::load(of + at)), kBalanceRate)).store(weight + at);
+        (Cells::load(weight + at) + by_rate(product(error, Cells::load(of + at)), kMixingRate)).store(weight + at);
       };
       move(weights.of_net.data(), net);
-      move(weights.of_contexts.data(), said);
+      move(weights.of_contexts.data(), context_odds);
     }
   }
 
-  // walked: down the tree, where the return lies.
-  template <const auto& kUsed, bool kLearned>
-  static void learn(std::int16_t* cells, const Slots& slots, const Chances& chances, const Walk& walked) {
-    std::array<std::array<Cells, 2>, kRates<kLearned>.size()> by;
+  // Updates the cells of the nodes on the path to the return's leaf, walked.
+  template <const auto& kUsed, bool kNetwork>
+  static void learn(std::int16_t* cells, const Slots& slots, const Probabilities& chances, const Walk& walked) {
+    std::array<std::array<Cells, 2>, kRates<kNetwork>.size()> by;
     for (std::size_t v = 0; v < 2; ++v) {
       const Cells error = error_of(walked, chances, 8 * v);
 #pragma GCC unroll 4
-      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = by_rate(error, kRates<kLearned>[r]);
+      for (std::size_t r = 0; r < by.size(); ++r) by[r][v] = by_rate(error, kRates<kNetwork>[r]);
     }
     for (std::size_t r = 0; r < by.size(); ++r) {
-      const std::array<std::int16_t, 8> seen = {kSeenOnce[r]};
+      const std::array<std::int16_t, 8> seen = {kCountSteps[r]};
       by[r][0] = by[r][0] + Cells::load(seen.data());
     }
 #pragma GCC unroll 20
@@ -161,6 +161,6 @@ struct NarrowForm : PlainProducts {
 };
 
 using PlainForms = NarrowForm<PlainCells, PlainPositions>;
-using VectorForms = NarrowForm<Cells, Positions>;  // SSE2 or NEON, which every processor of their kind has
+using VectorForms = NarrowForm<Cells, Positions>;  // SSE2 or NEON, which all x86-64 and AArch64 processors have
 
 }  // namespace lidarcodec

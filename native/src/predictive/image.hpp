@@ -1,5 +1,4 @@
-// Images of ranges on each path of the processor. Writing and reading are compiled in files of their own, side by side:
-// there are many forms, and each takes its time.
+// Images of ranges on each path of the processor. write.cpp and read.cpp instantiate all forms, and are compiled in parallel.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -15,13 +14,14 @@ namespace lidarcodec {
 inline constexpr std::int32_t kMaxLevel = 1000;
 inline constexpr std::int32_t kMaxRange = 65535;
 
-// What is known of each row where the last slab ends, in cells of so many range steps, free ones or not; 0: nothing.
-struct SlabStates {
+// The state of each row at the end of the last slab. Its ranges are in cells of `step` range steps; step 0: there was no slab.
+struct SlabEnds {
   std::array<RowEnd, kMaskRows> of;
   std::uint32_t step = 0;
   bool free = false;
 
-  // Brings it to the cells of the slab that comes, whose differences begin with `start`; forgets it unless that goes on.
+  // Converts the states to the cells of the next slab. start: the first difference. goes_on: whether the slab continues the last
+  // one; otherwise the states are reset.
   void begin(const RangeCells& cells, std::uint32_t start, bool goes_on) {
     constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
     const std::uint32_t to = cells.step;
@@ -46,17 +46,17 @@ struct SlabStates {
   }
 };
 
-// What an image is coded on, and with.
+// How an image is coded.
 struct ImageCoding {
   Path path;
   PredictiveModel& model;
-  Teaching teaching;
-  SlabStates& states;
+  NetworkUse network;
+  SlabEnds& states;
   bool slab;
-  bool quick;  // with fewer contexts and leaves of its own; never with networks
+  bool quick;  // fewer contexts, and leaves of its own; never with a network
 };
 
-// Write, or read, the returns of an image of (64, W) ranges: a whole frame or a slab.
+// Encode or decode the returns of an image of ranges, (64, W): a whole frame or a slab.
 void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts, const std::uint16_t* image);
 void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts, std::uint16_t* image);
 

@@ -5,11 +5,11 @@
 namespace lidarcodec {
 
 struct RangeKind {
-  bool expected = false;  // an image of expected ranges is given
+  bool expected = false;  // there is an image of expected ranges
   bool slab = false;      // of a slab, not of a whole frame
-  bool network = false;   // a network says what is likely to begin with
+  bool network = false;   // a network gives the prior
   bool quick = false;     // fewer contexts, and leaves of its own; never with a network
-  bool free = false;      // ranges are counted from the last return, not from 0; only in steps above 1
+  bool free = false;      // cells are counted from the last return, not from 0; only with steps above 1
 
   constexpr std::uint8_t byte() const {
     return static_cast<std::uint8_t>(expected | slab << 1 | network << 2 | quick << 3 | free << 4);
@@ -19,7 +19,7 @@ struct RangeKind {
     return {(byte & 1) != 0, (byte & 2) != 0, (byte & 4) != 0, (byte & 8) != 0, (byte & 16) != 0};
   }
 
-  // Whether a byte is one of a kind: its other bits are 0, and what it says goes together.
+  // Whether a byte is a valid kind: bits 5 to 7 are 0, and network and quick are not both set.
   static constexpr bool is_known(std::uint8_t byte) { return byte < 32 && !(of(byte).network && of(byte).quick); }
 };
 

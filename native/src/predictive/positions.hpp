@@ -1,6 +1,6 @@
-// Where ranges around a return lie as seen from the last one: 32 positions from 0 to 15, found at once.
+// The positions of the neighbours of a return: their differences from the last return, quantised to 0 to 15 (model.hpp).
 //
-// The plain form says what is computed. The forms for SSE2 and NEON give the same results several times as fast.
+// The plain form defines the results. The forms for SSE2 and NEON give the same ones, and compute 32 positions at once.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -12,29 +12,29 @@
 
 namespace lidarcodec {
 
-// Ranges around, in sixteenths of a cell, each group of four from left to right; groups overlap in memory.
-struct Around {
+// Ranges of the neighbours, in sixteenths of a cell. A group is four adjacent ones, from left to right; groups overlap in memory.
+struct Neighbours {
   const std::int32_t* last;   // the second to the fifth last return of the row
   const std::int32_t* above;  // from the cell before this one in the row above; six are read
   const std::int32_t* upper;  // the same of the row above that; six are read
   std::int32_t base;          // the last return
-  std::int32_t level;         // of this row above the one above, quarters of a cell
+  std::int32_t level;         // smoothed difference of this row from the row above, quarters of a cell
 };
 
-// What was expected around, likewise, each group of four from the cell before this one on; groups overlap in memory.
+// Expected ranges, in sixteenths of a cell. Groups begin at the cell to the left.
 struct Expected {
   const std::int32_t* here;   // in this row; five are read
-  const std::int32_t* above;  // in the row above, and what came there
+  const std::int32_t* above;  // expected in the row above, and the ranges there
   const std::int32_t* came;
   std::int32_t base;  // the last return
-  std::int32_t bias;  // of what comes above what is expected, quarters of a cell
+  std::int32_t bias;  // smoothed difference of ranges from expected ones, quarters of a cell
 };
 
 inline constexpr std::size_t kPositionLanes = 32;
 inline constexpr std::size_t kExpectedLanes = 16;
 inline constexpr std::size_t kPositionLimitCount = 7;
 
-// Each limit eight times.
+// Each limit eight times: one for each lane of a vector.
 struct alignas(16) LaneLimits {
   std::array<std::array<std::int16_t, 8>, kPositionLimitCount> of{};
 };
@@ -46,13 +46,12 @@ inline constexpr auto kLaneLimits = [] {
 }();
 
 // Differences in quarters of a cell, within 32767, in eight groups of four:
-//   the last returns; the row above, levelled; as it is; its slopes from a cell to the next; and over two cells, halved;
-//   the upper row as it is; as seen from the row above; its slopes.
-// And in four groups of four, of what was expected: this row, corrected by the bias; as it is; its slopes; and what came
-// in the row above against what was expected there.
-// A position is 8 + n for a difference that is not negative, and 7 - n for one that is; n limits are at most its size.
+//   the last returns; the row above, corrected by the level; the row above; its gradients from a cell to the next; its central
+//   differences, halved; the second row above; its vertical gradients, from the row above; its gradients.
+// With expected ranges there are four more groups: this row, corrected by the bias; this row; its gradients; and the residuals of the
+// row above. n is the number of limits that are at most |difference|. The position is 8 + n, or 7 - n if the difference is negative.
 
-// Eight ranges as they lie from where a cell begins: how many cells above it, or how many below the one below it.
+// The distances of eight ranges, in cells: upwards from the lower end of a cell, or downwards from it, where the first cell below is 0.
 struct NearRanges {
   alignas(32) std::array<std::int32_t, 8> away;
 
@@ -61,7 +60,7 @@ struct NearRanges {
     for (std::size_t i = 0; i < away.size(); ++i) away[i] = ((ranges[i] - origin) >> 4) ^ (down ? -1 : 0);
   }
 
-  // Which of them are at least so far away: a bit for each.
+  // The ranges at a distance of at least `so_far`, a bit for each.
   std::uint32_t from(std::uint32_t so_far) const {
     const auto least = static_cast<std::int32_t>(so_far);
 #if defined(LIDARCODEC_SSE2_CELLS)
@@ -101,7 +100,7 @@ struct PlainPositions {
     }
   }
 
-  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+  static void of_neighbours(const Neighbours& around, std::uint32_t scale, std::uint8_t* positions) {
     for (std::size_t i = 0; i < 4; ++i) {
       const std::int32_t above = around.above[i], upper = around.upper[i];
       const std::int32_t plain = quarters(above - around.base);
@@ -124,7 +123,7 @@ struct PlainPositions {
 struct Positions {
   static __m128i four(const std::int32_t* from) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from)); }
 
-  // Positions of Groups pairs of groups, 16 bytes for two of them.
+  // Positions of Groups vectors of differences. Two vectors give 16 bytes.
   template <std::size_t Groups>
   static void count_limits(const __m128i (&d)[Groups], std::uint32_t scale, std::uint8_t* positions) {
     __m128i sign[Groups], size[Groups], count[Groups];
@@ -157,7 +156,7 @@ struct Positions {
     count_limits(d, scale, positions);
   }
 
-  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+  static void of_neighbours(const Neighbours& around, std::uint32_t scale, std::uint8_t* positions) {
     const __m128i base = _mm_set1_epi32(around.base), level = _mm_set1_epi32(around.level);
     const __m128i above = four(around.above), next = four(around.above + 1), upper = four(around.upper);
     const __m128i plain = quarters(_mm_sub_epi32(above, base));
@@ -208,7 +207,7 @@ struct Positions {
     count_limits(d, scale, positions);
   }
 
-  static void of_around(const Around& around, std::uint32_t scale, std::uint8_t* positions) {
+  static void of_neighbours(const Neighbours& around, std::uint32_t scale, std::uint8_t* positions) {
     const int32x4_t base = vdupq_n_s32(around.base), level = vdupq_n_s32(around.level);
     const int32x4_t above = vld1q_s32(around.above), next = vld1q_s32(around.above + 1), upper = vld1q_s32(around.upper);
     const int32x4_t plain = quarters(vsubq_s32(above, base));

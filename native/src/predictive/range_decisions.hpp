@@ -1,4 +1,4 @@
-// Decisions that a range takes beside the tree of its leaf, written or read, and how models learn from them.
+// The decisions of a range other than its first tree: offset bits, octaves beyond the last leaf, and the second tree.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -16,14 +16,17 @@
 
 namespace lidarcodec {
 
+// Learning rates, of 65536: 0.01, and less where a network gives the prior.
 inline constexpr std::int32_t kOffsetRate = 655;
-inline constexpr std::int32_t kLearnedOffsetRate = 120;  // where a network has said most
-inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf: more than any range, and than any in other steps
+inline constexpr std::int32_t kNetworkOffsetRate = 120;
+// The prior of one more octave: log odds of half a natural unit, a probability of 0.62 (native/src/bits/README.md, Cells).
+inline constexpr std::int32_t kOctaveLogOdds = 32768 / 6 / 2;
+inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf; 17 octaves are 2^17 - 1 cells, more than any range
 
-// Leaves by scale: the distance from the last return at which each begins, and the bits of its width; of the last one the
-// bits of what comes first beyond it.
+// The leaves of each scale: the distance at which each begins, and log2 of its width. The width of the last one is that of its first
+// octave.
 struct Leaves {
-#if defined(__wasm__)  // a page only reads, and is to be small; where ranges are written, wide ones are compared quicker
+#if defined(__wasm__)  // small, for the page; encoders compare 32 bits faster
   using Begin = std::uint16_t;
 #else
   using Begin = std::uint32_t;
@@ -49,8 +52,7 @@ struct Leaves {
 };
 inline constexpr Leaves kLeaves(kLeafBits), kQuickLeaves(kQuickLeafBits);
 
-// How many bits of an offset learn, by leaf: most of what there is to learn lies in the middle
-// (research/notes/offset-bits-by-leaf.md).
+// The number of modelled offset bits, by leaf. The density is steepest in the middle (research/notes/offset-bits-by-leaf.md).
 inline constexpr std::array<std::uint8_t, 8> kDepths = {4, 1, 1, 1, 2, 2, 2, 3};
 
 // `Coder` is WideEncoder or WideDecoder.
@@ -63,10 +65,10 @@ class RangeDecisions {
   // limit: largest range, in cells.
   RangeDecisions(PredictiveModel& model, std::int32_t limit) : model_(model), limit_(limit) {}
 
-  // Whether no range lies so far away. (What is known of a slab before, in other steps, may lie beyond the largest range.)
+  // Whether no range is so far from its base. The limit is doubled, since a base from a slab with another step may exceed the largest range.
   bool is_too_far(std::uint32_t away) const { return away > 2 * static_cast<std::uint32_t>(limit_); }
 
-  // The first offset bits of a difference in a leaf, of those that learn.
+  // The first modelled offset bits of a difference in a leaf; kNone where there are fewer.
   static std::array<std::uint8_t, RiddleSamples::kOffsets> first_offsets(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
     std::array<std::uint8_t, RiddleSamples::kOffsets> bits;
     bits.fill(RiddleSamples::kNone);
@@ -77,11 +79,11 @@ class RangeDecisions {
     return bits;
   }
 
-  // A decision whose log odds are the sum of two cells, which learn from it.
+  // A decision whose log odds are the sum of two cells and an offset. Updates both cells.
   std::uint32_t decide(Coder& coder, WideInterval& interval, std::int16_t& a, std::int16_t& b, std::int32_t offset,
                        std::uint32_t bit, std::int32_t rate = kOffsetRate) {
     const std::int32_t sum = std::clamp(a + b + offset, -32768, 32767);
-    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities`
+    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities` in bits/cells.hpp
     const std::uint32_t square = (t * t) >> 16;
     const auto rare = std::max(static_cast<std::int32_t>((square * t) >> 18), std::int32_t{kRarest});
     const std::int32_t p = sum < 0 ? rare : kOne - rare;
@@ -96,7 +98,7 @@ class RangeDecisions {
     return bit;
   }
 
-  // `bits` equally likely bits: the lowest of a number.
+  // The lowest `bits` bits of a number, each with the probability 1/2.
   std::uint32_t plain(Coder& coder, WideInterval& interval, std::uint32_t bits, std::uint32_t number) {
     if (bits == 0) return 0;
     if (bits > 16) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
@@ -108,8 +110,8 @@ class RangeDecisions {
     }
   }
 
-  // Writes or reads how far away beyond the last leaf, which ends at `begin`, a return lies; gives how far away.
-  [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t begin,
+  // Encodes or decodes, and returns, the distance of a return beyond the last leaf by its second tree. begin: the least distance.
+  [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondTree& at, std::uint32_t begin,
                                               std::uint32_t away) {
     BeyondCells& cells = model_.beyond;
     std::uint32_t leaf = 0, in = 0;
@@ -126,7 +128,7 @@ class RangeDecisions {
       if (octave > kMaxOctaves || is_too_far(from))
         throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       const std::uint32_t end = from + (1u << left);
-      if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], 2730, in >= end) == 0) break;
+      if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], kOctaveLogOdds, in >= end) == 0) break;
       from = end;
     }
     for (std::uint32_t depth = 0; left > 0 && depth < BeyondCells::kDepth; ++depth) {
@@ -144,8 +146,8 @@ class RangeDecisions {
     return static_cast<std::uint32_t>(found);
   }
 
-  // Walks down the tree of a return beyond the last leaf, and learns; gives the leaf.
-  std::uint32_t walk_beyond(Coder& coder, WideInterval& interval, const BeyondPlace& at, std::uint32_t leaf) {
+  // Encodes or decodes the leaf of the second tree, and updates its cells. Returns the leaf.
+  std::uint32_t walk_beyond(Coder& coder, WideInterval& interval, const BeyondTree& at, std::uint32_t leaf) {
     std::array<Cells, 2> p;
     alignas(16) std::array<std::int16_t, kSlotCells> chance;
     std::int16_t* const all = model_.beyond.slots.data()->cells.data();
@@ -175,7 +177,7 @@ class RangeDecisions {
         const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
         (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[rate])).store(of + 8 * v);
       }
-      of[0] = static_cast<std::int16_t>(of[0] + kSeenOnce[rate]);
+      of[0] = static_cast<std::int16_t>(of[0] + kCountSteps[rate]);
     }
     return node - 16;
   }

@@ -1,4 +1,4 @@
-// A row of ranges to be coded, with what lies around it, and what is known of it from the returns before.
+// A row of ranges that is to be coded: its neighbouring rows, and the state from its returns so far.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -11,17 +11,16 @@
 
 namespace lidarcodec {
 
-// What a row is coded with: the rows around as seen from it, all with margins.
+// The neighbouring rows, aligned with this one and padded.
 struct RowSurroundings {
-  const std::uint16_t* returns;              // around each cell: Known::returns
+  const std::uint16_t* returns;              // of each cell: Known::returns
   const std::int32_t* above;                 // ranges, here and below in sixteenths of a cell; nullptr for the first row
   const std::int32_t* upper;                 // the row above that; nullptr for the first two
   const std::uint32_t* sizes;                // differences in the row above
-  const std::uint32_t* sizes_around;         // 3, 1, 2 and 2 times that of a cell, to its left, and of two to its right
-  // Where something is expected: ranges, filled from the left where nothing is.
+  const std::uint32_t* sizes_around;         // 3 times the difference of a cell, 1 of the left cell, 2 of each of two right cells
+  // Expected ranges, filled from the left where none is known; nullptr without.
   const std::int32_t *expected = nullptr, *expected_above = nullptr;
-  // For networks: what is expected in the row below, too; returns, 0 and 1, of this row and those around; and whether
-  // something is expected.
+  // For networks: expected ranges of the row below; masks, 0 and 1, of this row and its neighbours; mask of the expected ranges.
   const std::int32_t* expected_below = nullptr;
   const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
   std::uint32_t row = 0;
@@ -30,13 +29,13 @@ struct RowSurroundings {
   std::uint32_t first_firing = 0;          // slot of the row's first one
 };
 
-// What is known from the returns of a row, or of a part of one, that were coded before, but for the last ranges.
+// The state of a row, or of a part of one, from its returns so far, without the last ranges. Differences are in sixteenths of a cell.
 struct RowState {
-  bool begun = false;                            // whether there was a return
-  std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference, the weighted one before, a long mean
-  std::int32_t level = 0;                        // of this row above the one above, sixteenths
-  std::int32_t bias = 0;                         // of what comes above what is expected, sixteenths
-  std::uint32_t miss = 0;                        // mean difference from what is expected
+  bool begun = false;                            // there was a return
+  std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference; smoothed: those before it with gain 1/2, all with gain 1/8
+  std::int32_t level = 0;                        // smoothed difference from the row above
+  std::int32_t bias = 0;                         // smoothed difference from the expected ranges
+  std::uint32_t miss = 0;                        // smoothed size of that difference after the bias is subtracted
   std::uint32_t leaves = 0x88;                   // of the last two returns
   std::uint32_t last_cell = 0;                   // of the last return
 
@@ -49,26 +48,25 @@ struct RowState {
 
 inline constexpr std::size_t kLastRanges = 8;
 
-// The same where a row of a slab ends, with its last ranges, the latest first.
+// The state at the end of a slab's row, with its last ranges, the latest first.
 struct RowEnd : RowState {
   std::array<std::int32_t, kLastRanges> last{};
 };
 
-// Parts of an image whose returns are coded at the same time, each with a coder of its own: quarters of rows, or rows of
-// the halves of a slab.
+// Interleaved parts of an image, each with its own coder: the quarters of a row, or a row of each half of a slab.
 inline constexpr std::size_t kMostParts = 4, kSlabParts = 2;
 
-// One of the sequences of returns that are coded at the same time: its coder, and what is known where it stands.
+// One interleaved part: its coder and its state.
 template <class Coder>
 struct PredictivePart : RowState {
   Coder coder;
   WideInterval interval{};
-  std::size_t next = 0, stop = 0;      // return of the row, and the one behind the last
-  const std::int32_t* last = nullptr;  // ranges, the latest first; kLastRanges of them mean something
+  std::size_t next = 0, stop = 0;      // index of the next return in the row, and the end
+  const std::int32_t* last = nullptr;  // kLastRanges ranges, the latest first
 
   explicit PredictivePart(Coder with = Coder()) : coder(std::move(with)) {}
 
-  // base: where the first difference is counted from; returns: how many there will be.
+  // base: the base of the first difference; returns: their number.
   void begin(std::size_t first, std::size_t returns, std::int32_t base, const RowState& state) {
     next = first;
     stop = first + returns;
@@ -79,7 +77,7 @@ struct PredictivePart : RowState {
     last = at_;
   }
 
-  // Goes on where the row ended.
+  // Continues the row of a slab.
   void resume(std::size_t returns, std::int32_t base, const RowEnd& end) {
     begin(0, returns, base, end);
     if (begun) std::copy(end.last.begin(), end.last.end(), at_);
@@ -102,7 +100,7 @@ struct PredictivePart : RowState {
   }
 
  private:
-  // Filled from the end. Moved on instead of over: four that were just written one by one would be slow to read at once.
+  // Filled from the end, so that no range is moved. A vector load of ranges that were just moved would wait for their stores.
   std::vector<std::int32_t> ranges_;
   std::int32_t* at_ = nullptr;
 };
@@ -110,8 +108,8 @@ struct PredictivePart : RowState {
 template <class Coder>
 using PredictiveParts = std::array<PredictivePart<Coder>, kMostParts>;
 
-// Returns of a row to be coded, and where their ranges and what each differs by are, or are put.
-struct RowWork {
+// The returns of a row that are to be coded, with their ranges and differences: read by an encoder, written by both.
+struct RowTask {
   RowSurroundings about;
   const std::uint32_t* cells;  // of the returns
   std::size_t count;           // of them

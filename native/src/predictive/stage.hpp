@@ -1,5 +1,4 @@
-// A row of ranges about to be coded, with the rows around as seen from it. Rows come from the top; what has been coded
-// stays for those below.
+// Prepares each row of an image for the coder: aligns the neighbouring rows with it. Rows come from the top.
 #pragma once
 #include <algorithm>
 #include <cstddef>
@@ -13,25 +12,25 @@
 
 namespace lidarcodec {
 
-// What rows are made of: an image and which of its cells are returns, W columns, of which the first `past` are known.
+// An image: its mask, and W columns, of which the first `past` are known.
 struct RowSource {
   const MaskLayout& layout;
   const ClosedRows& returned;
   const RangeCells& cells;
-  const std::uint16_t* expected;  // (64, W), 0 where nothing is; nullptr if nothing is anywhere
+  const std::uint16_t* expected;  // (64, W), 0 where no range is expected; nullptr without
   std::size_t width, past;
   std::uint32_t turn;
   std::uint32_t firing;  // of column 0, modulo kFirings
-  std::uint16_t* sent = nullptr;  // (64, W), takes what was written as a reader gets it
+  std::uint16_t* sent = nullptr;  // (64, W), receives the ranges as a decoder gets them; or nullptr
 };
 
-// Ranges, in sixteenths of a cell, and differences of a row, as filled in where there are no returns.
+// Ranges and differences of a row, in sixteenths of a cell, with values for cells that are no returns.
 struct FilledRow {
   std::vector<std::int32_t> ranges;
   std::vector<std::uint32_t> sizes;
   explicit FilledRow(std::size_t width) : ranges(width + 1), sizes(width + 1) {}
 
-  // No returns take what is to their left, those at the start the first return's.
+  // Cells that are no returns take the values of the return to their left, those at the start of the first return.
   void fill(const std::vector<std::uint32_t>& returns, std::size_t count, std::size_t n) {
     std::size_t at = 0;
     for (std::size_t i = 0; i < count; ++i) {
@@ -46,10 +45,10 @@ struct FilledRow {
   }
 };
 
-// What Known::returns says of each of the n cells of a row, from the returns of this row (m), the one above (a) and the
-// one below (b), and what is known (e).
+// Known::returns of each of the n cells of a row, from the masks of this row (m), of the row above (a), of the row below (b), and of
+// the expected ranges (e).
 template <bool kExpects>
-void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_t* b, const std::uint8_t* e,
+void describe_returns(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_t* b, const std::uint8_t* e,
                  std::size_t n, std::uint16_t* around) {
   for (std::size_t k = 0; k < n; ++k, ++m, ++a, ++b) {
     std::uint32_t is = m[-1] | m[-2] << 1 | m[1] << 2 | m[2] << 3 | b[0] << 4 | b[-1] << 5 | b[1] << 6 | a[0] << 7 | a[1] << 8;
@@ -61,7 +60,7 @@ void look_around(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_
   }
 }
 
-// What is expected in a row, closed up: ranges in sixteenths of a cell, filled from the left, and at the start from the right.
+// The expected ranges of a row, closed up, in sixteenths of a cell. Gaps are filled from the left, those at the start from the right.
 struct ExpectedRow {
   std::vector<std::int32_t> ranges;
   std::vector<std::uint8_t> known;
@@ -69,26 +68,25 @@ struct ExpectedRow {
   explicit ExpectedRow(std::size_t width) : ranges(width + 1), known(width + 1) {}
 };
 
-// The rows from `first` on, one after another. kReads: whether ranges are read and not written; kLearned: whether a
-// network is told of them.
-template <bool kReads, bool kExpects, bool kLearned>
+// The rows from `first` on, one after another. kReads: ranges are decoded; kNetwork: a network needs the masks.
+template <bool kReads, bool kExpects, bool kNetwork>
 class RowStage {
  public:
-  // start, begin: difference and range to begin with, sixteenths.
+  // start, begin: the first difference and the first range, in sixteenths of a cell.
   RowStage(const RowSource& source, std::size_t first, std::uint32_t start, std::int32_t begin)
       : source_(source), first_(first), start_(start), begin_(begin), here_(source.width), before_(source.width),
         earlier_(source.width), above_(source.width), upper_(source.width), expected_here_(source.width),
         expected_above_(source.width), expected_below_(source.width), sizes_(source.width), mask_(source.width), above_mask_(source.width),
-        below_mask_(source.width), known_(source.width), returns_(source.width + 1), foreseen_(source.width),
-        foreseen_above_(source.width), foreseen_below_(source.width), around_(source.width),
+        below_mask_(source.width), known_(source.width), returns_(source.width + 1), expected_row_(source.width),
+        expected_row_above_(source.width), expected_row_below_(source.width), around_(source.width),
         sizes_around_(source.width), firings_(source.width) {
-    if constexpr (kExpects) foresee(first, foreseen_below_);
+    if constexpr (kExpects) close_up_expected(first, expected_row_below_);
     for (std::size_t c = 0; c < source.width; ++c) firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
   }
 
-  // Brings in a row, and where it is to be coded the ranges of its returns out of the image. Raises Section.
+  // Begins a row. Reads the ranges that are known or to be encoded from the image. Raises Section if a return has no range.
   template <class Image>
-  RowWork begin(std::size_t row, Image* image) {
+  RowTask begin(std::size_t row, Image* image) {
     row_ = row;
     const MaskLayout& layout = source_.layout;
     const std::size_t n = n_ = layout.cells(row);
@@ -123,7 +121,7 @@ class RowStage {
       all(below_mask_, std::uint8_t{1});
     }
     if constexpr (kExpects) expect(about);
-    if constexpr (kLearned) {
+    if constexpr (kNetwork) {
       about.mask = mask_.cells();
       about.above_mask = above_mask_.cells();
       about.below_mask = below_mask_.cells();
@@ -132,7 +130,7 @@ class RowStage {
     about.columns = layout.columns(row).data();
     about.firings = firings_.data();
     about.first_firing = static_cast<std::uint32_t>(row) * kFirings;
-    look_around<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
+    describe_returns<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
     count_ = 0;
@@ -144,7 +142,7 @@ class RowStage {
     return {about, returns_.data() + known_returns_, count_ - known_returns_, here_.ranges.data(), here_.sizes.data()};
   }
 
-  // Takes note of the row, which has been coded.
+  // Ends the row after it was coded: writes decoded ranges to the image, and keeps it for the rows below.
   template <class Image>
   void end(Image* image) {
     const std::size_t n = n_;
@@ -172,13 +170,13 @@ class RowStage {
   }
 
  private:
-  // Ranges of another row as seen from this one; of one without cells a whole cell each.
+  // Aligns the ranges of another row with this one. A row without cells gives 16, one cell.
   void seen_ranges(std::size_t other, const std::vector<std::int32_t>& from, PaddedRowOf<std::int32_t>& to) const {
     source_.layout.align(from.data(), other, row_, source_.layout.shift(other, row_, source_.turn), to, 16);
   }
 
-  // What is expected in a row; where nothing is, what is to the left, or the first of the row.
-  void foresee(std::size_t row, ExpectedRow& into) const {
+  // Closes up the expected ranges of a row.
+  void close_up_expected(std::size_t row, ExpectedRow& into) const {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row);
     const std::uint16_t* const expected = source_.expected + row * source_.width;
     const std::size_t n = columns.size();
@@ -198,30 +196,31 @@ class RowStage {
     if (into.any) std::fill_n(into.ranges.begin(), first, into.ranges[first]);
   }
 
-  // Where nothing is expected in the whole row: the row above.
+  // Aligns the expected ranges. A row without any takes the ranges of the row above.
   void expect(RowSurroundings& about) {
     const MaskLayout& layout = source_.layout;
     const bool above = row_ > first_;
-    std::swap(foreseen_above_, foreseen_);
-    std::swap(foreseen_, foreseen_below_);
-    if (!foreseen_.any)
-      for (std::size_t k = 0; k < n_; ++k) foreseen_.ranges[k] = above ? above_.cells()[k] : begin_;
-    layout.align(foreseen_.ranges.data(), row_, row_, 0, expected_here_);
-    layout.align(foreseen_.known.data(), row_, row_, 0, known_);
-    if (above) seen_ranges(row_ - 1, foreseen_above_.ranges, expected_above_);
+    std::swap(expected_row_above_, expected_row_);
+    std::swap(expected_row_, expected_row_below_);
+    if (!expected_row_.any)
+      for (std::size_t k = 0; k < n_; ++k) expected_row_.ranges[k] = above ? above_.cells()[k] : begin_;
+    layout.align(expected_row_.ranges.data(), row_, row_, 0, expected_here_);
+    layout.align(expected_row_.known.data(), row_, row_, 0, known_);
+    if (above) seen_ranges(row_ - 1, expected_row_above_.ranges, expected_above_);
     about.expected = expected_here_.cells();
     about.expected_above = expected_above_.cells();
     about.known = known_.cells();
     if (row_ + 1 < kMaskRows) {
-      foresee(row_ + 1, foreseen_below_);
-      if (kLearned && foreseen_below_.any) {
-        seen_ranges(row_ + 1, foreseen_below_.ranges, expected_below_);
+      close_up_expected(row_ + 1, expected_row_below_);
+      if (kNetwork && expected_row_below_.any) {
+        seen_ranges(row_ + 1, expected_row_below_.ranges, expected_below_);
         about.expected_below = expected_below_.cells();
       }
     }
   }
 
-  // Ranges of the returns that are known or to be written (free ones as they are, levelled), and what each of the known ones differs by.
+  // Reads the ranges of the returns that are known or to be encoded, and the differences of the known ones. Ranges that are to be encoded
+  // freely are only levelled, not quantised.
   template <class Image>
   void take(Image* of_row) {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row_);
@@ -250,7 +249,7 @@ class RowStage {
   PaddedRowOf<std::uint32_t> sizes_;
   PaddedRow mask_, above_mask_, below_mask_, known_;
   std::vector<std::uint32_t> returns_;
-  ExpectedRow foreseen_, foreseen_above_, foreseen_below_;
+  ExpectedRow expected_row_, expected_row_above_, expected_row_below_;
   std::vector<std::uint16_t> around_;
   std::vector<std::uint32_t> sizes_around_;
   std::vector<std::uint8_t> firings_;  // of the columns
