@@ -66,7 +66,9 @@ def test_the_largest_value_of_every_setting_is_said():
     for name, field in StreamSettings.model_fields.items():
         section = text.partition(f"\n### {name}\n")[2].partition("\n### ")[0]
         for limit in (getattr(one, "le", None) for one in field.metadata):
-            assert limit is None or re.search(rf"\bto {limit:,g}\b", section), f"docs/settings.md, {name}: say 'to {limit:,g}'"
+            assert limit is None or re.search(rf"\bto {limit:,g}\b", section), (
+                f"docs/settings.md, {name}: say 'to {limit:,g}'"
+            )
 
 
 def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
