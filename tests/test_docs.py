@@ -56,7 +56,9 @@ def test_every_command_has_its_heading_and_no_other():
 
 
 def test_every_setting_has_its_heading_and_no_other():
-    assert set(StreamSettings.model_fields) == headings("settings.md") - {"Settings"}
+    fields, found = set(StreamSettings.model_fields), headings("settings.md") - {"Settings"}
+    assert not fields - found, f"docs/settings.md needs a section '### NAME' of each of {sorted(fields - found)}"
+    assert not found - fields, f"docs/settings.md has sections of no setting: {sorted(found - fields)}"
 
 
 def test_the_largest_value_of_every_setting_is_said():
@@ -64,21 +66,24 @@ def test_the_largest_value_of_every_setting_is_said():
     for name, field in StreamSettings.model_fields.items():
         section = text.partition(f"\n### {name}\n")[2].partition("\n### ")[0]
         for limit in (getattr(one, "le", None) for one in field.metadata):
-            assert limit is None or re.search(rf"\bto {limit:,g}\b", section), f"{name}: at most {limit:,g}"
+            assert limit is None or re.search(rf"\bto {limit:,g}\b", section), (
+                f"docs/settings.md, {name}: say 'to {limit:,g}'"
+            )
 
 
 def test_every_codec_has_its_heading_and_each_of_its_settings_is_explained():
     found = headings("codecs.md")
     text = (DOCS / "codecs.md").read_text()
     for name in table.names():
-        assert name in found
+        assert name in found, f"docs/codecs.md needs a section '## {name}'"
         section = text.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
         for setting in table.codec(name).settings.model_fields:
-            assert f"`{setting}`" in section, f"{setting} of {name}"
+            assert f"`{setting}`" in section, f"docs/codecs.md does not explain `{setting}` of {name}"
 
 
 def test_every_reducer_has_its_heading():
-    assert set(reducers.names()) <= headings("reduction.md")
+    missing = set(reducers.names()) - headings("reduction.md")
+    assert not missing, f"docs/reduction.md needs a section '### NAME' of each of {sorted(missing)}"
 
 
 def test_every_codec_that_was_measured_is_chosen_for_something_or_not():
@@ -90,7 +95,7 @@ def test_every_codec_that_was_measured_is_chosen_for_something_or_not():
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)
 def test_tables_that_repeat_tables_of_the_code_say_the_same(page):
-    assert tables.written(page.read_text()) == page.read_text(), "make tables writes them"
+    assert tables.written(page.read_text()) == page.read_text(), "run `make tables`: it writes them"
 
 
 def test_every_peer_is_named():

@@ -24,6 +24,10 @@ from lidarcodec.settings import StreamSettings, settings_from
 
 SHORT_NUMBER: Final = re.compile(r"[+-]?([0-9]+\.[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.IGNORECASE)
 """What people write for a number that JSON has no such form of."""
+TEXTS: Final = frozenset(
+    key for key, field in StreamSettings.model_fields.items() if field.annotation in (str, str | None)
+)
+"""Settings that are texts, also where the text looks like a number: `follow=7`."""
 
 
 def one_setting(codec: str | None, pairs: Sequence[str], link: str | None = None) -> StreamSettings:
@@ -53,8 +57,11 @@ def _key_and_text(pair: str) -> tuple[str, str]:
     return key.strip(), text.strip()
 
 
-def _value(text: str) -> Any:
-    """A JSON scalar or a number like .5 if it is one, else the text itself."""
+def _value(key: str, text: str) -> Any:
+    """The value that a text stands for: the text itself for settings that are texts, else a JSON scalar, a number like
+    .5, or the text if it is neither."""
+    if key in TEXTS and text != "null":
+        return text
     if SHORT_NUMBER.fullmatch(text):
         return float(text)
     try:
@@ -69,7 +76,7 @@ def _settings(codec: str | None, pairs: Sequence[tuple[str, str]], link: str | N
     for key, text in pairs:
         if key in values or (key == "codec" and codec):
             raise SettingsError(f"--set {key}={text}: {key} is given twice", key)
-        values[key] = _value(text)
+        values[key] = _value(key, text)
     return settings_of(codec, values, link)
 
 
@@ -85,6 +92,19 @@ def settings_of(codec: str | None, values: Mapping[str, Any], link: str | None =
     for key, value in values.items():
         is_common = key in StreamSettings.model_fields and key != "codec_settings"
         (common if is_common else own)[key] = value
-    settings = check(settings_from(common | {"codec_settings": own}))
+    settings = settings_from(common | {"codec_settings": own})
+    try:
+        check(settings)
+    except SettingsError as error:
+        if any(error.field == f"codec_settings.{key}" for key in _unknown(settings)):
+            all_have = ", ".join(key for key in StreamSettings.model_fields if key != "codec_settings")
+            raise SettingsError(f"{error}; all codecs have {all_have}", error.field) from None
+        raise
     table.check_installed(settings.codec)
     return settings
+
+
+def _unknown(settings: StreamSettings) -> set[str]:
+    """Keys of `codec_settings` that the codec does not have. `auto` has none of its own."""
+    known = table.codec(settings.codec).settings.model_fields if settings.codec in table.names() else {}
+    return set(settings.codec_settings) - set(known)

@@ -64,13 +64,15 @@ class Reduction(NamedTuple):
     """The entry of a reducer in the table: each file has one as `REDUCTION`.
 
     make:     makes a reducer from (budget, argument, seed)
-    argument: parses what follows the colon of its name, and raises ValueError with the reason; None: no argument
+    argument: checks what follows the colon of its name, and raises ValueError with the reason; None: no argument
+    example:  an argument that pages offer and tests use; None: no argument
     budgeted: whether the reducer uses `keep_points` and `keep_fraction`
     note:     a warning for operators, shown in the status
     """
 
     make: Callable[[Budget, str | None, int], Reducer]
     argument: Callable[[str], object] | None = None
+    example: str | None = None
     budgeted: bool = True
     note: str | None = None
 

@@ -34,4 +34,4 @@ class Columns(Reducer):
         return frame.with_(keep=frame.valid & kept)
 
 
-REDUCTION = Reduction(Columns, argument=step_of, budgeted=False)
+REDUCTION = Reduction(Columns, argument=step_of, example="4", budgeted=False)

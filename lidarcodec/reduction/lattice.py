@@ -33,4 +33,4 @@ class LatticeReducer(Reducer):
         return on_lattice(frame, step_of(self.argument or ""), rolling=self.rolling)
 
 
-REDUCTION = Reduction(LatticeReducer, argument=step_of, budgeted=False)
+REDUCTION = Reduction(LatticeReducer, argument=step_of, example="4", budgeted=False)

@@ -114,6 +114,15 @@ def budget_of(settings: StreamSettings) -> Budget:
     return Budget(settings.keep_points, settings.keep_fraction)
 
 
+def example_of(name: str) -> str:
+    """A setting `reduction` that names this reducer: `columns:4` of `columns`, `voxel` of `voxel`.
+
+    Raises SettingsError.
+    """
+    example = reduction(name).example
+    return name if example is None else f"{name}:{example}"
+
+
 def note_of(name: str) -> str | None:
     """The warning for operators about a reduction; name: with its argument, if it has one. None: there is none."""
     return reduction(_parts(name)[0]).note

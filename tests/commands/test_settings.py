@@ -32,8 +32,13 @@ def test_a_value_of_the_wrong_kind_is_refused_with_its_key(pair):
 
 
 def test_an_unknown_key_is_refused_by_name_and_the_known_ones_are_listed():
-    with pytest.raises(SettingsError, match=r"'colour'.*level"):
+    with pytest.raises(SettingsError, match=r"'colour'.*level.*all codecs have codec, .*max_error_m"):
         one_setting("pcodec", ["colour=red"])
+
+
+def test_a_setting_that_is_a_text_may_look_like_a_number():
+    assert one_setting(None, ["follow=7"]).follow == "7"
+    assert one_setting(None, ["follow=null"]).follow is None
 
 
 @pytest.mark.parametrize("pair", ["level", "=3", ""])

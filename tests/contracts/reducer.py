@@ -8,17 +8,15 @@ import numpy as np
 
 from lidarcodec.frame import Frame
 from lidarcodec.reduction import make_reducer, reduction
+from lidarcodec.reduction.table import example_of
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
 
-ARGUMENTS = {"columns": "4", "lattice": "4"}
-
 
 def settings_of(name: str, **budget: object) -> StreamSettings:
-    """Settings of a reduction, with an argument if it wants one, and without a budget if it takes none."""
-    argument = f":{ARGUMENTS[name]}" if name in ARGUMENTS else ""
-    return StreamSettings(reduction=name + argument, **(budget if reduction(name).budgeted else {}))
+    """Settings of a reduction, with its example of an argument, and without a budget if it takes none."""
+    return StreamSettings(reduction=example_of(name), **(budget if reduction(name).budgeted else {}))
 
 
 def strange() -> dict[str, Frame]:

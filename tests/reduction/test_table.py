@@ -44,9 +44,16 @@ def test_settings_that_cannot_be_followed_say_why(settings: dict[str, object], f
 
 def test_settings_that_can_be_followed() -> None:
     for name in names():
-        settings = StreamSettings(reduction=f"{name}:8" if table.reduction(name).argument else name)
+        settings = StreamSettings(reduction=table.example_of(name))
         assert check(settings) is settings
     assert check(StreamSettings(reduction="voxel", keep_points=4500)).keep_points == 4500
+
+
+def test_a_reducer_with_an_argument_has_an_example_of_it() -> None:
+    """Pages offer the example, and the contract tests use it."""
+    for name in names():
+        chosen = table.reduction(name)
+        assert (chosen.argument is None) == (chosen.example is None), f"give REDUCTION of {name} an `example=`"
 
 
 def test_documentation_examples() -> None:

@@ -58,9 +58,7 @@ def _schema() -> dict[str, Any]:
     fields["codec"]["enum"] = [AUTO, *codecs.names()]
     fields["intensity"]["examples"] = ["auto", "lossless", "error=4", "levels=32", "levels=16", "levels=6", "off"]
     fields["framing"]["examples"] = ["packets", "packets:29", "revolution"]
-    # Without its number a reduction that takes one is refused: `columns:4`.
-    takes_number = [name for name in reductions.names() if reductions.reduction(name).argument is not None]
-    fields["reduction"]["examples"] = [f"{name}:4" if name in takes_number else name for name in reductions.names()]
+    fields["reduction"]["examples"] = [reductions.example_of(name) for name in reductions.names()]
     for name, value in FREE.items():
         if value in (None, AUTO):
             fields[name]["free"] = value
