@@ -1,4 +1,4 @@
-"""The command line's first lines: `lidarcodec`, and `python -m lidarcodec`."""
+"""Entry point of `lidarcodec` and `python -m lidarcodec`."""
 
 import os
 import sys
@@ -8,10 +8,10 @@ from lidarcodec.commands.running.ending import DONE, INTERRUPTED, is_live
 
 
 def main() -> NoReturn:
-    """Run the command line. An interrupt before it can listen ends it without a traceback."""
-    # Looking for plugins of pydantic through all installed packages takes a tenth of a start; we need none.
+    """Run the command line. Ctrl-C during the imports ends it without a traceback."""
+    # Pydantic searches all installed packages for plugins. That slows the start, and we use none.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # OpenBLAS sends this process an interrupt where it gets no thread. What we compute with it is small: it needs none.
+    # OpenBLAS raises SIGINT in this process if it cannot start a thread. Our matrices are small: one thread is enough.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from lidarcodec.cli import main as run

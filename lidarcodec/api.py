@@ -1,4 +1,4 @@
-"""The public face for offline work: open a source, iterate frames, encode, decode. `subscribe` is the live one.
+"""Functions for offline work: read frames of a source, encode, decode. For live streams use `subscribe`.
 
 >>> import lidarcodec
 >>> frames = lidarcodec.read_frames("sim:city?frames=2")
@@ -27,7 +27,7 @@ from lidarcodec.wire import pack, unpack
 def read_frames(
     source: Source | str | Path, framing: str = "packets", *, calibration: Path | None = None
 ) -> Iterator[Frame]:
-    """Frames of a source, or of what `open_source` makes of a path or URL; that one is closed at the end.
+    """Frames of a source. A path or URL is opened with `open_source`, and closed at the end.
 
     Raises SourceError, CalibrationError or PacketError when the source cannot be read.
     """
@@ -39,9 +39,9 @@ def read_frames(
 
 
 def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Any) -> Iterator[bytes]:
-    """Messages of frames as bytes, under `settings` or StreamSettings given by name.
+    """Encoded messages of frames as bytes. changes: fields of StreamSettings, applied on top of `settings`.
 
-    Raises SettingsError or UnknownNameError, before the first frame is read, when a setting is not allowed.
+    Raises SettingsError or UnknownNameError when a setting is not allowed, before the first frame is read.
     """
     chosen = settings.changed(**changes) if settings else settings_from(changes)
     encoder = StreamEncoder(check_offline(chosen))
@@ -55,9 +55,9 @@ def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **ch
 
 
 def decode(messages: Iterable[bytes]) -> Iterator[Frame]:
-    """Frames of messages.
+    """Decoded frames of messages.
 
-    Raises DecodeError at the first message that cannot be decoded; to go on behind it use a StreamDecoder.
+    Raises DecodeError at the first message that cannot be decoded. To continue after errors use a StreamDecoder.
     """
     decoder = StreamDecoder()
     for data in messages:

@@ -1,7 +1,7 @@
-"""What one input file may cost: memory, processor time, temporary disk. The one place that states it.
+"""Limits of memory and processor time for reading one input file.
 
-Every reader of files takes its limits from here, `docs/robustness.md` has the same table, and `tests/bombs` opens a
-file of each kind that is made to be dear, in a process that has no more than this.
+Every reader of files takes its limits from here, and `docs/robustness.md` has the same table. `tests/bombs` opens a
+hostile file of each kind in a process with exactly these limits.
 
 >>> BUDGETS["npz"].memory_mib
 768
@@ -23,12 +23,12 @@ MIB: Final = 1 << 20
 
 @dataclass(frozen=True)
 class Budget:
-    """What a file of one kind may cost, whatever it holds; nothing that reads input writes to a disk.
+    """Limits for reading a file of one kind, whatever it holds. No reader writes to a disk.
 
-    files:      which files these are
-    size_mib:   largest file that is read; None: any, as it is read piece by piece
-    memory_mib: most memory beyond that of the program
-    cpu_s:      processor time until a file of up to 1 MiB is read or refused; larger ones in proportion
+    files:      the files, in words
+    size_mib:   size of the largest file that is read; None: no limit, the file is read piece by piece
+    memory_mib: largest memory on top of that of the program
+    cpu_s:      processor time to read or refuse a file of up to 1 MiB; larger files in proportion
     """
 
     files: str
@@ -57,20 +57,20 @@ BUDGETS: Final[dict[str, Budget]] = {
     "about": Budget("`annotation.json` and what else says what a folder holds", 1, 64, 2),
     "secret": Budget("a password in a file", 1 / 256, 16, 1),
 }
-"""Kind -> budget. Of networks in ONNX only those of the package are read."""
+"""Kind -> budget. Networks in ONNX have none: only those of the package are read."""
 
 EXPANDED_BASE: Final = 256 * MIB
 EXPANDED_TIMES: Final = 1000
-"""Compressed data may become so many bytes, and so many times what was read of it. xz can do 7,000 times."""
+"""Compressed data may expand to EXPANDED_BASE bytes plus EXPANDED_TIMES the bytes read. xz could reach 7,000 times."""
 RECORDS_BASE: Final = 1_000_000
 RECORDS_PER_BYTE: Final = 0.25
-"""Records a file may have: so many, and one for every four bytes read from the disk. Plain files never have as many."""
+"""A file may hold RECORDS_BASE records plus one for every four bytes read. Uncompressed files always hold fewer."""
 
 DECODED_BASE: Final = 60_000_000
 DECODED_PER_BYTE: Final = 2000
-"""Returns that the messages of a recording may decode to: so many (450 turns of an HDL-64E with nothing missing, 4 s of
-`predictive`), and so many for each byte of the file. A wall in all directions, in frames that are all the same, has 350
-for a byte, and in the widest frames 1,520: nothing that we write has more."""
+"""Returns that the messages of a recording may decode to: DECODED_BASE (450 full turns of an HDL-64E) plus
+DECODED_PER_BYTE for each byte of the file. The most compressible recording, identical frames of a wall all around, has
+350 returns a byte, and 1,520 in the widest frames."""
 
 
 class FileTooLargeError(ValueError):
@@ -78,27 +78,27 @@ class FileTooLargeError(ValueError):
 
 
 class Allowance:
-    """Counts work against what was read: a small file that asks for much work is refused, a large one is not."""
+    """Limits work in proportion to the bytes read, so that a small file cannot ask for much work."""
 
     def __init__(self, base: float, per_byte: float) -> None:
         self._base, self._per_byte, self._spent = base, per_byte, 0.0
 
     def spend(self, amount: float, seen: int) -> bool:
-        """Whether so much more is allowed. seen: bytes read from the disk until now."""
+        """Add `amount` to the work done; whether the total is still allowed. seen: bytes read from the disk so far."""
         self._spent += amount
         return self._spent <= self._base + self._per_byte * seen
 
 
 def largest(kind: str) -> int | None:
-    """Bytes of the largest file of a kind; None: any."""
+    """Bytes of the largest file of a kind that is read; None: no limit."""
     size = BUDGETS[kind].size_mib
     return None if size is None else int(size * MIB)
 
 
 def read_file(path: Path, kind: str) -> bytes:
-    """The bytes of a file, at most as many as its kind may have.
+    """The bytes of a file.
 
-    Raises OSError (NotRegularError for a pipe or a device), FileTooLargeError.
+    Raises OSError (NotRegularError for a pipe or a device), and FileTooLargeError for a file above its budget.
     """
     most = largest(kind)
     with open_regular(path) as file:

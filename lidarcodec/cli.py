@@ -1,4 +1,4 @@
-"""The command line. What a command takes is in `commands/signatures`, what it does in the rest of `commands`.
+"""The command line. Options of the commands are in `commands/signatures`, their work in the rest of `commands`.
 
 Nothing heavy is imported here, so that `lidarcodec --help` answers at once. Exit codes: 0 done, 1 failed at work, 2
 wrong usage, 130 or 143 interrupted by SIGINT or SIGTERM (live commands end with 0 then). An error is one line on
@@ -46,7 +46,7 @@ def _common(
     debug: Annotated[bool, Option("--debug", help="Show the traceback of an error.")] = False,
     version: Annotated[bool, Option("--version", help="Print the version and exit.", is_eager=True)] = False,
 ) -> None:
-    del debug  # main() looks for it, wherever it stands
+    del debug  # main() reads it from the arguments, as it may stand after the command too
     if version:
         from lidarcodec import __version__
 
@@ -65,12 +65,12 @@ for command in (
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command; its exit code."""
+    """Run one command. Returns its exit code."""
     return running.run(app, arguments)
 
 
 def main() -> NoReturn:
-    """The process: run the command of the command line and end."""
+    """Run the command of this process's arguments, then exit with its code."""
     running.main(app)
 
 

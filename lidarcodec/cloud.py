@@ -4,15 +4,15 @@ For a laser with elevation v, rotation correction rot, vertical and horizontal o
 
     beta = a - rot;  D = 2 mm * range + dist_correction
     ros:       r = D cos v - vo sin v,  z = D sin v + vo cos v     (the vertical offset is turned by the elevation)
-    veloview:  r = D cos v,             z = D sin v + vo           (it is not: the form of VeloView and its CSV files)
+    veloview:  r = D cos v,             z = D sin v + vo           (not turned, as in VeloView and its CSV files)
     x = r cos beta + ho sin beta   (forward)
     y = ho cos beta - r sin beta   (left)
 
 `ros` also applies the two-point distance correction of HDL-64E S3 manual rev. K, appendix F: near targets (calibrated
-at 2.4 m across and 1.93 m along) are corrected by dist_correction_x and _y, far ones (25.04 m) by dist_correction,
-linearly between, each by its own coordinate; z goes with the coordinate along, as in the manual and the ROS driver.
-Beyond 25.04 m the far correction holds (the manual: "nearer than 25 m only"); the ROS driver extrapolates there. Where
-the three corrections are equal nothing changes.
+at 2.4 m across and 1.93 m along) are corrected by dist_correction_x and _y, far ones (25.04 m) by dist_correction. In
+between the correction is linear in the coordinate, separately across and along. z takes the correction along, as in the
+manual and the ROS driver. Beyond 25.04 m the far correction holds (the manual: "nearer than 25 m only"); the ROS driver
+extrapolates there.
 
 Angles are looked up per column and per laser and added by the addition theorem: no trigonometry per point.
 """
@@ -39,18 +39,18 @@ CLOUD_DTYPE = np.dtype(
 )
 
 RETURN = np.dtype([("distance", "<u2"), ("intensity", "u1")])
-"""Three bytes of a block, as sent."""
+"""One return in a block, as sent."""
 BLOCK_NS = 24_000
-"""A block is half a firing of 48 us (S2 manual, laser firing time table); the older firmware's take 24.8 us each."""
+"""A block is half a firing of 48 us (S2 manual, laser firing time table). Older firmware takes 24.8 us a block."""
 NEAR_ACROSS_M, NEAR_ALONG_M, FAR_M = 2.4, 1.93, 25.04
 
 
 def cloud_of(frame: Frame) -> npt.NDArray[np.void]:
-    """(N,) CLOUD_DTYPE, points of the frame's valid returns, column by column, in a column from the top ring down.
+    """(N,) CLOUD_DTYPE, points of the frame's valid returns, column by column, each column from the top ring down.
 
-    t_ns is the host time of the column's packet plus the time of the firing within it (48 us a firing; the 64 lasers of
-    one share it). A frame that never was packets counts 48 us a column from its stamp. The intensity is as sent.
-    Second returns are not in it: see `second_cloud`. Cost: 5 ms for 120,000 points.
+    t_ns is the host time of the column's packet plus the time of the firing within the packet (48 us a firing; its 64
+    lasers have one time). In a frame without packets, columns are 48 us apart from its stamp on. The intensity is as
+    sent. Second returns are left out: see `second_cloud`. Cost: 5 ms for 120,000 points.
     """
     lasers = frame.sensor.laser_of_ring
     xyz = xyz_of(frame)
@@ -64,23 +64,24 @@ def cloud_of(frame: Frame) -> npt.NDArray[np.void]:
 
 
 def xyz_of(frame: Frame, dtype: type[np.floating[Any]] = np.float64) -> tuple[Floats, Floats, Floats]:
-    """x, y, z in metres of every cell, (W, 64) each; what a cell without return says means nothing.
+    """x, y, z in metres of every cell, (W, 64) each; values of cells without return are meaningless.
 
-    With float32 the error is below 0.1 mm, and the cost half: 2 ms.
+    float32 costs half as much (2 ms) with errors below 0.1 mm.
     """
     lasers = frame.sensor.laser_of_ring
     half = (lasers >= LASERS_PER_BLOCK).astype(np.intp)
     cos_a, sin_a = (values.astype(dtype, copy=False) for values in _turned(frame.azimuth.T))
-    # Both halves of a column fire at one azimuth on an S2: then one value a column does for all its lasers.
+    # On an S2 both halves of a column fire at one azimuth: one value a column is enough for all its lasers.
     columns = slice(0, 1) if np.array_equal(frame.azimuth[0], frame.azimuth[1]) else half
     factors = _factors(frame.sensor, lasers, dtype)
     return _xyz(frame.range.T.astype(dtype), cos_a[:, columns], sin_a[:, columns], factors)
 
 
 def second_cloud(frame: Frame) -> npt.NDArray[np.void]:
-    """(N,) CLOUD_DTYPE, points of the second returns of a sensor in dual-return mode, in the order of their packets.
+    """(N,) CLOUD_DTYPE, points of the second returns of a sensor in dual-return mode, in packet order.
 
-    Empty for a frame without side information. A second return that repeats the first one is a point here too.
+    Empty for a frame without side information. Second returns equal to the first return are included.
+    Raises SectionError if the side information contradicts the frame.
     """
     side = frame.side
     if side is None or not len(side.second):
@@ -125,7 +126,7 @@ def _column_ns(frame: Frame) -> npt.NDArray[np.int64]:
 
 
 def _firing_ns(side: SideInfo) -> npt.NDArray[np.int64]:
-    """(W,) int64, time of each column after the first block of its packet: 24 us a block, second returns in no time."""
+    """(W,) int64, time of each column after the first block of its packet: 24 us a block, 0 for second returns."""
     takes = (side.layouts != Role.UPPER_SECOND) & (side.layouts != Role.LOWER_SECOND)
     before = (np.cumsum(takes, axis=1) - takes) * BLOCK_NS
     times: npt.NDArray[np.int64] = before[side.layout][_opens(side.layouts)[side.layout]]
@@ -133,7 +134,7 @@ def _firing_ns(side: SideInfo) -> npt.NDArray[np.int64]:
 
 
 class _Lasers(NamedTuple):
-    """Per-laser factors, in one shape that broadcasts against the points'."""
+    """Per-laser factors, all of one shape that broadcasts against the points."""
 
     range_step: float
     turn_offset: bool

@@ -2,23 +2,23 @@
 
 LidarCodecError
   DecodeError(offset)                 bytes from outside that cannot be decoded
-    PacketError                       a payload that is no 1206-byte sensor packet, or a sensor that is not supported
+    PacketError                       a payload that is not a 1206-byte packet of a supported sensor
     HeaderError                       a message header that contradicts itself
-      UnsupportedVersionError         a newer major version, or an unknown codec
+      UnsupportedVersionError         another major version, or an unknown codec
         MissingCodecError(extra)      a codec whose optional dependency is not installed; a MissingExtraError as well
     TruncatedError                    fewer bytes than announced
     ChecksumError                     the CRC-32C does not match
-    SectionError                      a section that cannot be what it says
-    MissingReferenceError(needs)      an inter frame, or a calibration, whose key frame never came: ask for one
+    SectionError                      a section whose contents are damaged or contradict the message
+    MissingReferenceError(needs)      an inter frame whose key frame or calibration was not received: ask for one
   SettingsError(field)                a setting that is not allowed
   CalibrationError                    a calibration file or table that cannot be used
   UnknownNameError(name, known)       a codec, reducer, sensor or source that does not exist
   MissingExtraError(extra)            an optional dependency that is not installed
   SourceError                         a source that cannot be opened or read
   TransportError                      a network session that cannot be opened or used
-  WorkerError(cause, resting)         the process in which a codec runs crashed, hung or cannot be started
-  RoundTripError                      what was encoded does not decode to what it was made from
-  TargetMissedError                   what was encoded takes more than the target bitrate
+  WorkerError(cause, resting)         the process in which a codec runs crashed, hung or could not be started
+  RoundTripError                      encoded frames do not decode to the original frames
+  TargetMissedError                   encoded frames take more than the target bitrate
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from collections.abc import Iterable
 
 
 def is_panic(error: BaseException) -> bool:
-    """Whether it is a panic of a library written in Rust: a PanicException, which is no Exception."""
+    """Whether a library written in Rust panicked. Its PanicException is not a subclass of Exception."""
     return type(error).__name__ == "PanicException"
 
 
 def told(error: BaseException) -> Exception:
-    """The error itself, or of a panic one that is an Exception: what ended a thread, as it is told outside of it."""
+    """The error as an Exception: itself, or a LidarCodecError with its text for a panic. Threads report errors so."""
     return error if isinstance(error, Exception) else LidarCodecError(f"a library of native code failed: {error}")
 
 
@@ -41,7 +41,7 @@ class LidarCodecError(Exception):
 
 
 class DecodeError(LidarCodecError):
-    """Bytes from outside that cannot be decoded; `offset` is the byte at which that was seen."""
+    """Bytes from outside that cannot be decoded; `offset` is the byte at which the error was found."""
 
     def __init__(self, message: str, offset: int = 0) -> None:
         super().__init__(message)
@@ -53,11 +53,11 @@ class PacketError(DecodeError):
 
 
 class HeaderError(DecodeError):
-    """A message header that is not one, or contradicts itself."""
+    """Bytes that do not begin with a message header, or a header that contradicts itself."""
 
 
 class UnsupportedVersionError(HeaderError):
-    """A message of a newer major version, or of a codec this build does not know."""
+    """A message of another major version, or of a codec that this build does not know."""
 
 
 class TruncatedError(DecodeError):
@@ -69,7 +69,7 @@ class ChecksumError(DecodeError):
 
 
 class SectionError(DecodeError):
-    """A section of a message that cannot be what it says."""
+    """A section of a message whose contents are damaged or contradict the message."""
 
 
 class MissingReferenceError(DecodeError):
@@ -93,7 +93,7 @@ class CalibrationError(LidarCodecError):
 
 
 class UnknownNameError(LidarCodecError):
-    """A name that is in none of the tables; `known` lists those that are."""
+    """A name that does not exist; `known` lists those that do."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.name, self.known = name, tuple(known)
@@ -101,7 +101,7 @@ class UnknownNameError(LidarCodecError):
 
 
 class MissingExtraError(LidarCodecError):
-    """An optional dependency that is not installed; `extra` is the extra that brings it."""
+    """An optional dependency that is not installed; `extra` is the extra that installs it."""
 
     def __init__(self, what: str, extra: str) -> None:
         self.extra = extra
@@ -121,9 +121,9 @@ class TransportError(LidarCodecError):
 
 
 class WorkerError(LidarCodecError):
-    """The process in which a codec runs crashed, hung, or could not be started; another one begins with a key frame.
+    """The process in which a codec runs crashed, hung, or could not be started. The next one begins with a key frame.
 
-    cause: the kind of it, such as `killed by SIGSEGV`; resting: it failed too often, and is started again later.
+    cause: what happened, such as `killed by SIGSEGV`; resting: it failed too often, the next one starts after a pause.
     """
 
     def __init__(self, message: str, cause: str, *, resting: bool = False) -> None:
@@ -132,8 +132,8 @@ class WorkerError(LidarCodecError):
 
 
 class TargetMissedError(LidarCodecError):
-    """What was encoded takes more than the target bitrate, because of what is pinned or of the scene."""
+    """Encoded frames take more than the target bitrate, because of pinned settings or of the scene."""
 
 
 class RoundTripError(LidarCodecError):
-    """What was encoded does not decode to what it was made from, as its settings promise: a fault of the codec."""
+    """Encoded frames do not decode to the original frames within the bounds of the settings: a fault of the codec."""

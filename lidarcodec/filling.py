@@ -1,10 +1,10 @@
-"""Returns made up by a receiver between columns that were sent.
+"""Returns that a receiver interpolates between the columns that were sent.
 
 Between two returns a and b of one row whose ranges differ by at most 0.25 m and 1/20 of the nearer one, the inverse of
 the range is interpolated. That is exact for a straight line across the beams, as a wall or the road is: in the plane of
-the beams a line is 1/r = A cos(phi) + B sin(phi), and nearly straight over so small an angle. Elsewhere, and beside a
-hole, a surface ends somewhere between the two columns, so each return stands for the half of the gap that is next to
-it; the middle column stays empty. All in whole numbers, so that every decoder makes up the same.
+the beams a line is 1/r = A cos(phi) + B sin(phi), which is nearly linear over so small an angle. Elsewhere, and beside
+a hole, a surface ends somewhere between the two columns. Then each return is repeated over the half of the gap next to
+it, and the middle column stays empty. All arithmetic is in whole numbers, so that every decoder gives equal results.
 
 >>> between(np.array([1000]), np.array([1000]), 1, 4).tolist()
 [1000]
@@ -27,15 +27,15 @@ JUMP_STEPS: Final = 125
 JUMP_SHARE: Final = 20
 """Ranges a and b lie on one surface if |a - b| <= JUMP_STEPS + min(a, b) // JUMP_SHARE."""
 WIDEST: Final = 64
-"""Columns between which something is made up; wider gaps stay empty."""
+"""Largest gap, in columns, that is filled."""
 FOR_PROGRAMS: Final = frozenset({"localise", "detect"})
-"""Purposes of streams whose clouds are looked at by programs, which take every point for a measured one."""
+"""Purposes of streams that programs read: they take every point as measured, so nothing is filled in."""
 
 Whole = npt.NDArray[np.integer[Any]]
 
 
 def between(a: Whole, b: Whole, place: Whole | int, gap: Whole | int) -> npt.NDArray[np.int64]:
-    """Ranges `place` columns behind ranges `a` of which `b` are `gap` columns further on, rounded to the nearest."""
+    """Interpolated ranges `place` columns after ranges `a`, where ranges `b` follow `gap` columns after `a`."""
     a, b = a.astype(np.int64), b.astype(np.int64)
     weighted = b * (gap - place) + a * place
     made: npt.NDArray[np.int64] = (2 * a * b * gap + weighted) // np.maximum(2 * weighted, 1)
@@ -43,16 +43,16 @@ def between(a: Whole, b: Whole, place: Whole | int, gap: Whole | int) -> npt.NDA
 
 
 def _nearest(a: Whole, b: Whole, place: int, gap: Whole) -> npt.NDArray[np.int64]:
-    """What stands `place` columns behind `a` where `b` is `gap` columns further on: the nearer one; 0 midway."""
+    """The nearer of `a` and `b` at `place` columns after `a`, where `b` follows `gap` columns after `a`; 0 midway."""
     nearest: npt.NDArray[np.int64] = np.where(2 * place < gap, a, np.where(2 * place > gap, b, 0))
     return nearest
 
 
 def filled(frame: Frame) -> Frame:
-    """The frame with returns made up between the columns of its lattice, marked in `filled`; others as they are.
+    """The frame with returns interpolated between the columns of its lattice, marked in `filled`.
 
-    Intensities are straight between two returns of one surface, rounded down, else that of the return which is
-    repeated. Cost: 3 ms for a turn of an HDL-64E.
+    A frame without a lattice is returned unchanged. Intensities between two returns of one surface are interpolated
+    linearly and rounded down; a repeated return keeps its intensity. Cost: 3 ms for a turn of an HDL-64E.
     """
     columns = frame.lattice
     if columns is None or len(columns) < 2 or frame.filled is not None:
@@ -78,18 +78,18 @@ def filled(frame: Frame) -> Frame:
 
 
 def made_up(frame: Frame) -> npt.NDArray[np.bool_]:
-    """(N,) bool, of each point of `Frame.cloud` whether a receiver made it up."""
+    """(N,) bool, whether a receiver interpolated the point, for each point of `Frame.cloud`."""
     valid = frame.valid.T
     return np.zeros(np.count_nonzero(valid), np.bool_) if frame.filled is None else frame.filled.T[valid]
 
 
 def fills_for(purpose: str) -> bool:
-    """Whether a receiver makes up returns of a stream of that purpose unless it is told otherwise."""
+    """Whether receivers fill in returns by default in a stream of that purpose."""
     return purpose not in FOR_PROGRAMS
 
 
 def measured_only(frame: Frame) -> Frame:
-    """The frame without what a receiver made up."""
+    """The frame without the returns that a receiver interpolated."""
     if frame.filled is None:
         return frame
     return frame.with_(

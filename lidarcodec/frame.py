@@ -1,4 +1,4 @@
-"""Frame: a run of packets as images. Range, intensity and azimuth in the sensor's own integers."""
+"""Frame: consecutive packets as images. Range, intensity and azimuth are the sensor's own integers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidarcodec.units import LASERS, MAX_COLUMNS
 
 
 def _may_change(array: npt.NDArray[Any]) -> bool:
-    """Whether somebody else can still write what this view shows. An array that owns its data is taken over instead."""
+    """Whether the array is a view of memory that can still be written. An array that owns its data is not copied."""
     base = array.base
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
@@ -37,12 +37,12 @@ class Frame:
     azimuth:   (2, W) uint16, 0.01 degree, 0..35999: of each column's upper and lower block (a half that was not fired
                repeats the other)
     fired:     (2, W) bool, which half of a column was sent; a cell that did not fire is not a no-return
-    sensor:    what the numbers mean
-    side:      what an image cannot hold; None where the frame never was packets
-    keep:      (64, W) bool or None: returns that a reducer leaves; the others decode as no return
+    sensor:    name, units and calibration
+    side:      time stamps, status bytes and the like, for exact packets; None for a frame that is not made of packets
+    keep:      (64, W) bool or None: returns that a reducer keeps; the others decode as no return
     pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
     lattice:   (K,) uint16 or None: the columns that are sent, ascending, where a frame is thinned to some of them
-    filled:    (64, W) bool or None: returns that a receiver made up between those; never measured, never sent
+    filled:    (64, W) bool or None: returns that a receiver interpolated between those columns; they are never sent
     """
 
     index: int
@@ -92,7 +92,7 @@ class Frame:
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """(64, W) bool, the returns that are sent: a range, and not dropped by a reducer. Read-only."""
+        """(64, W) bool, the returns that are sent: range above 0, not dropped by a reducer. Read-only."""
         returned: npt.NDArray[np.bool_] = self.range > 0
         valid = returned if self.keep is None else returned & self.keep
         valid.flags.writeable = False

@@ -1,8 +1,8 @@
-"""A frame thinned to some of its columns: coded as a smaller frame, and put back into its own columns by the receiver.
+"""A frame thinned to some of its columns: it is coded as a narrower frame, and the receiver restores the full width.
 
-Every codec codes a thinned frame as it codes any narrow one, so its mask, azimuths and predictions cost what so few
-columns cost. A LATTICE section of the message says which columns they are (thinned_stream.py). The first and the last
-column are always among them, so that everything between can be filled in (filling.py).
+To a codec a thinned frame is a narrow frame, so bits for mask and azimuths shrink with the columns. A LATTICE section
+of the message lists the columns (thinned_stream.py). The first and the last column are always sent, so that all
+columns between can be filled in (filling.py).
 
 >>> columns_of(width=12, step=4, phase=2).tolist()
 [0, 2, 6, 10, 11]
@@ -22,13 +22,13 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS
 
 MAX_STEP: Final = 64
 _PHASES: Final = 8
-"""Phases repeat after so many frames at most."""
+"""Largest number of frames after which the phases repeat."""
 
 Columns = npt.NDArray[np.uint16]
 
 
 class Lattice(NamedTuple):
-    """width: of the whole frame; columns: (K,) uint16, those that are sent, ascending; side: of the whole frame."""
+    """width and side: of the full frame; columns: (K,) uint16, columns that are sent, ascending."""
 
     width: int
     columns: Columns
@@ -46,8 +46,8 @@ def columns_of(width: int, step: int, phase: int = 0) -> Columns:
 
 
 def phase_of(index: int, step: int) -> int:
-    """Where the columns of frame `index` begin: the phases of a step follow each other with gaps as even as can be, so
-    that something thin which stands still is seen after a few frames."""
+    """First column of frame `index`, 0 to step - 1. Bit-reversed order spreads the phases of following frames evenly:
+    a thin object that stands still is seen within a few frames."""
     count = min(step, _PHASES)
     bits = max(count - 1, 1).bit_length()
     order = sorted(range(count), key=lambda place: int(f"{place:0{bits}b}"[::-1], 2))
@@ -55,10 +55,11 @@ def phase_of(index: int, step: int) -> int:
 
 
 def lattice_of(frame: Frame, step: int, *, rolling: bool = True) -> Columns:
-    """(K,) uint16, the columns of a frame that a thinning to every `step`-th sends.
+    """(K,) uint16, the columns of a frame that are sent when every `step`-th is.
 
-    rolling: whether each frame begins at another column than the one before
-    Where the halves of columns are fired in turns (HDL-64E S3), it is every `step`-th of those that fired each half.
+    rolling: whether the first column changes from frame to frame
+    A sensor may fire upper and lower halves in different columns (HDL-64E S3). Then every `step`-th column that fired
+    the upper half is sent, and every `step`-th that fired the lower half.
     """
     phase = phase_of(frame.index, step) if rolling else 0
     if frame.fired.all():
@@ -68,7 +69,7 @@ def lattice_of(frame: Frame, step: int, *, rolling: bool = True) -> Columns:
 
 
 def on_lattice(frame: Frame, step: int, *, rolling: bool = True) -> Frame:
-    """The frame of which the columns of `lattice_of` are kept; as it is for a step of 1."""
+    """The frame with only the returns of the columns of `lattice_of` kept; unchanged for a step of 1."""
     if step == 1 or not frame.width:
         return frame
     columns = lattice_of(frame, step, rolling=rolling)
@@ -78,14 +79,14 @@ def on_lattice(frame: Frame, step: int, *, rolling: bool = True) -> Frame:
 
 
 def thinned(frame: Frame) -> Frame:
-    """The frame of the columns in `frame.lattice` alone, which codecs code; without packets to rebuild."""
+    """The narrow frame of the columns in `frame.lattice`, as codecs code it; without side information."""
     if frame.lattice is None:
         return frame
     columns = frame.lattice
     keep = None if frame.keep is None else frame.keep[:, columns]
     valid = frame.valid[:, columns]
     if keep is not None and np.array_equal(valid, frame.range[:, columns] > 0):
-        keep = None  # nothing was left out but columns
+        keep = None  # every return in these columns is kept
     return frame.with_(
         range=frame.range[:, columns],
         intensity=np.where(valid, frame.intensity[:, columns], np.uint8(0)),
@@ -98,10 +99,9 @@ def thinned(frame: Frame) -> Frame:
 
 
 def expanded(frame: Frame, lattice: Lattice) -> Frame:
-    """A thinned frame in its own columns, the inverse of `thinned`: what was not sent has no return.
+    """The inverse of `thinned`: the frame in its full width. Columns that were not sent have no returns.
 
-    Azimuths between columns that were sent are on a straight line. Of a frame without packets columns that were not
-    sent did not fire.
+    Their azimuths are interpolated. In a frame without side information, columns that were not sent did not fire.
     Raises SectionError if the lattice is not that of the frame.
     """
     width, columns, side = lattice
@@ -133,9 +133,9 @@ def fired_halves(side: SideInfo) -> npt.NDArray[np.bool_]:
 
 
 def _azimuths(azimuth: npt.NDArray[np.uint16], columns: Columns, width: int) -> npt.NDArray[np.uint16]:
-    """(2, width) uint16, azimuths of all columns from those of some: straight between them, the short way round.
+    """(2, width) uint16, azimuths of all columns, interpolated linearly between known ones along the shorter arc.
 
-    In whole numbers, so that every decoder says the same: the nearest, a half to the even one.
+    In whole numbers, so that every decoder gives the same; rounded to the nearest, halves to even.
     """
     known, places = azimuth.astype(np.int64), columns.astype(np.int64)
     ways = np.diff(known, axis=1, append=known[:, -1:])

@@ -1,4 +1,4 @@
-"""Message: a coded frame, or group of frames, as header fields and typed sections; `wire` makes bytes of it."""
+"""Message: a coded frame, or group of frames, as header fields and typed sections; `wire` converts it to bytes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SectionType(IntEnum):
 
 
 class Section(NamedTuple):
-    """A typed part of a message; `ordinal` is the frame of the group it belongs to, 0 in a message of one frame."""
+    """A typed part of a message; `ordinal` is the place of its frame in the group, 0 in a message of one frame."""
 
     type: int
     data: bytes
@@ -39,9 +39,9 @@ class Section(NamedTuple):
 class Message:
     """One message.
 
-    codec: number of the codec in the table; stream_id: random per start of a publisher, 64 bit
+    codec: number of the codec in the table; stream_id: 64 random bits, new at each start of a publisher
     frame_index: of the first frame, frame_count: frames in this message; stamp_ns: host time of the first packet
-    key: decodes without any earlier message; needs: index of the frame it refers to, None for none
+    key: whether it decodes without any earlier message; needs: index of the frame it refers to, or None
     width: columns of the (widest) frame; packets: packets in it
     """
 

@@ -1,7 +1,7 @@
 """Packet: a datagram of the sensor, and when this host received it.
 
-A sensor sends two kinds: data packets with ranges (1206 bytes, port 2368), and position packets with what its GPS said
-(512 bytes, port 8308; "position packet structure" in the VLP-16 and HDL-32E user manuals). Both travel in one order.
+A sensor sends two kinds: data packets with ranges (1206 bytes, port 2368), and position packets with its GPS data
+(512 bytes, port 8308; "position packet structure" in the VLP-16 and HDL-32E user manuals). Their order is kept.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 UNKEPT_POSITIONS: Final = "position packets not kept"
-"""The count of position packets that are lost, of whatever cause."""
+"""Name of the counter of position packets that are lost, for any reason."""
 
 
 class Packet(NamedTuple):
     """One sensor packet.
 
-    payload: bytes as they came, 1206 of a data packet; stamp_ns: host time of receipt, ns since the Unix epoch.
+    payload: bytes as received, 1206 of a data packet; stamp_ns: host time of receipt, ns since the Unix epoch.
     position: whether this is a position packet.
-    The device's own clock is inside the payload and is never mixed with the host's.
+    The sensor's own clock is inside the payload and is never mixed with the host's.
     """
 
     payload: bytes
@@ -27,20 +27,20 @@ class Packet(NamedTuple):
 
 
 class FirstPacket(Packet):
-    """The first packet of another sender than the one before: no frame holds packets of both."""
+    """The first packet after the sender changed. It begins a new frame: no frame mixes packets of two senders."""
 
     __slots__ = ()
 
 
 def data_packets(packets: Iterable[Packet]) -> Iterator[Packet]:
-    """The data packets of a run of packets, without its position packets."""
+    """The packets without position packets."""
     return (packet for packet in packets if not packet.position)
 
 
 def part_of(packets: Iterable[Packet], skip: int, count: int | None) -> Iterator[Packet]:
-    """The data packets from number `skip` on, at most `count` of them, with the position packets between them.
+    """At most `count` data packets from number `skip` on, with the position packets between them.
 
-    Position packets before the first of all, and after the last of all, are there too.
+    Position packets at the very start and the very end of `packets` are included where the part reaches them.
     """
     end = None if count is None else skip + count
     number = 0

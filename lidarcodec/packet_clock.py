@@ -10,13 +10,15 @@ import numpy.typing as npt
 from lidarcodec.units import HOUR_US
 
 PLAUSIBLE_INTERVAL_US: Final = (100, 2000)
-"""Packets of an HDL-64 come every 288 us in single-return mode; far from that, the tail is no clock."""
+"""An HDL-64 sends a packet every 288 us in single-return mode. With a median interval outside these limits, the tail
+is not a clock."""
 
 
 def clock_steps(gps_us: npt.NDArray[np.uint32], before: int | None = None) -> npt.NDArray[np.int64]:
-    """Microseconds from each packet to the next, below 0 where the clock goes back; an hour's end is no way back.
+    """Microseconds from each packet to the next, below 0 where the clock jumps back. The wrap at the top of the hour is
+    not a jump.
 
-    gps_us: (P,) uint32; before: stamp of the packet before, if there is one
+    gps_us: (P,) uint32; before: time stamp of the packet before these, if there is one
     """
     stamps = gps_us.astype(np.int64)
     steps = np.diff(stamps if before is None else np.concatenate(([before], stamps)))

@@ -1,4 +1,4 @@
-"""The two tables of contents of the system: frames to messages, and messages to frames. Pure: no clock, no I/O.
+"""The two halves of the codec: frames to messages, and messages to frames. Pure: no clock, no I/O.
 
 >>> from lidarcodec import StreamSettings
 >>> StreamEncoder(StreamSettings(codec="zstd"), stream_id=7).settings.codec
@@ -34,10 +34,10 @@ from lidarcodec.thinned_stream import LatticeNotes, in_own_columns
 def frames_of(
     packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets", counts: Counter[str] | None = None
 ) -> Iterator[Frame]:
-    """Frames of a run of packets, the last, partial one included.
+    """Frames of packets, with the last, partial one.
 
-    counts: gets the position packets that no frame could hold
-    A frame comes with the data packet behind it: position packets after the last one belong to the last frame.
+    counts: counts position packets that no frame could hold
+    A frame is given when the next data packet arrives, so that position packets at the end join the last frame.
     """
     assembler = Assembler(sensor, framing)
     held: Frame | None = None
@@ -57,19 +57,18 @@ def frames_of(
 
 
 def check(settings: StreamSettings) -> StreamSettings:
-    """The settings themselves, if the codec and the reduction that they name can follow them.
+    """The settings themselves, if their codec and their reduction support them.
 
-    Raises UnknownNameError or SettingsError with the field and the reason.
+    Raises UnknownNameError, or SettingsError with the field and the reason.
     """
     check_reduction(table.check(without_auto(settings)))
     return settings
 
 
 def check_offline(settings: StreamSettings) -> StreamSettings:
-    """The settings, if they can be followed where no path is and no time passes; the codec `auto` is replaced by the
-    one that it stands for there.
+    """The settings with codec `auto` replaced, for work without a network and without a clock.
 
-    Raises SettingsError.
+    Raises SettingsError for a setting that only a live stream can have.
     """
     if settings.target_kbps == AUTO:
         raise SettingsError("target_kbps=auto works only in live streams: give a number of kbit/s here", "target_kbps")
@@ -79,8 +78,8 @@ def check_offline(settings: StreamSettings) -> StreamSettings:
 class StreamEncoder:
     """Reduces and encodes the frames of one stream; settings, the codec among them, may change between two frames.
 
-    settings: those in force; of the codec `auto` the one that shows most, however long it takes (live, the publisher
-    chooses by time as well)
+    settings: the current ones. `auto` as codec becomes the codec with the best picture, at any speed (in a live stream
+    the publisher also considers speed)
 
     make_encoder: gives the encoder of a codec, as `codecs.table` does; live, some run in a process of their own
     Raises SettingsError or UnknownNameError when settings are not allowed, MissingExtraError for a codec that is not
@@ -110,7 +109,7 @@ class StreamEncoder:
         """Whether the last frame was not encoded, because the target bitrate does not carry all frames."""
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
-        """Messages that became complete with this frame; `key` asks for one that needs nothing before it."""
+        """Messages that became complete with this frame; `key` asks for a key frame."""
         frame = self._reducing.reduce(measured_only(frame))
         held, self._held = self._held, []
         rate, key = self._rate, key or self._index_again
@@ -118,7 +117,7 @@ class StreamEncoder:
         if self.left_out:
             return held
         messages = self._coded(frame, key=key) if rate is None else self._coded_to_rate(frame, rate, key=key)
-        # An index that was there before names two frames: what needs it might go on from the wrong one.
+        # A repeated index names two frames, and an inter frame could refer to the wrong one: the next is a key frame.
         self._index_again, self._last_index = frame.index <= self._last_index, frame.index
         return held + messages
 
@@ -158,7 +157,7 @@ class StreamEncoder:
         return key
 
     def aim(self, target_kbps: float) -> None:
-        """With `target_kbps=auto`: the bitrate to keep to from the next frame on. Nothing otherwise."""
+        """With `target_kbps=auto`: set the target bitrate from the next frame on. Without a target: does nothing."""
         if self._rate is not None:
             self._rate.aim(target_kbps)
 
@@ -168,37 +167,38 @@ class StreamEncoder:
         return held + self._flushed()
 
     def learn(self, steps: int, budget_ms: float | None = None) -> int:
-        """Have a codec that can learn from what it has coded take at most so many steps, none of them begun after so
-        long; how many it took. Another thread may call it. Without such calls nothing is learned: the same frames and
-        the same calls give the same bytes."""
+        """Train a codec that learns from the frames it coded; returns the number of steps taken.
+
+        steps: most training steps; budget_ms: no step begins after this time. Another thread may call it. The codec
+        trains in these calls alone: the same frames and the same calls give the same bytes."""
         encoder = self._encoder
         return encoder.learn(steps, budget_ms) if isinstance(encoder, Learning) else 0
 
     @property
     def learn_ms(self) -> float:
-        """Milliseconds a frame that a live application may spend on `learn`, by the codec's settings; 0: none."""
+        """Milliseconds a frame that a live application may spend on `learn`, from the codec's settings; 0: none."""
         encoder = self._encoder
         return encoder.learn_ms if isinstance(encoder, Learning) else 0.0
 
     @property
     def learned(self) -> dict[str, Any] | None:
-        """What was learned: `steps`, `samples`, `frames_left_out` (whose samples were more than could wait to be
-        learned from), `updates` (times that weights were sent), `update_bytes` of the last one, and the bits a return
-        that it saves (`gain_bits`); None before `learn` is called."""
+        """State of the training: `steps`, `samples`, `frames_left_out` (their samples did not fit the queue),
+        `updates` (number of weight updates sent), `update_bytes` of the last one, and `gain_bits` (bits a return that
+        training saves); None before `learn` is called."""
         encoder = self._encoder
         return encoder.learned if isinstance(encoder, Learning) else None
 
     @property
     def rate(self) -> dict[str, Any] | None:
-        """How a target bitrate is kept: `auto`, `target_kbps`, `reachable_kbps`, `limited_by`, `reached`, `kbps_5s`,
-        and where the codec's knob stands; None without a target."""
+        """State of rate control: `auto`, `target_kbps`, `reachable_kbps`, `limited_by`, `reached`, `kbps_5s`, and the
+        value of the codec's quality setting; None without a target."""
         control = self._rate
         return None if control is None else control.report()
 
     @property
     def reduction(self) -> dict[str, Any] | None:
-        """How frames are reduced: `name`, `returns` of the last frame and `kept` of them, what the reducer says, and a
-        `note` for who chooses it; None where all returns are sent."""
+        """How frames are reduced: `name`, number of `returns` in the last frame, how many are `kept`, figures of the
+        reducer, and a `note` for people who choose it; None where all returns are sent."""
         return self._reducing.report() if self._rate is None else self._reducing.report() or self._thinning.report()
 
     def _flushed(self) -> list[Message]:
@@ -217,11 +217,11 @@ class StreamEncoder:
 
 
 class StreamDecoder:
-    """Decodes the messages of a stream; follows changes of codec and restarts of the publisher by the headers alone.
+    """Decodes the messages of a stream. It sees changes of codec and restarts of the publisher in the headers.
 
-    make_decoder: gives the decoder of a codec's number, as `codecs.table` does
-    Raises only errors of the DecodeError tree, and WorkerError where a decoder runs in a process of its own; goes on
-    with the next message.
+    make_decoder: makes the decoder of a codec number, as `codecs.table` does
+    Raises only DecodeError and its subclasses, and WorkerError where a decoder runs in a process of its own. After an
+    error it can decode the next message.
     """
 
     def __init__(self, make_decoder: Callable[[int], Decoder] = table.make_decoder) -> None:

@@ -1,7 +1,7 @@
-"""SensorModel: what a sensor's numbers mean. Per-laser calibration, and a hash that names it.
+"""SensorModel: a sensor's units and per-laser calibration, with a hash.
 
-Calibration values are kept as integers fine enough for every published file (1e-8 rad, 1e-7 m), so that a file, its
-wire form and its hash always agree.
+Calibration values are integers in steps of 1e-8 rad and 1e-7 m, fine enough for every published file. So a file and
+the table sent in a message give the same hash.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CALIBRATION_FIELDS: dict[str, float] = {
     "min_intensity": 1.0,
     "max_intensity": 1.0,
 }
-"""Name of each per-laser value and the step in which it is kept and sent."""
+"""Name of each per-laser value -> the step in which it is stored and sent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,10 @@ class Calibration:
 
     @classmethod
     def from_values(cls, values: dict[str, npt.ArrayLike]) -> Calibration:
-        """Calibration from float values by field name, (64,) each; fields left out are 0 (max_intensity 255)."""
+        """Calibration from float values by field name, (64,) each. Missing fields are 0, max_intensity 255.
+
+        Raises CalibrationError for an unknown field, NaN, or a value out of range.
+        """
         table = np.zeros((len(CALIBRATION_FIELDS), LASERS), np.int32)
         for row, (name, step) in enumerate(CALIBRATION_FIELDS.items()):
             given = np.asarray(values.get(name, 255.0 if name == "max_intensity" else 0.0), np.float64)
@@ -75,9 +78,9 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class SensorModel:
-    """A sensor: name, range step, calibration, where that came from, and the convention of its Cartesian form.
+    """A sensor: name, calibration, origin of the calibration, convention of Cartesian coordinates, and range step.
 
-    `ros` turns the vertical offset by the elevation, `veloview` does not.
+    The convention `ros` turns the vertical offset by the elevation, `veloview` does not (cloud.py).
     """
 
     name: str
@@ -103,7 +106,7 @@ class SensorModel:
 
     @cached_property
     def hash(self) -> str:
-        """16 hex digits that name sensor and calibration, the same on every machine."""
+        """16 hex digits that identify sensor and calibration, the same on every machine."""
         digest = hashlib.sha256(self.name.encode() + b"\0" + self.calibration.table.astype("<i4").tobytes())
         return digest.hexdigest()[:16]
 

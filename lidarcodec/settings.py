@@ -1,6 +1,6 @@
-"""StreamSettings: one model of a stream's settings for the command line, Zenoh and REST.
+"""StreamSettings: settings of a stream, one model for command line, Zenoh and REST.
 
-`codec_settings` stays a plain mapping here; `codecs.table` checks it against that codec's own model.
+`codec_settings` is a plain mapping here; `codecs.table` checks it against the codec's own model.
 
 >>> StreamSettings(codec="pcodec", max_error_m=0.01).step
 11
@@ -19,26 +19,26 @@ from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 NAME_PATTERN = re.compile(r"\.{0,63}[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
 MAX_NAME = 64
-"""Characters of a name. Names become parts of keys and of paths, so those of dots alone are none."""
+"""Longest name, in characters. Names become parts of keys and paths, so a name of dots alone is refused."""
 MAX_BOUND_M = 20.0
 MAX_KBPS = 1e6
 AUTO: Literal["auto"] = "auto"
-"""As target: the bitrate that the path carries, found while the stream runs. As intensity or reduction: what the target
-has bits for, all without a target."""
+"""As target: the bitrate that the network carries, measured while the stream runs. As intensity or reduction: as much
+as the target bitrate allows, all without a target."""
 LATTICE: Final = "lattice"
 MORE: Final[dict[str, JsonValue]] = {"more": True}
-"""In the schema of a setting: forms show it among those that few people change."""
+"""Mark in a setting's JSON schema: forms show the setting among the advanced ones."""
 Purpose = Literal["look", "localise", "detect", "archive"]
 UNFILLED: Final[tuple[Purpose, ...]] = ("localise", "detect")
-"""Purposes for which receivers make up no returns between those that were sent."""
+"""Purposes for which receivers do not interpolate returns."""
 Shape = Literal["rounded", "free"]
 
 
 def step_of(max_error_m: float) -> int:
     """Quantiser width in native range steps that keeps every error within `max_error_m`; 1 = lossless.
 
-    It is 2 * floor(e / 2 mm + 1e-6) + 1: a step of 2 k + 1 has errors of k at most, and the millionth is for bounds
-    like 0.086, which binary fractions only come near.
+    It is 2 * floor(e / 2 mm + 1e-6) + 1: a step of 2 k + 1 has errors of at most k. The term 1e-6 is for bounds such as
+    0.086, which have no exact binary value.
     """
     return 2 * math.floor(max_error_m / RANGE_STEP_M + 1e-6) + 1
 
@@ -87,7 +87,7 @@ class StreamSettings(BaseModel):
     def _number(cls, value: Any) -> Any:
         if isinstance(value, bool):  # pydantic would take true for 1: a bound of a metre
             raise ValueError("write a number, not true or false")  # noqa: TRY004 (pydantic takes no other)
-        if isinstance(value, str) and value != AUTO:  # and "5" for 5, which the schema does not allow
+        if isinstance(value, str) and value != AUTO:  # pydantic would take "5" for 5, which the schema does not allow
             raise ValueError("write a number, not text")
         return value
 
@@ -140,14 +140,14 @@ class StreamSettings(BaseModel):
 
     @property
     def is_free(self) -> bool:
-        """Whether ranges are free, where the codec can: there has to be a bound above one step."""
+        """Whether `shape` is `free` and the bound leaves a choice of values (a step above 1)."""
         return self.shape == "free" and self.step > 1
 
     @property
     def intensity_levels(self) -> int:
-        """Number of intensity levels sent: 256 = lossless, 0 = off. Of `auto` it is what is sent without a target.
+        """Number of intensity levels sent: 256 = lossless, 0 = off. `auto` counts as lossless.
 
-        Of `error=N` it is how many levels keep all of 0 to 255 within N.
+        For `error=N` it is the fewest levels that represent 0 to 255 with errors of at most N.
         """
         fixed = {AUTO: 256, "lossless": 256, "off": 0}
         if self.intensity in fixed:
@@ -158,13 +158,13 @@ class StreamSettings(BaseModel):
 
     @property
     def intensity_error(self) -> int:
-        """Largest error of an intensity, of 255, that `error=N` allows; 0 with any other choice."""
+        """N of `error=N`, the largest error of an intensity byte; 0 for any other choice."""
         name, _, number = self.intensity.partition("=")
         return int(number) if name == "error" else 0
 
     @property
     def reduces(self) -> bool:
-        """Whether a reduction is chosen, and not left to the target."""
+        """Whether a particular reduction is set: not `auto`, not `all`."""
         return self.reduction not in (AUTO, "all")
 
     @property
@@ -208,7 +208,7 @@ def is_name(text: str) -> bool:
 
 
 def valid_name(name: str, what: str) -> str:
-    """The name itself, if it may stand in a key expression.
+    """The name itself, if it may be used in a key expression.
 
     Raises SettingsError otherwise.
     """

@@ -1,14 +1,15 @@
-"""SideInfo: all that byte-exact packets need and an image cannot hold.
+"""SideInfo: everything in packets that the images of a frame do not hold.
 
-A packet is twelve blocks. The *role* of each says where it went:
+A packet is twelve blocks. The *role* of a block says where its data is:
 
     0 IRREGULAR     kept whole in `irregular` (unknown flag, azimuth beyond 35999)
     1 UPPER_OPENS   lasers 0-31, opened a new column        2 UPPER_JOINS   lasers 0-31, joined the current column
     3 LOWER_OPENS   lasers 32-63, opened a new column       4 LOWER_JOINS   lasers 32-63, joined the current column
     5 UPPER_SECOND  second return of the current column     6 LOWER_SECOND  likewise, lower half
 
-The current column is the last one opened in the same packet: a column never spans two packets, so a lost packet never
-joins what was not fired together. `layouts` holds the distinct sequences of twelve roles, `layout` names one a packet.
+The current column is the last one opened in the same packet. A column never spans two packets, so that a lost packet
+cannot join blocks of different firings. `layouts` holds the distinct sequences of twelve roles; `layout` is the index
+of each packet's sequence.
 
 >>> side = SideInfo.regular(packets=348)
 >>> side.columns
@@ -38,7 +39,7 @@ from lidarcodec.units import (
 
 
 class Role(IntEnum):
-    """Where a block went."""
+    """Where the data of a block is."""
 
     IRREGULAR = 0
     UPPER_OPENS = 1
@@ -56,7 +57,7 @@ REGULAR_LAYOUT = np.array([Role.UPPER_OPENS, Role.LOWER_JOINS] * 6, np.uint8)
 class Position(NamedTuple):
     """A position packet of a frame.
 
-    place: data packets of the frame before it, from 0 to all; offset_ns: its host time minus the frame's stamp_ns
+    place: number of data packets of the frame before it; offset_ns: its host time minus the frame's stamp_ns
     """
 
     place: int
@@ -65,9 +66,9 @@ class Position(NamedTuple):
 
 
 def check_positions(positions: tuple[Position, ...], packets: int) -> None:
-    """Refuse position packets that are too many or too large, or not in the order of their places.
+    """Check number, sizes and order of position packets.
 
-    Raises SectionError.
+    Raises SectionError if there are too many, one is too large, or their places are not ascending.
     """
     if len(positions) > MAX_POSITIONS:
         raise SectionError(f"{len(positions)} position packets in a frame: the limit is {MAX_POSITIONS}")
@@ -97,9 +98,9 @@ class SideInfo:
     gps_us:    (P,) uint32, the packet's own time stamp as sent
     status:    (P, 2) uint8, status type and value as sent
     layouts:   (L, 12) uint8, distinct sequences of `Role`;  layout: (P,) uint16, index into it
-    irregular: (K, 100) uint8, irregular blocks in the order in which they came
-    second:    (S, 96) uint8, distances and intensities of second-return blocks in the order in which they came
-    positions: position packets in the order in which they came; their section is POSITION, not SIDE
+    irregular: (K, 100) uint8, irregular blocks in packet order
+    second:    (S, 96) uint8, distances and intensities of second-return blocks in packet order
+    positions: position packets in order; messages carry them in a POSITION section, not in SIDE
     """
 
     packet_ns: npt.NDArray[np.int64]

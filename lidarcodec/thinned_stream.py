@@ -1,7 +1,7 @@
-"""LATTICE sections of a stream: added to the messages of frames that were thinned, taken from those that come in.
+"""LATTICE sections: added to messages of thinned frames by the encoder, read by the decoder.
 
-Encoders and decoders of codecs see narrow frames without packets, and know nothing of it. The section holds the rest:
-which columns they are, and the side information of the whole frame, so that its packets can be rebuilt.
+Codecs see narrow frames without side information, and know nothing of lattices. The section holds the list of columns
+and the side information of the full frame, so that its packets can be rebuilt.
 
 >>> from lidarcodec.lattice import columns_of
 >>> read_lattice(lattice_bytes(Lattice(12, columns_of(12, 4, 2)))).columns.tolist()
@@ -32,13 +32,13 @@ _STEP: Final = struct.Struct("<HH")
 
 
 class LatticeNotes:
-    """Remembers which columns the frames had that went into an encoder, until their messages come out."""
+    """Remembers the lattices of frames inside an encoder until their messages come out."""
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[int, bytes | None]] = deque()
 
     def goes_in(self, frame: Frame) -> None:
-        """A frame that is encoded next, before it is thinned."""
+        """Remember the lattice of a frame, in its full width, that is encoded next."""
         section = None
         if frame.lattice is not None:
             section = lattice_bytes(Lattice(frame.width, frame.lattice, frame.side))
@@ -47,7 +47,7 @@ class LatticeNotes:
     def noted(self, message: Message) -> Message:
         """The message with the LATTICE sections of its frames."""
         while self._waiting and self._waiting[0][0] < message.frame_index:
-            self._waiting.popleft()  # its message never came: the encoder that held it failed
+            self._waiting.popleft()  # no message came: its encoder failed
         found = [self._waiting.popleft()[1] for _ in range(min(message.frame_count, len(self._waiting)))]
         sections = tuple(
             Section(SectionType.LATTICE, section, ordinal)
@@ -58,7 +58,7 @@ class LatticeNotes:
 
 
 def in_own_columns(frames: list[Frame], message: Message) -> list[Frame]:
-    """The decoded frames of a message, those that were thinned in their own columns again.
+    """The decoded frames of a message, with thinned ones expanded to their full width.
 
     Raises SectionError or TruncatedError for a damaged LATTICE section.
     """
@@ -99,7 +99,7 @@ def read_lattice(data: bytes) -> Lattice:
         raise TruncatedError(f"a lattice section of {len(data)} bytes that announces {behind + size}")
     columns = _read_columns(kind, width, data[_HEAD.size : behind])
     if width and not len(columns):
-        raise SectionError(f"a lattice of none of {width} columns")
+        raise SectionError(f"a lattice without columns for a frame of {width} columns")
     side, positions = data[behind : behind + size], data[behind + size :]
     if not size:
         if packets or positions:
@@ -130,7 +130,7 @@ def _read_columns(kind: int, width: int, data: bytes) -> Columns:
     if kind == _REGULAR and len(data) == _STEP.size:
         step, phase = _STEP.unpack(data)
         if not phase < step:
-            raise SectionError(f"a lattice of every {step}. column from {phase} on")
+            raise SectionError(f"a lattice with step {step} and phase {phase}: the phase must be below the step")
         return columns_of(width, step, phase)
     if kind != _LISTED:
         raise SectionError(f"a lattice section of kind {kind} with {len(data)} bytes of columns")

@@ -1,4 +1,4 @@
-"""The sensor's own numbers, each with its source, and what may be a number.
+"""Constants of the sensor and of its packets, with limits of a frame, and a check of numbers in texts.
 
 HDL-64E S2 and S3 user manuals (Velodyne, rev. D 2011 and rev. K 2014), section "Data packet format".
 """
@@ -36,19 +36,19 @@ POSITION_PORT: Final = 8308
 POSITION_BYTES: Final = 512
 """UDP payload of a position packet of every Velodyne."""
 MAX_PACKETS: Final = 2048
-"""Upper limit of packets in a frame: a revolution is cut there when the sensor does not turn."""
+"""Most packets in a frame: a revolution is cut there when the sensor does not turn."""
 MAX_POSITIONS: Final = 2048
-"""Upper limit of position packets in a frame; a sensor sends one for 9 to 14 data packets."""
+"""Most position packets in a frame; a sensor sends one for every 9 to 14 data packets."""
 MAX_POSITION_BYTES: Final = 1472
-"""Upper limit of a position packet: what fits into one Ethernet frame."""
+"""Most bytes of a position packet: the largest payload in one Ethernet frame."""
 MAX_POSITIONS_BYTES: Final = MAX_POSITIONS * POSITION_BYTES
-"""Upper limit of all position packets of a frame."""
+"""Most bytes of all position packets of a frame together."""
 MAX_COLUMNS: Final = MAX_PACKETS * BLOCKS_PER_PACKET
-"""Upper limit of a frame's width: every block may open a column of its own."""
+"""Largest width of a frame: every block may open a column of its own."""
 
 
 def is_number(text: str, most: int, least: int = 0) -> bool:
-    """Whether a text is a number in the digits 0 to 9, from `least` to `most`.
+    """Whether a text is a whole number from `least` to `most`, written in ASCII digits.
 
     >>> [is_number(text, 65535, 1) for text in ("2368", "0", "65536", "\u00b2", "9" * 5000)]
     [True, False, False, False, False]

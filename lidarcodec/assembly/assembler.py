@@ -28,11 +28,11 @@ from lidarcodec.units import (
 class Assembler:
     """Cuts a stream of packets into frames. Pure: no clock, no I/O.
 
-    framing: `packets` (348 a frame), `packets:N`, or `revolution` (a new frame begins with the first packet that begins
-    behind the wrap of the azimuth, or after 2048 packets without one). A FirstPacket always begins a frame.
-    counts: packets, frames, and what was not as it should be: `irregular blocks` (unknown flag or azimuth, kept as they
-    are), `lost packets`, `repeated packets`, `time jumps` (as the packets' own clock tells), and `position packets not
-    kept` (more than a frame holds, or after the last frame).
+    framing: `packets` (348 a frame), `packets:N`, or `revolution` (a new frame begins with the first packet after the
+    azimuth wraps, or after 2048 packets without a wrap). A FirstPacket always begins a frame.
+    counts: `packets`, `frames`, and irregularities: `irregular blocks` (unknown flag or azimuth; they are kept
+    unchanged), `repeated packets`, `lost packets` and `time jumps` (both by the packets' own clock), and `position
+    packets not kept` (more than a frame holds, or without a frame).
     """
 
     def __init__(self, sensor: SensorModel, framing: str = "packets", first_index: int = 0) -> None:
@@ -49,9 +49,9 @@ class Assembler:
         self._last_gps: int | None = None
 
     def push(self, packet: Packet) -> Frame | None:
-        """Take one packet; the frame it completed, if it did. A position packet completes none.
+        """Take one packet; returns the frame that it completed, if any. A position packet completes none.
 
-        Raises PacketError, and keeps everything as it was, when the payload of a data packet is not 1206 bytes.
+        Raises PacketError, and changes nothing, when the payload of a data packet is not 1206 bytes.
         """
         if packet.position:
             self._push_position(packet)
@@ -67,11 +67,12 @@ class Assembler:
         self._last_payload = payload
         self._payloads.append(payload)
         self._stamps.append(packet.stamp_ns)
-        return self._cut() if len(self._payloads) == self._frame_packets else frame  # never two: then none waited
+        # At most one frame: frames of one packet leave nothing waiting that `_begin_anew` could cut.
+        return self._cut() if len(self._payloads) == self._frame_packets else frame
 
     @property
     def waiting(self) -> int:
-        """Packets that wait for the rest of their frame."""
+        """Number of packets that wait for the rest of their frame."""
         return len(self._payloads)
 
     def flush(self) -> Frame | None:
@@ -82,9 +83,9 @@ class Assembler:
         return None
 
     def flush_onto(self, last: Frame | None) -> list[Frame]:
-        """What is left at the end: the last frame that was given, and the one of the packets that are waiting.
+        """The frames at the end of a stream: `last`, the frame given last, and the frame of the waiting packets.
 
-        Position packets with no data packet behind the last frame are added to that.
+        If only position packets are waiting, they are added to `last`.
         """
         if self._payloads or not self._positions or last is None or last.side is None:
             return [frame for frame in (last, self.flush()) if frame is not None]
@@ -120,7 +121,7 @@ class Assembler:
         return Frame(self._index - 1, begin_ns, range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side)
 
     def _push_position(self, packet: Packet) -> None:
-        """Keep a position packet for the frame that is being filled, at its place."""
+        """Keep a position packet for the frame in progress; count it if there is no room."""
         size = len(packet.payload)
         fits = size <= MAX_POSITION_BYTES and self._position_bytes + size <= MAX_POSITIONS_BYTES
         if not fits or len(self._positions) >= MAX_POSITIONS:
@@ -130,13 +131,13 @@ class Assembler:
         self._position_bytes += size
 
     def _forget_positions(self) -> None:
-        """Count position packets that belong to no frame."""
+        """Drop and count position packets that belong to no frame."""
         if self._positions:
             self.counts[UNKEPT_POSITIONS] += len(self._positions)
             self._positions, self._position_bytes = [], 0
 
     def _begin_anew(self) -> Frame | None:
-        """Another sender: the frame of the one before, and nothing of it is compared with what comes."""
+        """The frame of the previous sender's waiting packets; its azimuth, payload and clock are forgotten."""
         frame = self._cut() if self._payloads else None
         self._last_azimuth, self._last_payload, self._last_gps = -1, b"", None
         return frame

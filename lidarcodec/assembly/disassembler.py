@@ -13,11 +13,11 @@ from lidarcodec.units import PACKET_BYTES
 
 
 def packets_of(frame: Frame) -> list[Packet]:
-    """The packets of a frame, in order, with their host times: data packets, and position packets at their places.
+    """The data and position packets of a frame, in order, with their host times.
 
-    Returns dropped by a reducer are sent as no return, and so are those that a receiver made up.
+    Returns that a reducer dropped or a receiver interpolated are written as no return.
 
-    Raises SectionError when the frame never was packets, or its side information does not fit its images.
+    Raises SectionError when the frame has no side information, or one that does not fit its images.
     """
     side = frame.side
     if side is None:
@@ -45,6 +45,6 @@ def packets_of(frame: Frame) -> list[Packet]:
         Packet(payloads[start : start + PACKET_BYTES], stamp)
         for start, stamp in zip(range(0, len(payloads), PACKET_BYTES), stamps, strict=True)
     ]
-    for one in reversed(side.positions):  # from behind, so that places before stay what they are
+    for one in reversed(side.positions):  # from the last on, so that earlier places stay valid
         packets.insert(one.place, Packet(one.payload, one.offset_ns + frame.stamp_ns, position=True))
     return packets

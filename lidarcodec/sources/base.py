@@ -1,4 +1,4 @@
-"""What every source gives: packets, the sensor they come from, and counts of what was wrong."""
+"""The interface of a source: packets, the sensor that sent them, and counts of irregularities."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 REGRIDDED: Final = "KITTI odometry, re-gridded"
-"""Stands in the name of a sensor whose scans were moved and put into a grid: it goes into messages and recordings."""
+"""Marks the name of a sensor whose scans were re-gridded. Messages and recordings carry the name."""
 
 
 class Source(Protocol):
@@ -23,8 +23,8 @@ class Source(Protocol):
 
     sensor: the model and calibration that were found; sensor.origin says where
     live:   True when packets come at the sensor's own pace (UDP), False when they can be read as fast as wanted
-    counts: what was skipped or noticed, by cause (`truncated`, `wrong length`, `kernel drops`, ...), and the `position
-            packets` among what is given
+    counts: packets skipped or irregular, by cause (`truncated`, `wrong length`, `kernel drops`, ...), and `position
+            packets`, the number given
     """
 
     sensor: SensorModel
@@ -49,7 +49,7 @@ class Source(Protocol):
 
 
 class PacketSource(Source):
-    """A source with what they have in common.
+    """Base class of all sources.
 
     label:    one line that says what it is
     poses:    where the sensor was, if known
@@ -75,7 +75,7 @@ class PacketSource(Source):
 
     @property
     def caveat(self) -> str:
-        """What must stand beside every figure from this source, also when it was recorded; empty if nothing must."""
+        """A remark that must accompany every figure from this source or a recording of it; empty if there is none."""
         return REGRIDDED if REGRIDDED in self.sensor.name else ""
 
     def finish(self) -> None:

@@ -1,8 +1,8 @@
-"""A file's bytes, decompressed on the way if need be. What it is says its content (gzip, xz, zstd), not its name.
+"""The bytes of a file, decompressed if its content is gzip, xz or zstd. The file's name does not matter.
 
-A file that was cut or damaged gives every byte before that place and then ends; `problem` says what was wrong. Memory
-is bounded for any file: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB. So
-is the work: data that expands more than a thousandfold is no capture and ends there. Nothing is written to a disk.
+A cut or damaged file gives every byte before the damage and then ends; `problem` says what is wrong. Memory is bounded
+for any file: at most 1 MiB a step from gzip and xz, 32 MiB from zstd, windows up to 128 MiB. Work is bounded too: data
+that expands more than a thousandfold ends there, because captures do not. Nothing is written to a disk.
 
 >>> import gzip, tempfile
 >>> with tempfile.NamedTemporaryFile() as file:
@@ -31,7 +31,7 @@ CHUNK = 1 << 20
 """Bytes read from a plain file at once."""
 OUT_LIMIT = 1 << 20
 ZSTD_STEP = 1 << 10
-"""Compressed bytes given to zstd at once: it has no limit of its own, and a block of 4 bytes may hold 128 KiB."""
+"""Compressed bytes given to zstd at once. zstd cannot limit its output, and a block of 4 bytes may hold 128 KiB."""
 WINDOW_LIMIT = 1 << 27
 XZ_MEMORY = 1 << 28
 
@@ -44,11 +44,11 @@ class _Decoder(Protocol):
 
     @property
     def hungry(self) -> bool:
-        """Whether it needs more input to go on."""
+        """Whether it needs more input."""
 
     @property
     def rest(self) -> bytes | None:
-        """Input behind the end of the member; None before its end."""
+        """Input after the end of the member; None before the end."""
 
 
 class _Gzip:
@@ -107,7 +107,7 @@ class _Zstd:
 
 
 class _Member(NamedTuple):
-    """A kind of compression; a file may be several members of one kind, joined."""
+    """A kind of compression. A file may consist of several members of one kind."""
 
     kind: str
     magic: bytes
@@ -123,7 +123,7 @@ _ERRORS = (zlib.error, lzma.LZMAError, zstandard.ZstdError, MemoryError)
 
 
 class ByteStream:
-    """The bytes of a file, decompressed. `problem` is None, or what ended it before its time.
+    """The bytes of a file, decompressed. `problem` says why it ended early; None if it did not.
 
     taken: bytes read from the disk so far
 
@@ -144,7 +144,7 @@ class ByteStream:
         self._decoder: _Decoder | None = self._member.decoder() if self._member else None
 
     def read(self, at_least: int = 1) -> bytes:
-        """The next bytes, at least so many; less at the end, and empty behind it."""
+        """The next bytes, at least `at_least`; fewer at the end of the file, then none."""
         data = self._read_some()
         if not data or len(data) >= at_least:
             return data
@@ -193,9 +193,7 @@ class ByteStream:
         return out
 
     def _past_empty_frames(self, data: bytes) -> bytes:
-        """The input behind frames of zstd without content (RFC 8878, section 3.1.2), as pzstd and seekable files have
-        them.
-        """
+        """The input after skippable frames of zstd (RFC 8878, section 3.1.2), as in pzstd and seekable files."""
         while len(data) >= 4 and data[0] >> 4 == 5 and data[1:4] == b"\x2a\x4d\x18":
             data += self._read_file(8 - len(data)) if len(data) < 8 else b""
             left = 8 + int.from_bytes(data[4:8], "little")

@@ -1,4 +1,4 @@
-"""What files begin with, by which they are told apart."""
+"""First bytes by which kinds of files are recognised."""
 
 from __future__ import annotations
 

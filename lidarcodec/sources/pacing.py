@@ -1,4 +1,4 @@
-"""PacedSource: a recorded source that gives its packets when they are due, as if the sensor stood here."""
+"""PacedSource: plays a recorded source in real time, as if the sensor were sending now."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lidarcodec.sources.base import PacketSource, Source
 from lidarcodec.units import PACKET_INTERVAL_US
 
 MAX_GAP_NS: Final = 1_000_000_000
-"""A longer gap between two packets is a cut between recordings: waited for so long only."""
+"""Longest wait between two packets: a longer gap is a cut between recordings."""
 NAP_S: Final = 0.0005
-"""Packets due within this time are given at once: sleeping costs more than it keeps."""
+"""Packets due within this time are given at once: shorter sleeps are not worth their cost."""
 
 
 class PacedSource(PacketSource):
-    """Packets of `inner` at its own pace times `speed`.
+    """Packets of `inner` in real time, or faster or slower by `speed`.
 
     speed:   2 is twice as fast; infinity does not wait
     loop:    begins again at the end, with stamps that go on
@@ -48,12 +48,12 @@ class PacedSource(PacketSource):
         self._stop = threading.Event()
 
     def packets(self) -> Iterator[Packet]:
-        """Packets when they are due; a late reader gets what is overdue at once, nothing is left out."""
+        """Packets when they are due. A late reader gets overdue packets at once; none is skipped."""
         due_s, last_ns = time.monotonic(), None
         for packet, own_ns in self._endless():
             if last_ns is not None:
                 due_s += min(max(packet.stamp_ns - last_ns, 0), MAX_GAP_NS) / 1e9 / self.speed
-            if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may be out of order
+            if not packet.position or last_ns is None or packet.stamp_ns > last_ns:  # theirs may go back
                 last_ns = packet.stamp_ns
             wait_s = due_s - time.monotonic()
             if wait_s > NAP_S and self._stop.wait(wait_s):

@@ -9,9 +9,9 @@ from lidarcodec.sources.poses import Poses
 
 
 def posed(frame: Frame, poses: Poses | None, shift_ns: int = 0) -> Frame:
-    """The frame with its pose, or as it is where none is known.
+    """The frame with its pose; unchanged where none is known.
 
-    shift_ns: how much later the frame's stamps are than those of the source (a replay stamps anew).
+    shift_ns: time of the frame's stamps minus time of the source's (a replay gives new stamps).
     """
     if poses is None:
         return frame

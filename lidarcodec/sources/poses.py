@@ -1,12 +1,12 @@
-"""Poses: where the sensor was at any time, from a file of moments.
+"""Poses: the pose of the sensor at any time, interpolated between the poses of a file.
 
     .npz  T_world_velo (F, 4, 4) with velo_mid (F,), seconds since the Unix epoch
     .txt  TUM: "time x y z qx qy qz qw" a line, seconds since the Unix epoch
     .txt  KITTI odometry: a 3 x 4 matrix a line, a line a scan; times.txt and calib.txt are read beside it
 
-Times that count from the beginning (KITTI odometry), or are made up where a file has none (one revolution of 103.4 ms
-a pose), are `relative`: they begin with the stream, `starting` moves them there. Between two moments the position runs
-straight and the turn is even (slerp); for one interval outside it goes on like that, further away nothing is known.
+Times from the start of a drive (KITTI odometry) are `relative`, and so are times made for a file without any (one pose
+for each turn of 103.4 ms); `starting` moves them to the start of the stream. Between two poses the position is linear
+in time and the rotation is a slerp. Poses are extrapolated by at most one interval; beyond that none is known.
 
 >>> ahead = np.eye(4)
 >>> ahead[0, 3] = 2.0
@@ -43,7 +43,7 @@ class Poses:
     """T_world_sensor at any time.
 
     stamps_ns: (F,) int64, rising; matrices: (F, 4, 4) float64, rigid transforms
-    Raises SourceError if they are not that.
+    Raises SourceError for other shapes, matrices that are not rigid, or times that do not increase.
     """
 
     _told = False
@@ -67,7 +67,7 @@ class Poses:
         return len(self.stamps_ns)
 
     def at(self, stamp_ns: int) -> Matrix | None:
-        """(4, 4) T_world_sensor at a host time; None where nothing is known. Cost: about 30 us."""
+        """(4, 4) T_world_sensor at a host time; None where no pose is known. Cost: about 30 us."""
         stamps = self.stamps_ns
         if len(stamps) == 1:
             return _matrix(self.positions[0], self.quaternions[0]) if stamp_ns == stamps[0] else None
@@ -80,7 +80,7 @@ class Poses:
         return _matrix(position, _slerp(self.quaternions[after - 1], self.quaternions[after], part))
 
     def tell_unknown(self, stamp_ns: int) -> None:
-        """Say, the first time, that none is known at a host time: a frame goes without."""
+        """Warn once that no pose is known at a host time, so that frames are sent without."""
         if not self._told:
             self._told = True
             first, last = (_time_text(int(end)) for end in (self.stamps_ns[0], self.stamps_ns[-1]))
@@ -135,7 +135,7 @@ def _read_npz(path: Path) -> Poses:
     matrices = np.asarray(file[name], np.float64)
     time = next((n for n in NPZ_TIMES if n in file), None)
     if time is None:
-        # the data folder's poses are those of the middle of a turn, where the sensor looks forward
+        # poses of these files are for the middle of a turn, when the sensor looks forward
         return _without_times(path, matrices, REVOLUTION_NS // 2)
     return Poses(_nanoseconds(np.asarray(file[time], np.float64)), matrices)
 
@@ -152,7 +152,7 @@ def _from_tum(table: Matrix) -> Poses:
 
 
 def _from_kitti(path: Path, table: Matrix) -> Poses:
-    """The poses are those of the left camera; calib.txt says where the sensor is from there."""
+    """Poses of KITTI odometry, which are of the left camera. calib.txt has the transform from sensor to camera."""
     matrices = np.zeros((len(table), 4, 4))
     matrices[:, :3], matrices[:, 3, 3] = table.reshape(-1, 3, 4), 1.0
     calibration = path.with_name("calib.txt")
@@ -189,7 +189,10 @@ def _camera_from_velo(path: Path) -> Matrix:
 
 
 def _table(path: Path) -> Matrix:
-    """(lines, numbers of a line), all lines of one length."""
+    """(lines, values) float64 of a text file.
+
+    Raises SourceError if its lines differ in length.
+    """
     numbers, columns = array("d"), 0
     for line in _text(path).splitlines():
         if line.strip() and not line.startswith("#"):

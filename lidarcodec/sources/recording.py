@@ -27,11 +27,11 @@ CHANNELS: Final[tuple[Channel, ...]] = ("packets", "messages")
 
 
 class RecordingSource(PacketSource):
-    """Packets of a recording; from its raw packets if it has any, else decoded from its messages.
+    """Packets of a recording: its raw packets if it has any, otherwise decoded from its messages.
 
     channel: "packets" or "messages", which of the two is read
     Counts: `truncated` (1 if the file was cut), `damaged`, `position packets`, `undecoded messages`, `missing
-    references`, `frames without packets` (they never were packets).
+    references`, `frames without packets` (not made from packets).
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class RecordingSource(PacketSource):
     ) -> None:
         """Reads the beginning.
 
-        channel: "packets" or "messages", where there are both;  topic: of the MCAP channel, else its first is read
+        channel: "packets" or "messages", for a recording with both;  topic: of the MCAP channel, by default the first
         Raises SourceError if this is no recording or has nothing that can be read, PacketError for packets of another
         sensor, CalibrationError.
         """
@@ -58,7 +58,7 @@ class RecordingSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> RecordingSource:
-        """The source that a path with options `?read=packets|messages` and `?topic=` names."""
+        """The source for a path with options `?read=packets|messages` and `?topic=`."""
         spec.only("read", "topic")
         text = spec.options.get("read")
         channel = next((c for c in CHANNELS if c == text), None)
@@ -67,7 +67,7 @@ class RecordingSource(PacketSource):
         return cls(spec.path, calibration, channel, spec.options.get("topic"))
 
     def span(self) -> tuple[int, int]:
-        """Stamps in ns of the first and the last thing in the recording; of no frame, if it was cut early."""
+        """Stamps in ns of the first and the last message or packet in the recording."""
         with self._open() as file:
             found = RecordingReader(file, warn=False).span()
         return found or (self.start_ns or 0, self.start_ns or 0)
@@ -86,8 +86,8 @@ class RecordingSource(PacketSource):
             yield packet
 
     def frames(self, start_ns: int | None = None) -> Iterator[Frame]:
-        """Frames as decoded from the messages, from the first at each call, or the first at or behind `start_ns`; what
-        does not decode is counted.
+        """Frames decoded from the messages, from the first one, or the first at or after `start_ns`. Messages that do
+        not decode are counted.
         """
         found = self._frames(self.counts, [], start_ns=start_ns)
         return found if start_ns is None else (frame for frame in found if frame.stamp_ns >= start_ns)
@@ -131,7 +131,7 @@ class RecordingSource(PacketSource):
 
 
 def _note(reader: RecordingReader, counts: Counter[str]) -> None:
-    """Take over what the reader noticed."""
+    """Copy the counts of the reader."""
     if reader.counts["cut"]:
         counts["truncated"] = 1
     for name in ("damaged", "mixed streams"):
@@ -140,7 +140,8 @@ def _note(reader: RecordingReader, counts: Counter[str]) -> None:
 
 
 def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: Frame | None) -> SensorModel:
-    """Of packets as for a capture, and rather that of a message than a generic one; else that of the messages."""
+    """The sensor of a recording. With raw packets: found as for a capture, but a frame's sensor is preferred to a
+    generic one. Otherwise that of the first frame."""
     if not payloads and frame is not None:
         return frame.sensor if calibration is None else read_calibration(calibration, "given")
     identify_stream(payloads)

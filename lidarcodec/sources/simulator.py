@@ -1,7 +1,7 @@
-"""SimulatorSource: packets of an HDL-64E S2 on a car that drives through a made-up town. No file, no network, no end.
+"""SimulatorSource: packets of an HDL-64E S2 on a car that drives through a simulated town, without end.
 
-The scene is made and seen by the native core; the same seed gives the same bytes on every machine. docs/simulator.md
-says what is in it and how it compares with real drives.
+The native core simulates scene and sensor; the same seed gives the same bytes on every machine. docs/simulator.md
+describes the scenes and compares them with real drives.
 
 >>> source = SimulatorSource.from_spec("sim:city?seed=3&frames=1")
 >>> stamps = [packet.stamp_ns for packet in source.packets()]
@@ -32,11 +32,11 @@ from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 
 SCENES: Final = ("city", "road", "street", "bend", "motorway")
 START_NS: Final = 1_767_225_600_000_000_000
-"""2026-01-01T00:00:00Z: host and GPS time of the first packet, unless told otherwise."""
+"""2026-01-01T00:00:00Z: default host and GPS time of the first packet."""
 PACKET_NS: Final[int] = _native.SIMULATOR_PACKET_NS
-"""Time from packet to packet: 288 us by a quartz that is 21 ppm slow."""
+"""Time from packet to packet: 288 us by a clock that is 21 ppm slow."""
 LABELS: Final = ("none", "ground", "building", "vegetation", "vehicle", "person", "pole", "other")
-"""What a return belongs to, by the number in `truth`."""
+"""Name of each label in `truth`."""
 CHUNK_PACKETS: Final = 29
 """Packets a native call: a twelfth of a turn."""
 MAX_SEED: Final = 2**53 - 1
@@ -50,7 +50,7 @@ LONGEST_NS: Final = 30 * 86_400 * 10**9
 
 @lru_cache(maxsize=1)
 def simulated_sensor() -> SensorModel:
-    """The simulated unit; its calibration is what the simulation used, and what the packets' status bytes carry."""
+    """The simulated sensor, with the calibration of the simulation, which the packets' status bytes carry too."""
     rot, vert, dist, vertical, horizontal, focal, slope = _native.simulator_calibration().T.astype(np.float64)
     return SensorModel(
         "HDL-64E S2",
@@ -72,8 +72,8 @@ def simulated_sensor() -> SensorModel:
 
 
 class SimulatedPoses(Poses):
-    """T_world_sensor of a simulated drive at any time: not looked up, but driven again. x and y are metres in the
-    world of the scene, z is up; the first pose is not the identity.
+    """T_world_sensor of a simulated drive at any time, computed by simulating the drive again. World coordinates are
+    those of the scene, in metres, z up; the first pose is not the identity.
     """
 
     def __init__(self, options: tuple[str, int, float, float], start_ns: int) -> None:
@@ -83,9 +83,9 @@ class SimulatedPoses(Poses):
         self.relative = False
 
     def __call__(self, stamps_ns: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(N, 4, 4) float64 at N host times, in any order: the very poses that the packets were made with.
+        """(N, 4, 4) float64 at N host times, in any order: the poses used to simulate the packets.
 
-        Going on from the last call is fast (0.1 ms a second driven), going back drives again from the start.
+        Times after the last call are fast (0.1 ms for each simulated second); earlier ones restart the drive.
         Raises SourceError for times before the start or 30 days after it.
         """
         times = np.asarray(stamps_ns, np.int64).reshape(-1) - self._start_ns
@@ -109,14 +109,14 @@ class SimulatedPoses(Poses):
 
 
 class SimulatorSource(PacketSource):
-    """A drive through a simulated scene, as a source of packets; every call of `packets` starts it anew.
+    """A drive through a simulated scene, as a source of packets. Each call of `packets` restarts the drive.
 
     scene:    `city`, `road`, `street`, `bend` or `motorway`
-    seed:     names the town, the traffic and the noise
-    frames:   how many times 348 packets; None = endless
-    speed:    top speed in m/s, 0.5 to 40; None = what the scene has
-    traffic:  share of the scene's usual traffic, 0 to 3
-    skip:     how many times 348 packets of the drive are left out at its start (6000 a second)
+    seed:     determines town, traffic and noise
+    frames:   number of frames of 348 packets; None = endless
+    speed:    top speed in m/s, 0.5 to 40; None = that of the scene
+    traffic:  factor of the scene's usual traffic, 0 to 3
+    skip:     number of frames of 348 packets to leave out at the start of the drive (cost: 1 s for 6000)
     start_ns: host and GPS time of the drive's start, ns since the Unix epoch; the attribute is the first packet's time
 
     A packet's time stamp is the moment of its first firing, by the host's clock and by GPS.
@@ -161,7 +161,7 @@ class SimulatorSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatorSource:
-        """The source that `sim:SCENE?key=value&...` names; keys: seed, frames, skip, speed, traffic.
+        """The source for `sim:SCENE?key=value&...`; keys: seed, frames, skip, speed, traffic.
 
         calibration: a file to decode with instead of the simulated unit's own table
         Raises UnknownNameError for another scene or key, SourceError for a bad value.
@@ -202,7 +202,7 @@ class SimulatorSource(PacketSource):
             left -= count
 
     def truth(self, packets: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-        """The first `packets` packets with what is behind each return.
+        """The first `packets` packets with the true distance and the label of each return.
 
         Gives the payloads (P, 1206) uint8, true distances along the beams (6 P, 64) float32 in metres by firing and
         hardware laser, 0 = nothing there, and labels (6 P, 64) uint8, indices into LABELS.

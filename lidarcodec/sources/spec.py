@@ -1,4 +1,4 @@
-"""A SOURCE as it is written on the command line, taken apart: kind, place, options.
+"""Parses a SOURCE of the command line into kind, place and options.
 
 >>> spec = parse("udp://0.0.0.0:2368?src=192.168.3.43")
 >>> spec.scheme, spec.place, spec.options
@@ -19,7 +19,7 @@ TRUE, FALSE = frozenset({"1", "true", "yes", ""}), frozenset({"0", "false", "no"
 
 @dataclass(frozen=True)
 class Spec:
-    """A source's kind ("" for a path), where it is, and the options behind the question mark."""
+    """A source's kind ("" for a path), its path or address, and the options after the question mark."""
 
     text: str
     scheme: str
@@ -32,9 +32,9 @@ class Spec:
         return Path(self.place)
 
     def only(self, *known: str) -> Spec:
-        """This spec, if it has no other options than these.
+        """This spec, if all its options are in `known`.
 
-        Raises UnknownNameError naming the first other one.
+        Raises UnknownNameError with the first other option.
         """
         for name in self.options:
             if name not in known:

@@ -1,4 +1,4 @@
-"""The table of sources, and `open_source`, the single door: a path or an address in, a source out.
+"""The table of sources, and `open_source`, which opens a path or an address.
 
 Modules are named as text and imported on first use, so unused ones cost nothing.
 
@@ -37,10 +37,10 @@ SCAN_SUFFIXES = (".bin", ".bin.xz")
 
 
 class SourceClass(Protocol):
-    """What stands in the table."""
+    """A class in the table."""
 
     def from_spec(self, spec: Spec, calibration: Path | None) -> PacketSource:
-        """The source that a spec names, opened."""
+        """The opened source of a spec."""
 
 
 def open_source(
@@ -56,7 +56,7 @@ def open_source(
 ) -> PacketSource:
     """The source that a path, `udp://HOST:PORT` or `sim:SCENE?...` names, opened.
 
-    calibration: a db.xml or ROS yaml; else what is found beside it, in the stream, or a generic one, with a warning
+    calibration: a db.xml or ROS yaml; by default one found beside the file or in the stream, or a generic one
     poses:       a file of poses for `source.poses`
     realtime:    packets come at the sensor's own pace times `speed`, again and again with `loop`, stamped with the time
                  of now with `restamp`
@@ -79,7 +79,7 @@ def open_source(
 
 
 def kind_of(spec: Spec) -> str:
-    """Which line of the table a spec belongs to: by its scheme, else by what the path holds.
+    """Key in the table for a spec: by its scheme, or by the contents of the path.
 
     Raises SourceError if there is nothing at that path.
     """

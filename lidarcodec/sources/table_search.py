@@ -1,7 +1,7 @@
-"""Whether a stream carries its sensor's calibration table in the status bytes, and the table when it has come round.
+"""Search for the sensor's calibration table in the status bytes of a stream.
 
-The table takes 4160 packets; a stream that has one shows it in seven of sixteen packets, so the first 64 tell whether
-it is worth reading on.
+The table takes 4160 packets. Seven of sixteen packets carry a part of it, so 64 packets are enough to see whether a
+stream has one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ FIRST_PACKETS: Final = 64
 PARAMETER_TYPES: Final = frozenset(b"1234567")
 """Status types that carry the table."""
 SEARCHED_PACKETS: Final = 2 * STATUS_PACKETS
-"""Packets within which a table without gaps has come round, wherever the stream begins."""
+"""Packets that hold the whole table if none is lost, wherever the stream begins."""
 
 
 def carries_table(payloads: Sequence[bytes]) -> bool:
@@ -27,7 +27,7 @@ def carries_table(payloads: Sequence[bytes]) -> bool:
 class TableSearch:
     """Looks for the calibration table of a live stream.
 
-    first: the first payloads;  settled: nothing is to be waited for any more;  sensor: what was found
+    first: the first payloads;  settled: the search is over;  sensor: the one found, or None
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The warning that a source's sensor is decoded with a generic calibration, said once for each source."""
+"""The warning about a generic calibration, logged once for each source."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ _said: set[str] = set()
 
 @cache
 def generic_hashes() -> frozenset[str]:
-    """Hashes of the generic tables: a recording of such a sensor is known by them."""
+    """Hashes of the generic tables, to recognise them in recordings."""
     return frozenset(generic_sensor(model).hash for model in TABLES)
 
 
 def is_generic(sensor: SensorModel) -> bool:
-    """Whether the calibration is not that of the unit; a scan that was put into a grid has none to miss."""
+    """Whether the calibration is a generic one. Re-gridded scans never count: they need no calibration of a unit."""
     generic = sensor.origin == "generic" or (sensor.origin != "given" and sensor.hash in generic_hashes())
     return generic and REGRIDDED not in sensor.name
 
 
 def note_of(sensor: SensorModel) -> str | None:
-    """What a viewer of its clouds has to know about a sensor's calibration; None: nothing."""
+    """A note about a generic calibration for viewers of clouds; None without one."""
     if sensor.origin == "simulated" or not is_generic(sensor):
         return None
     return f"generic calibration: {MEANING}"
 
 
 def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> bool:
-    """Say what a generic calibration means, once for each source; whether it is one."""
+    """Log what a generic calibration means, once for each source; returns whether the calibration is generic."""
     if note_of(sensor) is None:
         return False
     if label not in _said:

@@ -1,4 +1,4 @@
-"""What came over the wire and was not kept, in one sentence: counts of a source or an assembly, by cause.
+"""One sentence about received data that was not kept, from the counts of a source or an assembler.
 
 >>> from collections import Counter
 >>> unkept(Counter({"other datagrams": 12, "wrong length": 3, "position packets": 158, "lost packets": 1}))
@@ -15,7 +15,7 @@ from typing import Final
 from lidarcodec.packet import UNKEPT_POSITIONS
 
 OTHER_POSITIONS: Final = "position packets to another port"
-"""The count of those that the chosen sensor sent to a port which is not that of its position packets."""
+"""Counter of position packets that the chosen sensor sent to another port than expected."""
 
 CAUSES: Final[dict[str, str]] = {
     "other stream": "packets of other streams",
@@ -44,7 +44,7 @@ CAUSES: Final[dict[str, str]] = {
     "empty scans": "scans without points",
     "other topics": "messages of other topics",
 }
-"""Cause in the counts -> what was not kept. Other counts tell of what was noticed, or lost before it came here."""
+"""Counter -> text for data that was received and not kept. Other counters are of other irregularities."""
 
 OF_THE_SENSOR: Final = (
     "other stream",
@@ -60,10 +60,10 @@ OF_THE_SENSOR: Final = (
     "missing references",
     "packets of no interface",
 )
-"""Causes that can concern packets of the sensor. Datagrams of other programs and other traffic are no loss."""
+"""Counters that may include packets of the sensor. Datagrams of other programs are not a loss."""
 
 
 def unkept(counts: Counter[str]) -> str | None:
-    """What was not kept, the most first; None if all was."""
+    """Texts of what was not kept, largest counts first; None if everything was kept."""
     found = [f"{number} {CAUSES[cause]}" for cause, number in counts.most_common() if number and cause in CAUSES]
     return ", ".join(found) or None

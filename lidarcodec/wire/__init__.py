@@ -1,4 +1,4 @@
-"""Messages to bytes and back; knows no codec. The format is docs/wire-format.md.
+"""Messages to bytes and back, the same for every codec. The format is docs/wire-format.md.
 
 >>> from lidarcodec.message import Message, Section, SectionType
 >>> message = Message(codec=1, stream_id=7, frame_index=3, stamp_ns=5, key=True, width=6, packets=1,
@@ -38,7 +38,7 @@ def pack(message: Message) -> bytes:
 
 
 def size_of(message: Message) -> int:
-    """Number of bytes that `pack` makes of a message, without making them."""
+    """Number of bytes of a packed message, without packing it."""
     sections = sum(SECTION_HEAD.size + len(section.data) for section in message.sections)
     return HEADER_BYTES + sections + CHECKSUM_BYTES
 
@@ -52,7 +52,7 @@ def peek(data: bytes) -> Header:
 
 
 def unpack(data: bytes) -> Message:
-    """Message of exactly these bytes: size and checksum are checked before any field is believed.
+    """Message of exactly these bytes. Size and checksum are checked before any field is used.
 
     Raises HeaderError, UnsupportedVersionError, TruncatedError, ChecksumError or SectionError.
     """

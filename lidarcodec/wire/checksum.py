@@ -1,4 +1,4 @@
-"""CRC-32C over a whole message: its last four bytes, little endian, over all bytes before them."""
+"""CRC-32C of a message: its last four bytes, little endian, computed over all bytes before them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def with_checksum(body: bytes) -> bytes:
 def checked_body(data: bytes) -> bytes:
     """The bytes before the checksum.
 
-    Raises ChecksumError if it does not match; the caller knows that there are four bytes at least.
+    data: at least four bytes. Raises ChecksumError if the checksum does not match.
     """
     body = data[:-CHECKSUM_BYTES]
     stored, computed = int.from_bytes(data[-CHECKSUM_BYTES:], "little"), int(crc32c(body))
     if stored != computed:
-        raise ChecksumError(f"message checksum is {computed:08x}, it says {stored:08x}", len(body))
+        raise ChecksumError(f"the message's checksum should be {computed:08x}, but is {stored:08x}", len(body))
     return body
 
 
 def checksum_of(data: bytes) -> int:
-    """The checksum that a whole message says it has."""
+    """The checksum stored in a message; it is not compared with the contents."""
     return int.from_bytes(data[-CHECKSUM_BYTES:], "little")

@@ -38,7 +38,7 @@ _VERSION_BYTES: Final = 5
 
 
 class Header(NamedTuple):
-    """What a message says about itself before its sections; fields as in `Message`.
+    """Header of a message; fields as in `Message`.
 
     major, minor: format version; header_bytes, total_bytes: sizes; section_count: sections that follow.
     """
@@ -100,9 +100,10 @@ def header_bytes_of(message: Message, total_bytes: int) -> bytes:
 
 
 def check_version(data: bytes) -> None:
-    """Looks at magic and major version, which stay where they are in every version.
+    """Check magic and major version, which have the same place in every version.
 
-    Raises HeaderError if this is no message, UnsupportedVersionError for another major version, TruncatedError.
+    Raises HeaderError if the bytes are not a message, UnsupportedVersionError for another major version, and
+    TruncatedError.
     """
     if data[:4] != MAGIC[: len(data)]:
         raise HeaderError(f"not a message: it begins with {data[:4].hex(' ')}, not {MAGIC.hex(' ')}")

@@ -27,10 +27,11 @@ def section_bytes(sections: tuple[Section, ...]) -> bytes:
 
 
 def read_sections(body: bytes, header: Header) -> tuple[Section, ...]:
-    """Sections of a message without its checksum. Types that this build does not know are kept: a relay passes them on.
+    """Sections of a message. Sections of unknown types are kept, so that a relay can forward them.
 
-    Raises TruncatedError if one is longer than what is left, SectionError if bytes are left over or a known section
-    belongs to no frame of the message.
+    body: the message without its checksum
+    Raises TruncatedError if a section is longer than the rest of the message, SectionError if bytes are left over or a
+    known section belongs to no frame of the message.
     """
     at, end = header.header_bytes, len(body)
     found: list[Section] = []

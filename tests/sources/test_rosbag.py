@@ -219,7 +219,7 @@ def test_fewer_messages_than_the_bag_tells_of_are_said(tmp_path, caplog):
     with open_source(tmp_path) as source:
         assert list(source.packets()) == PACKETS
         assert source.counts == {"damaged": 1}
-    assert "tells of 5 messages of /velodyne_packets, and 3 were found" in caplog.text
+    assert "announces 5 messages of /velodyne_packets, but 3 were found" in caplog.text
 
 
 def test_messages_in_the_log_of_a_killed_recorder_are_said_to_be_missing(tmp_path, caplog):

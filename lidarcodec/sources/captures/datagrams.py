@@ -2,7 +2,7 @@
 
     linktype 1 Ethernet   113, 276 Linux "any" device   0, 108 loopback   101, 228, 229 (and 12, 14) plain IP
 
-What is no whole UDP datagram is counted by cause and skipped; no byte is read that is not there.
+A frame that is not a complete UDP datagram is skipped and counted by cause. Every length is checked before it is used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MAX_TAGS: Final = 8
 UDP: Final = 17
 FRAGMENT: Final = 44
 EXTENSIONS: Final = frozenset({0, 43, 60})
-"""IPv6 extension headers that are stepped over: hop by hop, routing, destination options."""
+"""IPv6 extension headers that are skipped: hop by hop, routing, destination options."""
 MAX_EXTENSIONS: Final = 8
 
 _FAST = struct.Struct(">12xHBxH2xHxB2x4s4sHHH2x")  # Ethernet, IPv4 without options, UDP: 42 bytes
@@ -42,7 +42,7 @@ class DatagramReader:
         self._fragments = Reassembler(counts)
 
     def read(self, linktype: int, frame: bytes) -> Datagram | None:
-        """The datagram that this frame is, or completes. Cost: about 0.6 us for the usual Ethernet frame."""
+        """The datagram in this frame, or the one that its fragment completes. Cost: 0.6 us for an Ethernet frame."""
         if linktype == 1 and len(frame) >= 42:
             ethertype, first, total, flags, protocol, source, target, _, port, length = _FAST.unpack_from(frame)
             if (
@@ -57,7 +57,7 @@ class DatagramReader:
         return self._read_any(linktype, frame)
 
     def finish(self) -> None:
-        """Count what never became a whole datagram."""
+        """Count datagrams that never became complete."""
         self._fragments.finish()
 
     def _read_any(self, linktype: int, frame: bytes) -> Datagram | None:
@@ -104,7 +104,7 @@ class DatagramReader:
             if following == UDP:
                 return self._udp(source, target, body)
             if following == FRAGMENT and len(body) >= 8:
-                if body[0] != UDP:  # the header behind it; sensors send none between
+                if body[0] != UDP:  # headers between IP and UDP; sensors send none
                     return self._skip("other traffic")
                 place, identity = struct.unpack_from(">HI", body, 2)
                 whole = self._fragments.add((source, target, identity), place & 0xFFF8, bool(place & 1), body[8:])
@@ -136,7 +136,7 @@ _LINKS: Final = {
     108: (4, None),
     **dict.fromkeys((12, 14, 101, 228, 229), (0, None)),
 }
-"""Link type -> bytes of its header, and where in it the EtherType stands."""
+"""Link type -> bytes of its header, and the offset of the EtherType in it."""
 
 
 def _network_layer(linktype: int, frame: bytes) -> int | None:

@@ -1,7 +1,7 @@
 """IP fragments -> whole datagrams, within bounds: memory is bounded for any input.
 
-A sensor's 1248-byte frames are not fragmented at home; tunnels and small MTUs do it. A datagram is complete when all
-its bytes are there; fragments that overlap or contradict each other void it (RFC 5722 asks for that).
+A sensor's 1248-byte frames are not fragmented in a local network, but in tunnels and with small MTUs. A datagram is
+complete when all its bytes are there. Fragments that overlap or contradict each other make it invalid (RFC 5722).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 MAX_OPEN: Final = 64
-"""Datagrams under reassembly; the oldest goes first."""
+"""Most datagrams under reassembly; the oldest is dropped first."""
 MAX_DATAGRAM: Final = 65_535
 
 Key = tuple[bytes, bytes, int]
@@ -48,7 +48,7 @@ class Reassembler:
                 self._counts["lost fragments"] += 1
             partial = self._open[key] = _Partial()
         if partial.pieces.get(offset) == data:
-            return None  # the same once more
+            return None  # a repeated fragment
         total = partial.total if more else end
         if not fits or offset in partial.pieces or (partial.total not in (None, total)):
             return self._void(key)

@@ -2,8 +2,8 @@
 
     magic a1b2c3d4: time stamps in microseconds      a1b23c4d: in nanoseconds      (reversed: the other byte order)
 
-Format: draft-ietf-opsawg-pcap, sections 4 and 5. Lengths are checked before anything is taken; a record that cannot be
-one ends the reading, because nothing says where the next begins.
+Format: draft-ietf-opsawg-pcap, sections 4 and 5. Lengths are checked before memory is taken. An invalid record ends the
+reading, because the start of the next one is unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lidarcodec.sources.decompress import ByteStream
 HEADER_BYTES: Final = 24
 RECORD_BYTES: Final = 16
 MAX_FRAME: Final = 262_144
-"""Largest frame that any capture program writes (tcpdump's greatest snap length)."""
+"""Largest frame that capture programs write (tcpdump's largest snap length)."""
 MAGICS: Final[dict[bytes, tuple[str, int]]] = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
     b"\xa1\xb2\xc3\xd4": (">", 1000),
@@ -29,7 +29,7 @@ MAGICS: Final[dict[bytes, tuple[str, int]]] = {
 
 
 CHECKED_EVERY: Final = 4096
-"""Records after which it is asked whether so many may be in what was read of the file."""
+"""Number of records between two checks of their number against the bytes read."""
 
 
 class Record(NamedTuple):
@@ -41,14 +41,14 @@ class Record(NamedTuple):
 
 
 class Counted:
-    """Counts records against the bytes read from the disk: compressed, a few bytes can be a million empty ones."""
+    """Limits records in proportion to the bytes read: a few compressed bytes can hold a million empty records."""
 
     def __init__(self, stream: ByteStream, ending: Ending) -> None:
         self._stream, self._ending = stream, ending
         self._allowed = Allowance(RECORDS_BASE, RECORDS_PER_BYTE)
 
     def too_many(self, number: int) -> bool:
-        """Whether reading ends here. To be asked for every record, by its number."""
+        """Whether there are too many records, so that reading ends. Called for every record with its number."""
         if number % CHECKED_EVERY or self._allowed.spend(CHECKED_EVERY, self._stream.taken):
             return False
         self._ending.set("damaged", f"more than {number:,} records in {self._stream.taken:,} bytes, as no capture has")
@@ -56,24 +56,24 @@ class Counted:
 
 
 class Ending:
-    """How the reading of a capture ended: `cause` is a key of the source's counts, `text` a sentence; None if well."""
+    """Why reading a capture ended early: `cause` is a key of the source's counts, `text` a sentence. None: no error."""
 
     def __init__(self) -> None:
         self.cause: str | None = None
         self.text = ""
 
     def set(self, cause: str, text: str) -> None:
-        """Note the first thing that went wrong."""
+        """Note an error, if it is the first."""
         if self.cause is None:
             self.cause, self.text = cause, text
 
     def replace(self, cause: str, text: str) -> None:
-        """Note the cause behind what was noted: the compressed data ended, therefore a record did."""
+        """Replace the noted error by its cause: a record is cut because the compressed data is."""
         self.cause, self.text = cause, text
 
 
 def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Record]:
-    """Records of a stream whose first bytes `data` were read already: at least four, one of MAGICS.
+    """Records of a stream whose first bytes `data` were read already: at least four, which are in MAGICS.
 
     Never raises for what it reads: `ending` says if the file was cut or damaged. Cost: about 0.7 us a record.
     """
@@ -84,7 +84,7 @@ def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Recor
             ending.set("truncated", "it ends within the file header")
             return
         data += more
-    linktype = struct.unpack_from(order + "I", data, 20)[0] & 0x03FF_FFFF  # above: length of the check sum
+    linktype = struct.unpack_from(order + "I", data, 20)[0] & 0x03FF_FFFF  # the bits above: length of a checksum
     unpack = struct.Struct(order + "IIII").unpack_from
     start, size, number = HEADER_BYTES, len(data), 0
     too_many = Counted(stream, ending).too_many
@@ -93,7 +93,7 @@ def read_pcap(stream: ByteStream, data: bytes, ending: Ending) -> Iterator[Recor
         end = body
         if body <= size:
             seconds, fraction, captured, original = unpack(data, start)
-            if not (seconds or captured or original):  # the tail of a file whose data never reached the disk
+            if not (seconds or captured or original):  # zeros: the end of this file was never written to the disk
                 ending.set("damaged", f"record {number} and what follows are zeros")
                 return
             if captured > MAX_FRAME:

@@ -1,6 +1,6 @@
 """PcapWriter: packets into a classic pcap file, as the frames that the sensor puts on the wire.
 
-Ethernet, IPv4 and UDP headers are made up with the sensor's factory settings (192.168.3.43:443 to 192.168.3.255:2368,
+Ethernet, IPv4 and UDP headers have the sensor's factory settings (192.168.3.43:443 to 192.168.3.255:2368,
 broadcast, position packets to 8308); the IP check sum is right, the UDP check sum is 0 (none), as the sensor sends it.
 With a nanosecond file, which is the default, stamps come back exactly; a microsecond file is for programs that read no
 other.
@@ -29,7 +29,7 @@ BROADCAST_ADDRESS: Final = bytes((192, 168, 3, 255))
 SENSOR_PORT: Final = 443
 _ETHERNET: Final = b"\xff" * 6 + bytes.fromhex("6076881000010800")
 MAX_PAYLOAD: Final = 65_507
-"""What fits into one IPv4 datagram."""
+"""Largest payload of an IPv4 datagram."""
 MAX_SECONDS: Final = 1 << 32
 
 
@@ -51,7 +51,7 @@ def headers(size: int, *, position: bool = False) -> bytes:
 
 
 class PcapWriter:
-    """Writes packets to a binary file that the caller opened, and closes."""
+    """Writes packets to a binary file. The caller opens and closes the file."""
 
     def __init__(self, file: BinaryIO, *, nanoseconds: bool = True) -> None:
         self._file = file

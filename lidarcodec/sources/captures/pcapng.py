@@ -1,11 +1,11 @@
 """Records of a pcapng file: sections of blocks, in either byte order, with interfaces of their own link type and clock.
 
     block     type u4, total length u4, body, total length u4 again; padded to four bytes
-    0a0d0d0a  section: byte order; forgets the interfaces     00000001  interface: link type, snap length, clock
+    0a0d0d0a  section: byte order; new list of interfaces     00000001  interface: link type, snap length, clock
     00000006  enhanced packet: interface, 64-bit time stamp   00000003  simple packet: neither     00000002  old packet
 
-Format: draft-ietf-opsawg-pcapng, section 4. Blocks of other types are skipped. A block that cannot be one ends the
-reading, because nothing says where the next begins.
+Format: draft-ietf-opsawg-pcapng, section 4. Blocks of other types are skipped. An invalid block ends the reading,
+because the start of the next one is unknown.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_BLOCK: Final = 1 << 24
 MAX_INTERFACES: Final = 4096
 OPTION_RESOLUTION, OPTION_OFFSET = 9, 14
 STAMP_LIMIT_NS: Final = 1 << 62
-"""The year 2116; what lies behind or before the epoch is no time at which a packet came."""
+"""The year 2116. Times after it or before 1970 are invalid."""
 
 
 class _Interface(NamedTuple):
@@ -122,7 +122,7 @@ def _interface(body: bytes, order: str) -> _Interface:
 def _packet(
     kind: int, body: bytes, order: str, interfaces: list[_Interface], last_ns: int, counts: Counter[str]
 ) -> Record | None:
-    """The record of a packet block; None, and counted, if it names no interface."""
+    """The record of a packet block; None, and counted, if its interface was not described."""
     head = 4 if kind == SIMPLE_PACKET else 20
     if len(body) < head:
         raise _DamageError("a packet block is too short")

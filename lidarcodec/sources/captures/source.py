@@ -1,4 +1,4 @@
-"""CaptureSource: one sensor's packets out of a pcap or pcapng file, compressed or not, cut or whole."""
+"""CaptureSource: the packets of one sensor in a pcap or pcapng file, which may be compressed or cut off."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES, P
 logger = logging.getLogger(__name__)
 
 FIRST_PACKETS: Final = 1024
-"""Packets by which the streams of a file are told apart: 0.3 s of an HDL-64E."""
+"""Packets at the start of a file that are searched for streams: 0.3 s of an HDL-64E."""
 
 NAMED_STREAMS: Final = 16
 POSITIONS: Final = "position packets"
@@ -37,7 +37,7 @@ Stream = tuple[bytes, int]
 
 
 def stamped_datagrams(path: Path, counts: Counter[str], ending: Ending) -> Generator[tuple[int, Datagram]]:
-    """Host time in ns and datagram of every frame that is, or completes, a UDP datagram.
+    """(host time in ns, datagram) of every UDP datagram in a capture; time of the frame that completes it.
 
     Raises SourceError if the file cannot be read or is no capture.
     """
@@ -84,7 +84,7 @@ class CaptureSource(PacketSource):
     ) -> None:
         """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
 
-        port, src: destination port and sender's address of the stream to take; else the most frequent one is taken.
+        port, src: destination port and sender's address of the stream to take; by default the most frequent stream.
         position: destination port of its position packets, 8308 by default; 0: leave them out.
         Raises SourceError if the file cannot be read or has no such stream, PacketError for another sensor,
         CalibrationError.
@@ -101,7 +101,7 @@ class CaptureSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> CaptureSource:
-        """The source that a path with options `?port=`, `?src=` and `?position=` names."""
+        """The source for a path with options `?port=`, `?src=` and `?position=`."""
         spec.only("port", "src", "position")
         port, src = spec.whole("port", 1, 65535), spec.options.get("src")
         return cls(spec.path, calibration, port, src, spec.position_port())
@@ -129,7 +129,7 @@ class CaptureSource(PacketSource):
                 )
 
     def _other(self, stream: Stream, size: int) -> str:
-        """What to count a datagram as that is no data packet of the chosen stream: POSITIONS if it is kept."""
+        """The counter for a datagram that is not a data packet of the chosen stream. POSITIONS: it is kept."""
         if stream == (self.stream[0], self._position_port):
             return POSITIONS if size <= MAX_POSITION_BYTES else "wrong length"
         if size == PACKET_BYTES:
@@ -179,7 +179,7 @@ def _choose(path: Path, port: int | None, source: bytes | None, search: bool) ->
 
 
 def _supported(wanted: list[Stream], streams: dict[Stream, list[bytes]]) -> Stream:
-    """The first of these streams that is a supported sensor's.
+    """The first of these streams that comes from a supported sensor.
 
     Raises PacketError naming the sensor of the very first, if none is.
     """

@@ -1,11 +1,12 @@
-"""KITTI odometry points -> a grid of 64 rings x 2088 columns, because they have no native form.
+"""KITTI odometry points -> a grid of 64 rings x 2088 columns.
 
-They were moved to make up for the car's motion in a turn: 0.3 % of them still fit the sensor's numbers. So a point goes
-to the ring whose line it is nearest to and to the nearest of 2088 even columns, at its distance in steps of 2 mm; of
-several in one cell the nearest stays. That moves points by some centimetres, more where they are near: every figure
-from such a source must say "re-gridded".
+These points are motion compensated: only 0.3 % of them still lie on the sensor's own steps of range and azimuth. So
+each point is assigned to the nearest ring and the nearest of 2088 evenly spaced columns, with its distance in steps of
+2 mm. If several points fall into one cell, the nearest to the sensor is kept. That moves points by some centimetres,
+near ones by more. So every figure from such a source must say "re-gridded".
 
-Without the calibration of KITTI's sensor, the lines of the rings are fitted to a scan: its points come ring by ring.
+Without the calibration of KITTI's sensor, the lines of the rings are fitted to a scan, whose points are stored ring by
+ring.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from lidarcodec.sources.kitti.points import Points
 from lidarcodec.units import AZIMUTH_TURN, FRAME_COLUMNS, LASERS
 
 SMOOTHING: Final = 32
-"""Points around the seam behind the car in which the order of a ring may be mixed up."""
+"""Number of points around the seam behind the car whose order in the file may be mixed up."""
 LEAST_IN_RING: Final = 100
-"""A ring of fewer points is no ring."""
+"""Fewest points of a ring."""
 
 
 def regrid(points: Points, geometry: Geometry, width: int = FRAME_COLUMNS) -> tuple[Firings, Fidelity]:
-    """A grid of `width` columns, and how far it is from the points. Cost: about 60 ms a scan."""
+    """Firings in a grid of `width` columns, and their distances from the points. Cost: about 60 ms a scan."""
     laser = geometry.nearest_laser(geometry.radius(points), points[:, 2])
     rotation, distance = geometry.native(points, laser)
     column = np.rint(rotation * (width / AZIMUTH_TURN)).astype(np.intp) % width
@@ -44,14 +45,14 @@ def regrid(points: Points, geometry: Geometry, width: int = FRAME_COLUMNS) -> tu
 
 
 def without_two_point_correction(sensor: SensorModel) -> SensorModel:
-    """The sensor with one distance correction per laser: what the grid is made with, and its clouds are seen with."""
+    """The sensor with one distance correction per laser, for making the grid and for clouds of it."""
     values: dict[str, npt.ArrayLike] = {name: sensor.calibration[name] for name in CALIBRATION_FIELDS}
     values["dist_correction_x_m"] = values["dist_correction_y_m"] = values["dist_correction_m"]
     return replace(sensor, calibration=Calibration.from_values(values))
 
 
 def fit_rings(points: Points) -> SensorModel | None:
-    """A sensor whose rings look where those of a scan do; None if it has not 64 of them.
+    """A sensor with elevations fitted to the rings of a scan; None if the scan does not have 64 rings.
 
     A ring goes once round from straight ahead, and has one seam behind the car, where the angle jumps from 180 to -180
     degrees. Its points lie on a line z = r tan(elevation) + height; heights are those of the generic table, because on

@@ -1,4 +1,4 @@
-"""KITTI raw points -> the sensor's own numbers: which laser saw a point, in which firing, at what native distance.
+"""KITTI raw points -> the sensor's own values: laser, firing and native distance of each point.
 
 The KITTI driver computed a point from rotation, distance and one calibration (data README, "Decoding"):
 
@@ -25,9 +25,9 @@ from lidarcodec.units import AZIMUTH_TURN, LASERS, RANGE_STEP_M
 ROTATION_STEP: Final = 9
 """The sensor's encoder turns in steps of 0.09 degree."""
 NEAR_MM: Final = 1.0 + 1e-6
-"""A point whose reprojection is within this fits."""
+"""A point fits if its reprojection is at most this far away."""
 RING_MM: Final = 3.0
-"""Further from its line, a ring read off the order of the file is looked up again."""
+"""A point further than this from the line of its ring (by file order) gets the laser of the nearest line instead."""
 MAX_NATIVE: Final = 65_535
 CHUNK: Final = 1024
 
@@ -45,7 +45,7 @@ class Firings:
 
 
 class Fidelity(NamedTuple):
-    """How near the native numbers, projected again, come to the points of a scan.
+    """Distances between the points of a scan and the native values projected back to points.
 
     points: of the file; equal: share whose three coordinates are the same in whole millimetres; within_1mm: share whose
     distance is at most 1 mm; worst_mm: largest distance; in_one_cell, out_of_range: points that stand in no packet,
@@ -60,13 +60,13 @@ class Fidelity(NamedTuple):
     out_of_range: int
 
     def rounded(self) -> dict[str, float]:
-        """The figures by name, with as many digits as they are worth."""
+        """The figures by name, rounded for display."""
         shares = {"equal": round(self.equal, 4), "within_1mm": round(self.within_1mm, 7)}
         return self._asdict() | shares | {"worst_mm": round(self.worst_mm, 2)}
 
 
 class Geometry:
-    """The per-laser numbers of a calibration, in the order of hardware lasers, (64,) float64 in metres and radians."""
+    """The per-laser values of a calibration by hardware laser id, (64,) float64 in metres and radians."""
 
     def __init__(self, sensor: SensorModel) -> None:
         c = sensor.calibration
@@ -77,7 +77,7 @@ class Geometry:
         self.laser_of_ring = sensor.laser_of_ring
 
     def radius(self, points: Points, laser: npt.NDArray[np.intp] | None = None) -> npt.NDArray[np.float64]:
-        """Horizontal distance r of points; without a laser by the mean squared offset (in KITTI all are equal)."""
+        """(N,) horizontal distance r of points. Without `laser`, by the mean squared offset (all equal in KITTI)."""
         ho2 = np.mean(self.ho**2) if laser is None else (self.ho**2)[laser]
         return np.sqrt(np.maximum(points[:, 0] ** 2 + points[:, 1] ** 2 - ho2, 0.0))
 
@@ -94,7 +94,7 @@ class Geometry:
     def off_line(
         self, r: npt.NDArray[np.float64], z: npt.NDArray[np.float64], laser: npt.NDArray[np.intp]
     ) -> npt.NDArray[np.float64]:
-        """(N,) metres from each point up or down to the line of its laser."""
+        """(N,) vertical distance in metres of each point from the line of its laser."""
         away: npt.NDArray[np.float64] = np.abs(z - (r * self.slope[laser] + self.height[laser]))
         return away
 
@@ -147,8 +147,8 @@ def fill(
     native: npt.NDArray[np.float64],
     reflectance: npt.NDArray[np.float64],
 ) -> tuple[Firings, int]:
-    """Firings at (W,) azimuths from (N,) points, and how many points they hold: of several in one cell the nearest."""
-    order = np.argsort(-native, kind="stable")  # of those in one cell the last one written stays
+    """Firings at (W,) azimuths from (N,) points, and the number of points kept: the nearest one of each cell."""
+    order = np.argsort(-native, kind="stable")  # the nearest is written last, so it stays in its cell
     cells = column[order], laser[order]
     ranges = np.zeros((len(azimuth), LASERS), np.uint16)
     intensity = np.zeros((len(azimuth), LASERS), np.uint8)

@@ -1,8 +1,8 @@
-"""Firings of one turn after the other -> one continuous stream of packets, as the sensor would have sent it.
+"""Firings of consecutive turns -> one continuous stream of packets, as the sensor would have sent it.
 
-Six firings a packet, an upper and a lower block each; what is left over waits for the next turn, the end is padded
-with firings without a return. Made up, because KITTI does not hold them: the time stamp (microseconds past the hour of
-the moment at which the packet's last firing was over) and the status bytes (types H M S D N Y G in turn, same clock).
+A packet holds six firings, an upper and a lower block each. Leftover firings wait for the next turn. The last packet is
+padded with firings without returns. KITTI has no time stamps or status bytes, so these are made: the end of the
+packet's last firing in microseconds past the hour, and the types H M S D N Y G in turn by the same clock.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class FiringPacker:
         self._sent = 0
 
     def push(self, firings: Firings, start_ns: int, end_ns: int) -> list[Packet]:
-        """The packets that became full with a turn that began and ended at these host times."""
+        """Add the firings of a turn between two host times; returns the packets that became full."""
         count = len(firings.azimuth)
         more = np.zeros(count, FIRING_DTYPE)
         more["azimuth"] = firings.azimuth
@@ -50,7 +50,7 @@ class FiringPacker:
         return self._take(len(self._waiting) // FIRINGS_PER_PACKET)
 
     def finish(self) -> list[Packet]:
-        """The last packet, filled up with firings that saw nothing; none if nothing was left."""
+        """The last packet, padded with firings without returns; none if no firing waits."""
         missing = -len(self._waiting) % FIRINGS_PER_PACKET
         if not missing:
             return []
@@ -62,7 +62,7 @@ class FiringPacker:
         return self._take(1)
 
     def _take(self, count: int) -> list[Packet]:
-        """The first `count` packets of what waits."""
+        """The first `count` packets of the waiting firings."""
         firings = self._waiting[: count * FIRINGS_PER_PACKET].reshape(count, FIRINGS_PER_PACKET)
         self._waiting = self._waiting[count * FIRINGS_PER_PACKET :]
         stamps_ns = firings["over_ns"][:, -1] // 1000 * 1000

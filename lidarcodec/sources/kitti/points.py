@@ -3,7 +3,7 @@
     2011_09_26_drive_0005_sync/velodyne_points/data/0000000000.bin ...    beside `data`: timestamps{,_start,_end}.txt
     sequences/00/velodyne/000000.bin ...                                  beside `velodyne`: times.txt
 
-A file is float32 x, y, z in metres and reflectance, a point after the other; `.bin.xz` is read as well.
+A file holds points of float32 x, y, z in metres and reflectance; `.bin.xz` is read as well.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from lidarcodec.errors import SourceError
 from lidarcodec.sources.decompress import ByteStream
 
 MAX_POINTS: Final = 1 << 20
-"""Eight times what an HDL-64E sees in a turn."""
+"""Most points of a scan: eight times the returns of an HDL-64E in a turn."""
 REVOLUTION_NS: Final = 103_400_000
-"""Mean of the KITTI drives, where a folder does not say."""
+"""Duration of a turn where a folder has no times: the mean of the KITTI drives."""
 INVENTED_START_NS: Final = 1_317_038_400_000_000_000
-"""2011-09-26 12:00 UTC, where a folder does not say."""
+"""Start where a folder has no times: 2011-09-26 12:00 UTC."""
 FOLDERS: Final = ("", "velodyne_points/data", "velodyne", "data")
 POINT_BYTES: Final = 16
 
@@ -43,7 +43,7 @@ class Scan:
 
 
 def find_scans(path: Path) -> list[Scan]:
-    """The scans of a folder (a drive, a sequence, or the files' own), or the one of a file, in order.
+    """The scans of a folder (a drive, a sequence, or the folder of the files), in order; or the one scan of a file.
 
     Raises SourceError if there are none, or a file of times cannot be read.
     """
@@ -56,7 +56,7 @@ def find_scans(path: Path) -> list[Scan]:
 
 
 def read_points(path: Path) -> tuple[Points, int]:
-    """The points of a file, and how many were left out because they are no numbers.
+    """The points of a file, and the number of points left out because a value is not finite.
 
     Raises SourceError if it cannot be read, is cut within a point or too long.
     """
@@ -77,7 +77,7 @@ def read_points(path: Path) -> tuple[Points, int]:
 
 
 def is_millimetres(points: Points) -> bool:
-    """Whether coordinates are whole millimetres, as KITTI's raw scans have them, and moved points do not."""
+    """Whether coordinates are whole millimetres: those of raw scans are, motion-compensated ones are not."""
     mm = points[:, :3] * 1000.0
     return bool(np.mean(np.abs(mm - np.rint(mm)) < 0.01) > 0.9) if len(points) else False
 
@@ -87,24 +87,24 @@ def _files(folder: Path) -> list[Path]:
         inner = folder / name
         if inner.is_dir():
             found = sorted(file for file in inner.iterdir() if file.name.endswith((".bin", ".bin.xz")))
-            if found:  # a scan that is there as .bin and as .bin.xz is one scan
+            if found:  # .bin and .bin.xz of one name are the same scan
                 return sorted({file.name.partition(".")[0]: file for file in reversed(found)}.values(), key=_place)
     raise SourceError(f"{folder} holds no scans: there is no *.bin in it, nor in {', '.join(FOLDERS[1:])}")
 
 
 def _place(file: Path) -> tuple[int, str]:
-    """Scans are in the order of their numbers, also where these have no zeros before them."""
+    """Sort key: the number of the scan, also without leading zeros."""
     return _number(file, 0), file.name
 
 
 def _number(file: Path, position: int) -> int:
-    """The number of a scan in its drive: files may be missing, lines of times are not."""
+    """The number of a scan in its drive. Times are found by it: scan files may be missing, lines of times are not."""
     stem = file.name.partition(".")[0]
     return int(stem) if stem.isdecimal() and len(stem) < 12 else position
 
 
 def _turns(folder: Path, numbers: Sequence[int]) -> list[tuple[int, int]]:
-    """Begin and end of each turn, by the files of times in the folder above the scans."""
+    """Begin and end of each turn, from the files of times in the folder above the scans."""
     starts, ends = _stamps(folder / "timestamps_start.txt"), _stamps(folder / "timestamps_end.txt")
     if starts and ends:
         return [(_at(starts, n, folder), _at(ends, n, folder)) for n in numbers]

@@ -1,7 +1,7 @@
 """KittiSource: a KITTI folder as the packets of its sensor.
 
-Raw scans are inverted to the native numbers that they came from, exactly; odometry scans were moved and are re-gridded,
-which every name of the source says. Which of the two a folder is, is seen by how well its first scan fits.
+Raw scans are inverted exactly to the sensor's native values. Odometry scans are motion compensated, so they are
+re-gridded, and the names of source and sensor say so. The fit of the first scan decides which of the two a folder is.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ Kind = Literal["raw", "odometry"]
 KINDS: Final[tuple[Kind, ...]] = ("raw", "odometry")
 RECOVERED: Final = "kitti_hdl64e_s2_recovered*"
 INNER: Final = frozenset({"data", "velodyne", "velodyne_points"})
-"""Folders that do not say which drive it is."""
+"""Folder names that do not identify the drive."""
 FITS: Final = 0.5
-"""Share of points that must fit for a scan to be raw; of odometry scans 0.3 % do, of raw ones 100 %."""
+"""Smallest share of points that must fit in a raw scan. In odometry scans 0.3 % fit, in raw scans 100 %."""
 MAX_COLUMNS: Final = 4000
-"""As many as the sensor's encoder has steps."""
+"""Most columns of a grid: the number of steps of the sensor's encoder."""
 
 
 class KittiSource(PacketSource):
     """Packets of the scans of a folder, one turn after the other.
 
-    kind: "raw" or "odometry";  fidelity: how near the packets come to each scan read so far, in order
+    kind: "raw" or "odometry";  fidelity: distances between packets and points, for each scan read so far
     Counts: `points in one cell` (of several the nearest stays), `points out of range`, `bad points`, `empty scans`.
     """
 
@@ -51,7 +51,7 @@ class KittiSource(PacketSource):
         """Reads the first scan.
 
         calibration: that of the KITTI sensor; else it is looked for beside the scans and in LIDARCODEC_DATA
-        kind:        "raw" or "odometry", if it is not to be found out;  columns: width of the grid of the latter
+        kind:        "raw" or "odometry", detected by default;  columns: width of the grid for odometry scans
         Raises SourceError if there are no scans, or raw ones without the calibration that they fit; CalibrationError.
         """
         self.path, self._columns = path, columns
@@ -80,7 +80,7 @@ class KittiSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> KittiSource:
-        """The source that a folder, or a `.bin` file, with options `?kind=` and `?columns=` names."""
+        """The source for a folder or `.bin` file with options `?kind=` and `?columns=`."""
         spec.only("kind", "columns")
         text = spec.options.get("kind")
         kind = next((k for k in KINDS if k == text), None)

@@ -1,6 +1,6 @@
-"""RosbagSource: the packets of a rosbag2: its `velodyne_msgs/VelodyneScan`, out of MCAP or SQLite files.
+"""RosbagSource: packets in `velodyne_msgs/VelodyneScan` messages of a rosbag2, from MCAP or SQLite files.
 
-Read without ROS: a bag is a folder with a metadata.yaml and one file or several, or one such file alone.
+It needs no ROS. A bag is a folder with a metadata.yaml and one or more files, or a single such file.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class RosbagSource(PacketSource):
     def __init__(self, path: Path, calibration: Path | None = None, topic: str | None = None) -> None:
         """Reads the beginning.
 
-        topic: of the VelodyneScan, where there are several
+        topic: topic to read, for a bag with several of VelodyneScan
         Raises SourceError if this is no bag or has no such topic, PacketError for packets of another sensor,
         CalibrationError.
         """
@@ -66,7 +66,7 @@ class RosbagSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> RosbagSource:
-        """The source that a path with an option `?topic=` names."""
+        """The source for a path with an option `?topic=`."""
         spec.only("topic")
         return cls(spec.path, calibration, spec.options.get("topic"))
 
@@ -92,12 +92,12 @@ class RosbagSource(PacketSource):
         if number < told:
             counts["damaged"] += 1
             if warn:
-                text = "%s: %s tells of %d messages of %s, and %d were found"
+                text = "%s: %s announces %d messages of %s, but %d were found"
                 log.warning(text, self.path, METADATA, told, self.topic, number)
 
 
 def is_rosbag(path: Path) -> bool:
-    """Whether an MCAP file is a bag of ROS 2, and no recording of ours.
+    """Whether an MCAP file is a bag of ROS 2, not a recording of lidarcodec.
 
     Raises OSError, SourceError.
     """
@@ -138,7 +138,7 @@ def _information(path: Path) -> dict[str, Any]:
 
 
 def _told(path: Path, topic: str) -> int:
-    """How many messages of a topic a bag says that it has; 0 where it says nothing."""
+    """Number of messages of a topic by the bag's metadata; 0 where that has no number."""
     told = _information(path / METADATA).get("topics_with_message_count") if path.is_dir() else None
     for one in told if isinstance(told, list) else ():
         about = one.get("topic_metadata") if isinstance(one, dict) else None
@@ -155,7 +155,7 @@ def _topics(file: Path) -> dict[str, str]:
 
 
 def _topic_of(path: Path, files: list[Path], wanted: str | None) -> str:
-    """The topic to read: the one that is wanted, else the only one with scans."""
+    """The topic to read: `wanted`, or the only one with scans."""
     topics: dict[str, str] = {}
     try:
         for file in files:
@@ -191,13 +191,16 @@ def _messages(file: Path, topic: str, counts: Counter[str], warn: bool) -> Itera
 
 
 def _plain(data: bytes, expands: Allowance, seen: int) -> bytes:
-    """A message that the bag compressed by itself, as it was. expands, seen: what those before became, and had."""
+    """A message decompressed, for bags with compressed messages.
+
+    expands: limit of the bytes that all messages decompress to; seen: compressed bytes read so far
+    """
     if data[:4] != _ZSTD:
         return data
     if not expands.spend(0, seen):
         raise SectionError(f"compressed messages that become more than {EXPANDED_TIMES} times as long")
     try:
-        if zstandard.frame_content_size(data) > MAX_RECORD:  # which would be taken, whatever the limit below says
+        if zstandard.frame_content_size(data) > MAX_RECORD:  # zstandard allocates this size whatever the limit below
             raise SectionError(f"a compressed message of more than {MAX_RECORD} bytes")
         plain = zstandard.ZstdDecompressor(max_window_size=WINDOW_LIMIT).decompress(data, max_output_size=MAX_RECORD)
     except zstandard.ZstdError as error:

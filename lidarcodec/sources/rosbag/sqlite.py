@@ -1,8 +1,8 @@
-"""Messages of a rosbag2 in SQLite (.db3), a file that may hold anything.
+"""Messages of a rosbag2 in SQLite (.db3). The file is not trusted.
 
-A schema is a program: a view, a trigger or a generated column computes what it likes for as long as it likes. So only
-plain tables with the columns of a bag are read, nothing that the file brings is run, and the work of each query is
-counted against the file's size, as are the bytes that come out: rows of a crafted file may all lead to one place.
+A schema can hold code: views, triggers and generated columns can compute anything for any time. So only plain tables
+with the columns of a bag are read, and no code in the file is run. The work of each query is limited by the size of the
+file, and so are the bytes it returns, because many rows of a hostile file may refer to the same bytes.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ log = logging.getLogger(__name__)
 
 MAX_TOPICS: Final = 4096
 MAX_MESSAGES: Final = 4_000_000
-"""Of a topic in one file: 110 hours of an HDL-64E."""
+"""Most messages of a topic in one file: 110 hours of an HDL-64E."""
 COLUMNS: Final = {
     "topics": ({"id", "name", "type"}, {"serialization_format", "offered_qos_profiles", "type_description_hash"}),
     "messages": ({"id", "topic_id", "timestamp", "data"}, set[str]()),
 }
-"""Table -> columns that it has, and those that it may have."""
+"""Table -> columns that it must have, and columns that it may have."""
 _LIMITS: Final = {
     sqlite3.SQLITE_LIMIT_LENGTH: MAX_RECORD,
     sqlite3.SQLITE_LIMIT_SQL_LENGTH: 1 << 16,
@@ -45,7 +45,8 @@ _LIMITS: Final = {
 _STEPS_AT_ONCE: Final = 10_000
 _STEPS_BASE: Final = 10_000_000
 _OPENING_STEPS: Final = 1_000_000
-"""Instructions of SQLite's machine: a table of the schema takes eight, a row of messages about ten and 20 bytes."""
+"""Instructions of SQLite's virtual machine. A table of the schema takes eight; a row of messages takes about ten, and
+at least 20 bytes of the file."""
 
 
 def is_database(path: Path) -> bool:
@@ -68,7 +69,7 @@ def topics(path: Path) -> dict[str, str]:
 
 
 def messages(path: Path, topic: str, counts: Counter[str], warn: bool = True) -> Iterator[bytes]:
-    """Messages of a topic by time. Of a damaged database as many as can be had; what cannot is counted and said."""
+    """Messages of a topic by time. In a damaged database, messages that cannot be read are counted and logged."""
     lost = _Lost(path, counts, warn)
     if (beside := _not_read(path)) is not None:
         lost.add(f"{beside} beside it was not read; `sqlite3 {path} 'PRAGMA wal_checkpoint'` puts it in")
@@ -99,9 +100,9 @@ def messages(path: Path, topic: str, counts: Counter[str], warn: bool = True) ->
 
 
 def _rows(database: sqlite3.Connection, topic: str, lost: _Lost) -> list[int]:
-    """Numbers of the rows of a topic by time; of a damaged table those before the damage, in their order there.
+    """Numbers of the rows of a topic by time. In a damaged table: rows before the damage, in the order of the table.
 
-    The index of the table is not used: where that is damaged, SQLite finds fewer rows and says nothing.
+    The table's index is not used: with a damaged index, SQLite finds fewer rows without an error.
     """
     of_topic = (
         "SELECT messages._rowid_ FROM messages NOT INDEXED JOIN topics ON messages.topic_id = topics.id"
@@ -126,13 +127,13 @@ def _raise_if_too_long(error: sqlite3.DatabaseError) -> None:
 
 
 class _Lost:
-    """Counts what of a database cannot be read, and says so once."""
+    """Counts damage of a database and logs the first one."""
 
     def __init__(self, path: Path, counts: Counter[str], warn: bool) -> None:
         self._path, self._counts, self._warns = path, counts, warn
 
     def add(self, why: str) -> None:
-        """Something was lost."""
+        """Count one damage."""
         self._counts["damaged"] += 1
         if self._warns:
             self._warns = False
@@ -140,8 +141,8 @@ class _Lost:
 
 
 def _not_read(path: Path) -> str | None:
-    """The file beside a database in which a recorder that was killed left its last changes, if there is one."""
-    path = path.resolve()  # SQLite looks beside what a link names
+    """Name of the write-ahead log beside a database that a killed recorder left behind; None if there is none."""
+    path = path.resolve()  # SQLite looks beside the target of a link
     for ending, head_bytes in (("-wal", 32), ("-journal", 512)):
         beside = path.with_name(path.name + ending)
         with contextlib.suppress(OSError):
@@ -151,14 +152,14 @@ def _not_read(path: Path) -> str | None:
 
 
 class _Watch:
-    """Ends a query that takes more instructions than a file of this size can need."""
+    """Ends a query that takes more instructions than a file of this size needs."""
 
     def __init__(self, path: Path) -> None:
         self._left = _OPENING_STEPS
         self._more = _STEPS_BASE + path.stat().st_size
 
     def opened(self) -> None:
-        """The schema was read; the tables may take more."""
+        """The schema was read. Queries of the tables get a higher limit."""
         self._left = self._more
 
     def __call__(self) -> bool:
@@ -167,7 +168,7 @@ class _Watch:
 
 
 def _open(path: Path) -> sqlite3.Connection:
-    """The database, once its tables were seen to be those of a bag. Raises sqlite3.Error, ValueError, OSError."""
+    """The database, with its tables checked. Raises sqlite3.Error, ValueError, OSError."""
     database = sqlite3.connect(
         f"file:{quote(os.fspath(path))}?mode=ro&immutable=1", uri=True, check_same_thread=False, cached_statements=8
     )
@@ -194,7 +195,7 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """Raises ValueError unless the tables of a bag are plain ones with their columns, all of them stored."""
+    """Raises ValueError unless the tables are plain, with the columns of a bag, and without computed columns."""
     plain = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE 'CREATE TABLE%'"
     known = {str(name).lower() for (name,) in database.execute(plain)}
     for table, (needed, possible) in COLUMNS.items():

@@ -1,1 +1,1 @@
-"""Live sensors: sockets and the choice of the sender."""
+"""Live sensors: UDP sockets and the choice of the sender."""

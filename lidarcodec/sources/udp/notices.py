@@ -1,4 +1,5 @@
-"""Notices: warnings of what a live source refuses, one for each cause, and again when its count is ten times as high.
+"""Notices: warnings about packets that a live source refuses: one for each cause, and one more when its count is ten
+times as high.
 
 >>> notices = Notices("UDP 0.0.0.0 port 2368", lambda text: print(text))
 >>> notices.tell("stranger", 3, "refused {packets} from 192.0.2.7", now_s=0.0)
@@ -15,20 +16,20 @@ from collections.abc import Callable
 from typing import Final
 
 SETTLE_S: Final = 1.0
-"""From the first packet of a cause to its warning, so that the count says something."""
+"""Time from the first packet of a cause to its warning, so that the warning has a meaningful count."""
 AGAIN: Final = 10
 MAX_CAUSES: Final = 32
 
 
 class Notices:
-    """What was refused, and how often, said to a log. Bounded: at most 32 causes, each a few times."""
+    """Logs what was refused and how often. Bounded: at most 32 causes, each a few times."""
 
     def __init__(self, label: str, say: Callable[[str], object]) -> None:
         self._label, self._say = label, say
         self._causes: dict[str, _Cause] = {}
 
     def tell(self, cause: str, count: int, text: str, now_s: float) -> None:
-        """This cause stands at `count`; `text` says what that means, with `{packets}` in it."""
+        """Report the current count of a cause. text: the warning; `{packets}` in it becomes the count."""
         if not count:
             return
         known = self._causes.get(cause)
@@ -41,7 +42,7 @@ class Notices:
             self._tell(known)
 
     def close(self) -> None:
-        """Say the last counts that were not said yet."""
+        """Log the last counts that were not logged yet."""
         for cause in list(self._causes.values()):
             if cause.count > cause.said:
                 self._tell(cause)

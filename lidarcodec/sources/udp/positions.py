@@ -1,8 +1,8 @@
 """PositionListener: the position packets of a live sensor, ordered among its data packets by times of arrival.
 
-A sensor sends some 250 a second. The kernel holds seconds of them, so no thread is needed: the call that takes data
-packets takes position packets, too. When another sender appears on this port, the kernel drops its packets before they
-are queued. A flood then takes neither the sensor's room nor the interpreter's time.
+A sensor sends some 250 a second. The kernel buffers seconds of them, so no thread is needed: the call that takes data
+packets takes position packets, too. When another sender appears on this port, a filter in the kernel drops its packets,
+so that a flood fills neither the buffer nor the interpreter's time.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _DROPS: Final = struct.Struct("@I")
 _CONTROL_BYTES: Final = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
 
 STEPPED_BACK_NS: Final = 10_000_000_000
-"""A packet that waits and is so far ahead of the data came before the clock was set back. Data itself is at most 5 s
-late (the queue of the live source)."""
+"""A waiting packet this far ahead of the data came before the clock was set back. Data is at most 5 s late (the queue
+of the live source)."""
 
 
 class PositionListener:
     """Receives on one port of this machine.
 
     counts: `position packets`, and what was lost: `kernel drops`, `wrong length`, `strangers`
-    stranger: address of the first of those, as text
+    stranger: address of the first other sender, as text
     """
 
     def __init__(self, host: str, port: int, *, interface: str | None = None, share: bool = False) -> None:
@@ -49,10 +49,10 @@ class PositionListener:
         self.stranger = ""
 
     def among(self, data: list[Packet], sender: bytes | None, *, anybody: bool = False) -> list[Packet]:
-        """These data packets, the last that came, with the position packets that came before and between them.
+        """The newest data packets, with the position packets that came before and between them.
 
-        sender: address of the sensor; None while it is not known, and everything waits. anybody: take those of all
-        What comes behind the last data packet waits for the next call: if that has no data, nothing comes before it.
+        sender: address of the sensor; None while it is not known: all packets wait. anybody: take those of all senders
+        Position packets after the last data packet wait for the next call.
         """
         before = len(self._waiting)
         self._drain(None if anybody else sender)
@@ -70,7 +70,7 @@ class PositionListener:
 
     @staticmethod
     def _is_due(stamp_ns: int, data_ns: int) -> bool:
-        """Whether a waiting packet goes before a data packet: it came before it, or by a clock that was set back."""
+        """Whether a waiting packet goes before a data packet: it came earlier, or the clock was set back since."""
         return stamp_ns <= data_ns or stamp_ns - data_ns > STEPPED_BACK_NS
 
     def close(self) -> None:
@@ -90,20 +90,20 @@ class PositionListener:
         self.stranger = self.stranger or str(ip_address(own))
 
     def _let_in(self, sender: bytes | None) -> None:
-        """Have the kernel drop what strangers send, once there are any. sender: the sensor; None: let all in."""
+        """Let the kernel filter other senders once there are any. sender: the sensor; None: no filter."""
         wanted = sender if self.counts["strangers"] else None
         if wanted == self._only or not self._filters:
             return
         try:
             take_only_from(self._socket, wanted)
-        except OSError as error:  # closed meanwhile, or a kernel without filters: they are refused one by one
+        except OSError as error:  # closed meanwhile, or no filters in this kernel: packets are refused one by one
             logger.debug("the port of position packets has no filter: %s", error)
             self._filters = False
         else:
             self._only = wanted
 
     def _count_drops(self) -> None:
-        """What the kernel dropped: of strangers, while it lets only the sensor in and has room for what that sends."""
+        """Count kernel drops: `strangers` while the filter is set and the buffer has room, else `kernel drops`."""
         found = dropped(self._socket) if self._tells_drops else None
         if found is None:
             return
@@ -114,7 +114,7 @@ class PositionListener:
             self._dropped = total
 
     def _drain(self, sender: bytes | None) -> None:
-        """Take what the kernel holds, up to a limit; the rest stays there. sender: the only one to take from."""
+        """Take packets from the kernel, up to a limit. sender: the only sender to take from."""
         self._count_drops()
         self._let_in(sender)
         self._read(sender)
@@ -137,7 +137,7 @@ class PositionListener:
             self._waiting.append((Packet(payload, stamp_ns, position=True), own))
 
     def _told(self, control: list[tuple[int, int, bytes]]) -> int:
-        """The kernel's time of arrival in ns; counts what it says that it dropped."""
+        """The kernel's time of arrival in ns; also counts its drops."""
         stamp_ns = 0
         for level, kind, value in control:
             if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) >= _STAMP.size:
@@ -155,7 +155,7 @@ class PositionListener:
 def listener_beside(
     host: str, data_port: int, port: int | None, *, interface: str | None, share: bool
 ) -> PositionListener | None:
-    """What listens for position packets beside a port of data packets, if anything does.
+    """A listener for position packets of the sensor at a data port; None for none.
 
     port: of position packets, 0 for none; None: 8308 beside port 2368, with a warning if that cannot be had, else none
     Raises SourceError if a port that was named cannot be listened on.
@@ -175,7 +175,7 @@ def listener_beside(
 
 
 def _address(text: str) -> bytes:
-    """4 or 16 bytes; 4 of an IPv4 address in IPv6's clothes, as the receiver of data packets has it."""
+    """An address as 4 or 16 bytes; an IPv4-mapped IPv6 address as 4, like in the receiver of data packets."""
     address = ip_address(text.partition("%")[0])
     mapped = getattr(address, "ipv4_mapped", None)
     return (mapped or address).packed

@@ -1,7 +1,7 @@
 """A UDP socket with a large receive buffer, kernel time stamps and kernel drop counts.
 
-The Linux default buffer holds 92 HDL-64 packets, 26 ms; one busy Python thread beside the reader then loses 3-5 %.
-8 MiB hold more than a second. A privileged process gets them even beyond the system's limit (net.core.rmem_max).
+The default buffer of Linux holds 92 HDL-64 packets, 26 ms, which is too small beside one busy Python thread. 8 MiB hold
+more than a second. A privileged process may exceed the system's limit (net.core.rmem_max).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ logger = logging.getLogger(__name__)
 
 BUFFER_BYTES: Final = 8 << 20
 LEAST_BYTES: Final = 1 << 20
-"""Below this a warning: a quarter of a second of an HDL-64."""
+"""A smaller buffer gives a warning: a quarter of a second of an HDL-64."""
 KERNEL_BYTES: Final = 2304
-"""What the kernel charges for one packet of 1206 bytes."""
+"""Bytes that the kernel counts for one packet of 1206 bytes."""
 PACKETS_PER_SECOND: Final = 3472
 SO_RCVBUFFORCE: Final = 33
 SO_TIMESTAMPNS: Final = 35
@@ -30,13 +30,13 @@ _SO_ATTACH_FILTER: Final = 26
 _SO_DETACH_FILTER: Final = 27
 _SO_MEMINFO: Final = 55
 _MEMINFO: Final = struct.Struct("@9I")
-"""`SK_MEMINFO_*` of linux/sock_diag.h: bytes that wait are the first number, the size of the buffer the second, and the
-datagrams that were dropped the last."""
+"""`SK_MEMINFO_*` of linux/sock_diag.h: the first number is the waiting bytes, the second the size of the buffer, the
+last the dropped datagrams."""
 _LOAD_HALF, _LOAD_WORD, _IS_EQUAL, _RETURN = 0x28, 0x20, 0x15, 0x06
 _PROTOCOL: Final = 0xFFFFF000
 _NETWORK_HEADER: Final = 0xFFF00000
 _EVERYTHING: Final = 0xFFFFFFFF
-"""Classic BPF, linux/filter.h: instructions, and where a datagram's protocol and its IP header are."""
+"""Classic BPF, linux/filter.h: instructions, and offsets of a datagram's protocol and IP header."""
 
 
 def open_socket(
@@ -46,7 +46,7 @@ def open_socket(
 
     interface: the one on which the group is joined, its address (IPv4) or name (IPv6)
     share:     let other programs of this machine listen on the same port (always so for multicast)
-    least_bytes: of buffer, below which there is a warning
+    least_bytes: a smaller buffer gives a warning
     Raises SourceError if the address cannot be listened on.
     """
     place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
@@ -78,15 +78,15 @@ def open_socket(
 
 
 def take_only_from(sock: socket.socket, address: bytes | None) -> None:
-    """Have the kernel drop what others send, before it is queued, and count it as dropped.
+    """Set a filter: the kernel drops packets of other senders before they are queued, and counts them as dropped.
 
-    address: 4 or 16 bytes; None: take from everybody again. What is queued already stays.
+    address: 4 or 16 bytes; None: remove the filter. Packets already queued stay.
     Raises OSError.
     """
     if address is None:
         sock.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
         return
-    protocol, begin = (0x0800, 12) if len(address) == 4 else (0x86DD, 8)  # of IPv4 and IPv6; where the sender stands
+    protocol, begin = (0x0800, 12) if len(address) == 4 else (0x86DD, 8)  # EtherType, offset of the sender
     checks = [(_LOAD_HALF, _PROTOCOL, protocol)]
     for at in range(0, len(address), 4):
         checks.append((_LOAD_WORD, _NETWORK_HEADER + begin + at, int.from_bytes(address[at : at + 4], "big")))
@@ -100,11 +100,11 @@ def take_only_from(sock: socket.socket, address: bytes | None) -> None:
 
 
 def dropped(sock: socket.socket) -> tuple[int, bool] | None:
-    """Datagrams that the kernel dropped so far, modulo 2**32, and whether its buffer is half full.
+    """Number of datagrams that the kernel dropped so far, modulo 2**32, and whether its buffer is half full.
 
     None: this kernel does not say (before Linux 4.12).
-    The buffer is emptied by its reader only: if it is not even half full, none was dropped for want of room since the
-    reader was here last.
+    Only the reader empties the buffer: if it is less than half full, nothing was dropped for lack of room since the
+    last read.
     """
     try:
         found = _MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))
@@ -132,7 +132,7 @@ def _join(sock: socket.socket, group: IPv4Address | IPv6Address, interface: str 
 
 
 def _grow(sock: socket.socket) -> int:
-    """Ask for the whole buffer; returns the bytes that were given (the kernel counts double what it is asked for)."""
+    """Request the full buffer; returns the bytes granted (the kernel reports twice the requested size)."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     if size < BUFFER_BYTES:

@@ -1,8 +1,8 @@
 """UdpSource: the packets of a sensor that sends to this machine, live.
 
-A native thread moves packets from the socket to a bounded queue, without the interpreter, so a busy program loses
-nothing for seconds. Lost packets are counted: those that the kernel dropped (`kernel drops`), and the oldest ones of a
-full queue (`queue drops`).
+A native thread moves packets from the socket to a bounded queue without the interpreter, so that no packet is lost
+while the program is busy for some seconds. Lost packets are counted: `kernel drops`, and `queue drops` (the oldest ones
+of a full queue).
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
 logger = logging.getLogger(__name__)
 
 QUEUE_PACKETS: Final = 16_384
-"""4.7 s of an HDL-64 in single return, 20 MB."""
+"""Size of the queue: 4.7 s of an HDL-64 in single-return mode, 20 MB."""
 BATCH_PACKETS: Final = 1024
 TAKE_S: Final = 0.2
 """Longest wait in native code, so that an interrupt of the main thread is seen."""
 REFUSED_PACKETS: Final = 64
-"""So many packets of another sensor, and none of an HDL-64E, end the source."""
+"""The source ends after this many packets of another sensor without one of an HDL-64E."""
 SAY_S: Final = 5.0
-"""After so long without a first packet a warning says that it is waited for."""
+"""Time without a first packet after which a warning is logged."""
 WAIT_S: Final = 2.0
-"""A little more than the 1.2 s (4160 packets) in which the table comes round."""
+"""Longest wait for the calibration table: a little more than its 4160 packets (1.2 s)."""
 
 
 class UdpSource(PacketSource):
-    """Packets of one sensor at an address of this machine: the sender whose packets hang together as a sensor's do.
+    """Packets of one sensor at an address of this machine: of the sender whose packets are consistent with a sensor.
 
-    A sender is an address and a port. It is chosen by what it sent within 0.2 s, and another takes its place when it
-    falls silent or when its packets do not hang together and those of the other do; a FirstPacket comes first then.
+    A sender is an address and a port. It is chosen by the packets of the first 0.2 s. Another sender replaces it when
+    it stops, or when its packets become inconsistent and those of the other are consistent; then a FirstPacket is
+    given.
     Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length`,
-    `position packets` (which are given), `position packets not kept` (that came to the port of data), `other sensor`.
+    `position packets` (which are given), `position packets not kept` (sent to the data port), `other sensor`.
     """
 
     def __init__(
@@ -68,8 +69,8 @@ class UdpSource(PacketSource):
     ) -> None:
         """Listens at once.
 
-        src:        take packets of this sender only;  any_sender: take those of all
-        idle_s:     `packets` ends when none came for so long
+        src:        take packets of this sender only;  any_sender: take packets of all senders
+        idle_s:     `packets` ends after this time without packets
         wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
                     one that comes later replaces `sensor` while packets are read
         position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
@@ -105,7 +106,7 @@ class UdpSource(PacketSource):
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
-        """The source that `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=` names."""
+        """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=`."""
         spec.only("src", "any", "idle", "wait", "interface", "share", "position")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
@@ -154,7 +155,7 @@ class UdpSource(PacketSource):
                 self._say_silent()
 
     def finish(self) -> None:
-        """End `packets` behind what has come by now. Waits for nothing, so a signal handler may call it."""
+        """End `packets` after the packets received so far. Does not wait, so a signal handler may call it."""
         self._last_ns = time.time_ns()
 
     def close(self) -> None:
@@ -172,7 +173,7 @@ class UdpSource(PacketSource):
         logger.warning("%s: nothing came within %g s; waiting %s", self.label, SAY_S, until)
 
     def _await(self, table: TableSearch, wait_s: float) -> None:
-        """Wait for the calibration table; what comes meanwhile is held. Without one the sensor is a generic one."""
+        """Wait for the calibration table and hold packets meanwhile. Without a table the calibration is generic."""
         end = time.monotonic() + wait_s
         while not table.settled and (left_s := end - time.monotonic()) > 0.0:
             self._pump(min(left_s, TAKE_S))
@@ -180,7 +181,7 @@ class UdpSource(PacketSource):
             self.sensor = find_calibration(None, None, table.first)
 
     def _pump(self, limit_s: float) -> None:
-        """Hold what has come, waiting for it.
+        """Wait for packets, at most `limit_s`, and hold them.
 
         Raises PacketError, SourceError.
         """
@@ -209,14 +210,14 @@ class UdpSource(PacketSource):
             raise SourceError(f"{self.label}: {os.strerror(self._receiver.failure())}")
 
     def _forget(self) -> None:
-        """Another sender: what was learned of the one before is not true of it."""
+        """The sender changed: forget the calibration and time of the previous one."""
         if self._searches:
             self._table = TableSearch()
             self.sensor = find_calibration(None, None, ()).with_convention(self.sensor.convention)
             warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
 
     def _learn(self, table: TableSearch) -> None:
-        """The search is over; what was found late replaces the generic calibration."""
+        """The search is over; a table that was found replaces the generic calibration."""
         self._table = None
         if table.sensor is not None:
             late = self._opened
@@ -225,7 +226,7 @@ class UdpSource(PacketSource):
             logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
 
     def _address_of(self, sender: int) -> bytes | None:
-        """Address of the sender with that id, of which there has been a packet; None while there is none."""
+        """Address of the sender with that id; None before its first packet."""
         if sender != self._known[0]:
             found = {number: where[0] for number, where, *_ in self._receiver.senders().report()}
             self._known = sender, found.get(sender, self._known[1])
