@@ -1,6 +1,6 @@
-"""Clocks: the offset of a publisher's clock from ours, with an error of at most half a round trip, also after jumps.
+"""Clocks: offset of a publisher's clock from ours, with an error of at most half a round trip, also after clock jumps.
 
-A receiver that asks a publisher for its time knows when it asked and when the answer came. The publisher read its clock
+A receiver asks a publisher for its time, and notes when it asked and when the answer came. The publisher read its clock
 between these two times (Cristian's algorithm, 1989). The answer with the shortest round trip has the smallest error.
 All waiting uses the monotonic clock, so a jump of a host's clock delays nothing. It only makes latencies unknown until
 the next answer.
@@ -20,17 +20,16 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 LIMIT_MS: Final = 60_000.0
-"""A latency beyond this, or below -1 s, is none: a recording, or clocks that are apart."""
+"""Latencies above this or below -1 s are discarded: they come from a recording or from clocks that differ."""
 JUMP_MS: Final = 250.0
-"""What no clock that is only slewed does between two looks."""
+"""A larger change between two readings is a jump: slewing a clock is slower."""
 DRIFT: Final = 1e-4
-"""How much two clocks may go apart: 0.1 ms a second, twice what a bad quartz does."""
+"""Largest drift between two clocks: 0.1 ms a second, twice that of a bad quartz."""
 REMEMBERED: Final = 8
 
 
 class Clock(NamedTuple):
-    """The clocks of a machine, as everything that tells the time takes them. wall_ns: host time since the Unix epoch,
-    may jump; monotonic_s: never does."""
+    """The clocks of a machine. wall_ns: host time since the Unix epoch, which may jump; monotonic_s: never jumps."""
 
     wall_ns: Callable[[], int] = time.time_ns
     monotonic_s: Callable[[], float] = time.monotonic
@@ -48,7 +47,7 @@ class _Answer(NamedTuple):
 class ClockOffset:
     """The publisher's clock minus ours. Not thread-safe.
 
-    jumps: how often either clock was seen to jump
+    jumps: number of jumps of either clock
     """
 
     def __init__(self) -> None:
@@ -57,7 +56,7 @@ class ClockOffset:
         self.jumps = 0
 
     def look(self, wall_ns: int, monotonic_s: float) -> None:
-        """Compare our own clocks: by what the host's jumped, the publisher's is nearer or farther now."""
+        """Read our own clocks. A jump of the host's clock changes the offset by as much."""
         if self._ours is not None:
             gone_ms = (wall_ns - self._ours[0]) / 1e6 - 1e3 * (monotonic_s - self._ours[1])
             if abs(gone_ms) > JUMP_MS:
@@ -67,7 +66,7 @@ class ClockOffset:
         self._ours = wall_ns, monotonic_s
 
     def answered(self, asked_ns: int, told_ns: int, answered_ns: int, monotonic_s: float) -> None:
-        """Take an answer: when it was asked for, the publisher's time in it, and when it came."""
+        """Take an answer: time of the question, the publisher's time, and time of arrival."""
         self.look(answered_ns, monotonic_s)
         bound_ms = (answered_ns - asked_ns) / 2e6
         if bound_ms < 0.0:
@@ -82,7 +81,7 @@ class ClockOffset:
         self._answers.append(new)
 
     def forget(self) -> None:
-        """The publisher's clock was seen to jump, or the publisher is another one."""
+        """Forget the answers, because the publisher's clock jumped or the publisher changed."""
         self._answers.clear()
 
     def offset_ms(self, monotonic_s: float) -> float | None:
@@ -91,7 +90,7 @@ class ClockOffset:
         return None if best is None else best.offset_ms
 
     def bound_ms(self, monotonic_s: float) -> float | None:
-        """How far off `offset_ms` may be: half of the round trip, and what clocks drift since; None likewise."""
+        """Largest error of `offset_ms`: half of the round trip, plus drift since; None before the first answer."""
         best = self._best(monotonic_s)
         return None if best is None else self._bound(best, monotonic_s)
 
@@ -106,7 +105,7 @@ class ClockOffset:
 class LatencyClock:
     """Latencies from a publisher's stamps to our time, also when clocks jump. Thread-safe.
 
-    unsure: called when a stamp shows that a clock jumped: it is time to ask again
+    unsure: called when a stamp shows that a clock jumped, so that the offset must be asked for again
     """
 
     def __init__(self, clock: Clock = SYSTEM, unsure: Callable[[], object] = lambda: None) -> None:
@@ -124,13 +123,13 @@ class LatencyClock:
             self._last = None
 
     def restarted(self) -> None:
-        """Another publisher sends now, on a machine that may be another one."""
+        """Another publisher sends now, maybe on another machine."""
         with self._lock:
             self._offset.forget()
             self._last, self._distrust = None, False
 
     def latency_ms(self, last_ns: int, now_ns: int) -> float | None:
-        """From a publisher's stamp to our time, put right where the clocks are surely apart; None when unknown."""
+        """Time from a publisher's stamp to `now_ns`, corrected if the clocks certainly differ; None when unknown."""
         with self._lock:
             now_s = self._clock.monotonic_s()
             self._offset.look(now_ns, now_s)
@@ -147,8 +146,8 @@ class LatencyClock:
         return None if unknown else value
 
     def state(self) -> dict[str, Any]:
-        """`offset_ms`: the publisher's clock minus ours; `bound_ms`: how far that may be off; null before the first
-        answer. `state`: `in step` as far as can be known, `corrected` in the latencies, or `unknown`; `jumps`."""
+        """`offset_ms`: the publisher's clock minus ours; `bound_ms`: its largest error; both null before the first
+        answer. `state`: `in step` (equal within the error), `corrected` (in the latencies), or `unknown`; `jumps`."""
         with self._lock:
             now_s = self._clock.monotonic_s()
             offset, bound = self._offset.offset_ms(now_s), self._offset.bound_ms(now_s)
@@ -165,8 +164,8 @@ class LatencyClock:
         return 0.0 if offset is None or bound is None or abs(offset) <= bound else offset
 
     def _jumped(self, value: float, now_s: float) -> bool:
-        """Whether the publisher's clock was set: back, when a frame is older than the one before by more than the time
-        since it; or ahead, when a frame comes from the future."""
+        """Whether the publisher's clock was set: back, if latency grew by more than the time since the last frame; or
+        ahead, if a stamp is in the future."""
         if self._offset.offset_ms(now_s) is not None and value < -JUMP_MS:
             return True
         if self._last is None:

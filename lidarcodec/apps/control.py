@@ -1,7 +1,7 @@
-"""What a publisher answers on its control keys: JSON in, JSON out, and never an exception.
+"""A publisher's answers on its control keys: JSON in, JSON out. Errors are answers, too.
 
-An error is `{"error": what is wrong and what would be right, "field": the setting or null}`, with `retry_s` where the
-same query may be answered later.
+An error is `{"error": text with a remedy, "field": the setting or null}`, with `retry_s` where the same query may
+succeed later.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 class TooOftenError(SettingsError):
-    """Something is asked too often; retry_s: when it may be asked again."""
+    """Queries came too often; retry_s: seconds until the next one is answered."""
 
     def __init__(self, what: str, retry_s: float) -> None:
         super().__init__(f"{what} too often: try again in {retry_s:.2f} s")
@@ -28,7 +28,7 @@ class TooOftenError(SettingsError):
 
 
 class Applied(NamedTuple):
-    """What became of a change: the settings in force, the first frame under them, whether a key frame comes."""
+    """Result of a change: current settings, index of the first frame with them, whether it is a key frame."""
 
     settings: StreamSettings
     first_frame: int
@@ -36,9 +36,9 @@ class Applied(NamedTuple):
 
 
 def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSettings:
-    """Settings with some fields changed, checked as a whole against the codec that they name.
+    """Settings with some fields changed, checked together against their codec.
 
-    Raises SettingsError or UnknownNameError; nothing is half taken.
+    Raises SettingsError or UnknownNameError.
     """
     for field in changes:
         if field not in StreamSettings.model_fields:
@@ -49,8 +49,8 @@ def settings_with(settings: StreamSettings, changes: dict[str, Any]) -> StreamSe
 
 
 def _check_no_path(settings: StreamSettings, changes: dict[str, Any]) -> None:
-    """Raises SettingsError for a text among a codec's settings that may be a path: what exists on this machine, and can
-    be read, is secret. What is in force already, from this machine's command line, may be said again.
+    """Raises SettingsError for a codec setting that may be a path, so that queries cannot find out which files exist on
+    this machine. Values that the command line of this machine set may be repeated.
     """
     given = changes.get("codec_settings")
     for name, value in given.items() if isinstance(given, dict) else ():

@@ -1,4 +1,4 @@
-"""Ending threads, with a time limit. Our threads are daemons: one that does not end in time ends with its process."""
+"""Ending threads with a time limit. Threads are daemons: one that does not end in time ends with the process."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from collections.abc import Iterable
 logger = logging.getLogger(__name__)
 
 END_S = 20.0
-"""Seconds that all threads together may take."""
+"""Time limit in seconds for all threads together."""
 
 
 def ended(threads: Iterable[threading.Thread], limit_s: float = END_S) -> bool:
-    """Whether threads that were told to end have ended; waits for those that were begun, at most `limit_s` seconds.
+    """Wait for started threads, at most `limit_s` seconds; returns whether all have ended.
 
-    Those that have not are left behind, and named in the log.
+    Threads that have not are abandoned and named in the log.
     """
     end = time.monotonic() + limit_s
     begun = [one for one in threads if one.ident is not None and one is not threading.current_thread()]

@@ -1,7 +1,7 @@
-"""Health: the state of publishing in a file, for watchdogs of a process that cannot be asked over the network.
+"""Health: the state of a publisher in a file, for watchdogs that cannot ask over the network.
 
-A vehicle whose router is away, or refuses it, is well; one that hangs, or whose sensor sends nothing, is not. Ages are
-by the clock that no one sets (CLOCK_MONOTONIC), which is the same for all processes of a machine.
+A publisher that cannot reach its router is healthy. One that hangs, or whose sensor sends nothing, is not. Ages are
+measured with CLOCK_MONOTONIC, which is the same for all processes of a machine and never set.
 
 >>> complaints({"monotonic_s": 100.0, "sensors": [{"stream": "car-7/roof", "quiet_s": 12.0}]}, now_s=100.5)
 ['car-7/roof: no frame came from the sensor for 12 s']
@@ -31,17 +31,17 @@ logger = logging.getLogger(__name__)
 
 TELL_S = 1.0
 STALE_S = 10.0
-"""A file that was not written for so long is that of a process that hangs, or is gone."""
+"""If a file is older than this, its process hangs or has ended."""
 QUIET_S = 10.0
-"""Seconds without a frame, or without sending one to a receiver, after which frames are missed."""
+"""Seconds without a frame from the sensor, or without one sent to a connected receiver, that count as a fault."""
 MAX_FILE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class SensorState:
-    """How a sensor is doing now.
+    """Current state of a sensor.
 
-    assembled, sent: frames since it was opened;  failure: why nothing comes from it
+    assembled, sent: number of frames since it was opened;  failure: why its source ended
     """
 
     stream: str
@@ -58,10 +58,10 @@ class SensorState:
 
 
 class HealthFile:
-    """Writes how it goes, once a second. A context manager: the file is gone when it is left in good order."""
+    """Writes the state once a second. A context manager: it removes the file when it exits normally."""
 
     def __init__(self, path: Path, states: Callable[[], Sequence[SensorState]]) -> None:
-        """states: called in a thread of its own"""
+        """states: gives the states of the sensors; called in a thread of this object"""
         self._path, self._states = path, states
         self._stop = threading.Event()
         self._since: dict[str, dict[str, tuple[int, float]]] = {}
@@ -69,7 +69,7 @@ class HealthFile:
         self._complained = False
 
     def __enter__(self) -> Self:
-        """Raises SettingsError when the file cannot be written, or when something else has its name."""
+        """Raises SettingsError when the file cannot be written, or is not a health file."""
         self._check_place()
         try:
             self._write()
@@ -81,11 +81,11 @@ class HealthFile:
     def __exit__(self, *exc: object) -> None:
         self._stop.set()
         ended([self._thread])
-        if self._writer() == os.getpid():  # another publisher may have taken the name
+        if self._writer() == os.getpid():  # another publisher may write the file now
             self._path.unlink(missing_ok=True)
 
     def _check_place(self) -> None:
-        """Refuse to take the place of anything but a health file.
+        """Check that the file is a health file, if it exists.
 
         Raises SettingsError.
         """
@@ -100,9 +100,9 @@ class HealthFile:
                            writer)  # fmt: skip
 
     def _writer(self) -> int | None:
-        """The process that wrote the file last; None where there is no health file."""
+        """Id of the process that wrote the file last; None if there is no health file."""
         try:
-            if not stat.S_ISREG(os.lstat(self._path).st_mode):  # a pipe would be waited for
+            if not stat.S_ISREG(os.lstat(self._path).st_mode):  # reading a pipe would block
                 return None
             with open_regular(self._path) as file:
                 told = read_object(file.read(MAX_FILE_BYTES + 1), MAX_FILE_BYTES)
@@ -116,7 +116,7 @@ class HealthFile:
         while not self._stop.wait(TELL_S):
             try:
                 self._write()
-            except LidarCodecError as error:  # it grows old, and that is seen
+            except LidarCodecError as error:  # watchdogs see that the file is old
                 if not self._complained:
                     logger.warning("%s", error)
                 self._complained = True
@@ -151,7 +151,7 @@ class HealthFile:
 
 
 def _runs(process: int) -> bool:
-    """Whether there is a process of that number."""
+    """Whether a process with that id exists."""
     if process <= 0:
         return False
     try:
@@ -166,14 +166,14 @@ def _runs(process: int) -> bool:
 def told_in(
     path: Path | None, states: Callable[[], Sequence[SensorState]]
 ) -> AbstractContextManager[HealthFile | None]:
-    """A HealthFile, where one is wanted."""
+    """A HealthFile at a path, or a context manager that does nothing without a path."""
     return nullcontext() if path is None else HealthFile(path, states)
 
 
 def complaints(told: dict[str, Any], now_s: float) -> list[str]:
-    """What is wrong by a health file, in lines; empty when all is well.
+    """Faults in the contents of a health file, one text each; empty if there are none.
 
-    Raises SourceError when it is none.
+    Raises SourceError if these are not the contents of a health file.
     """
     try:
         age_s = now_s - float(told["monotonic_s"])
@@ -194,9 +194,9 @@ def complaints(told: dict[str, Any], now_s: float) -> list[str]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """What a health file says.
+    """Contents of a health file.
 
-    Raises SourceError when there is none.
+    Raises SourceError if there is none.
     """
     try:
         with open_regular(path) as file:

@@ -1,4 +1,4 @@
-"""Mailbox: one slot between two threads. Newest wins, and what was replaced is counted, never hidden.
+"""Mailbox: one slot between two threads. A new item replaces one that was not taken, and replaced items are counted.
 
 >>> mailbox = Mailbox[str]()
 >>> mailbox.put("old"), mailbox.put("new"), mailbox.take(0.1), mailbox.replaced
@@ -15,9 +15,9 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """A slot for one item. Closing it ends every wait; what is in it can still be taken.
+    """A slot for one item. Closing it ends every wait; an item in it can still be taken.
 
-    replaced: items that gave way to a newer one
+    replaced: number of items that a newer one replaced
     """
 
     def __init__(self, on_put: Callable[[], object] | None = None) -> None:
@@ -30,7 +30,7 @@ class Mailbox(Generic[T]):
 
     @property
     def closed(self) -> bool:
-        """Whether nothing more will be put."""
+        """Whether it was closed."""
         return self._closed
 
     @property
@@ -40,7 +40,7 @@ class Mailbox(Generic[T]):
             return self._closed and self._item is None
 
     def put(self, item: T) -> bool:
-        """Leave an item, in place of one that was not taken yet. False, and nothing is left, once closed."""
+        """Put an item, replacing one that was not taken. False if closed: nothing is put."""
         with self._condition:
             if self._closed:
                 return False
@@ -51,7 +51,7 @@ class Mailbox(Generic[T]):
         return True
 
     def put_wait(self, item: T, timeout_s: float) -> bool:
-        """Leave an item when the slot is free. False, and nothing is left, when that took too long, or once closed."""
+        """Wait for a free slot and put an item. False after the timeout or if closed: nothing is put."""
         with self._condition:
             free = self._condition.wait_for(lambda: self._item is None or self._closed, timeout_s)
             if self._closed or not free:
@@ -62,7 +62,7 @@ class Mailbox(Generic[T]):
         return True
 
     def take(self, timeout_s: float) -> T | None:
-        """The item, as soon as there is one; None when there was none in time, or once closed and empty."""
+        """Wait for an item and take it. None after the timeout, or if closed and empty."""
         with self._condition:
             self._condition.wait_for(lambda: self._item is not None or self._closed, timeout_s)
             item, self._item = self._item, None
@@ -70,7 +70,7 @@ class Mailbox(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Take no more; harmless when called twice."""
+        """Accept no more items; harmless when called twice."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()

@@ -1,4 +1,4 @@
-"""Once: log a cause the first time, count it always."""
+"""Once: log an error the first time, count it every time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MAX_CAUSES = 64
 
 
 class Once:
-    """Counts of what went wrong, one WARNING for each kind of it. Thread-safe."""
+    """Counts errors, with one WARNING for each kind. Thread-safe."""
 
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
@@ -19,7 +19,7 @@ class Once:
         self.counts: Counter[str] = Counter()
 
     def add(self, what: str, error: BaseException) -> None:
-        """Count `what`; say why, unless it happened with this kind of error before."""
+        """Count `what`, and log it with the error if this kind of error is new for it."""
         cause = (what, type(error))
         with self._lock:
             self.counts[what] += 1

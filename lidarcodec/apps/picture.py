@@ -25,7 +25,7 @@ Image = npt.NDArray[np.uint8]
 
 WIDTH, VIEW_HEIGHT, STRIP_HEIGHT, MARGIN = 1920, 860, 256, 52
 FINE = 2
-"""Drawn this many times larger and scaled down, so that points have soft edges."""
+"""Factor by which points are drawn larger and scaled down, for soft edges."""
 BACKGROUND = (12, 16, 24)
 TEXT = (198, 206, 214)
 QUIET = (92, 104, 120)
@@ -74,7 +74,7 @@ def _project(points: npt.NDArray[np.float64], width: int, height: int) -> tuple[
 
 
 def _polyline(image: PIL.Image.Image, points: npt.NDArray[np.float64], colour: tuple[int, int, int]) -> None:
-    """Draw a line through points in metres, leaving out what is behind the camera."""
+    """Draw a line through points in metres, without parts behind the camera."""
     pixels, depth = _project(points, *image.size)
     ends, draw = np.rint(pixels).astype(int).tolist(), PIL.ImageDraw.Draw(image)
     for start in np.flatnonzero((depth[:-1] > 1.0) & (depth[1:] > 1.0)):

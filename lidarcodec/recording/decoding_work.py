@@ -1,7 +1,7 @@
-"""decoded: the frames of a recording's messages, as many as the size of the file allows.
+"""decoded: the frames of a recording's messages, limited in proportion to the size of the file.
 
-Equal messages in a compressed chunk take twenty bytes of a file each, and a tenth of a second to decode: hours for a
-file of a megabyte. A recording of ours never has as many returns for a byte, even if all its frames are the same wall.
+A hostile file may repeat a message in a compressed chunk: twenty bytes each, and a tenth of a second to decode, so a
+megabyte would take hours. Recordings of lidarcodec never have that many returns for a byte (budgets.py).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def decoded(
 ) -> Iterator[tuple[Message, list[Frame]]]:
     """Each message that can be decoded, with the frames that became complete with it.
 
-    Ends early, counted and said as damage, where a file decodes to too much: returns and columns are added up, and a
-    message that fails costs as much as a full one, because it may fail at its very end.
+    Ends early, counted and logged as damage, when a file decodes to too much. The work is the sum of returns and
+    columns. A message that fails counts as a full frame, because it may fail at its very end.
 
     messages: from `reader`, with their times;  decode: of the stream's decoder;  failed: is given each error
     Raises MissingExtraError at a message of a codec that is not installed here.
@@ -42,7 +42,7 @@ def decoded(
             message = unpack(data)
             width = message.width
             frames = decode(message)
-        except MissingExtraError:  # no damage: all of it decodes where that is installed
+        except MissingExtraError:  # no damage: the file decodes where the codec is installed
             raise
         except DecodeError as error:
             failed(error)

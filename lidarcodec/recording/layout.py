@@ -1,4 +1,4 @@
-"""What a recording holds: an MCAP file (mcap.dev) with one channel of messages, of raw packets, or of both.
+"""Layout of a recording: an MCAP file (mcap.dev) with a channel of messages, a channel of raw packets, or both.
 
 | encoding             | topic                                      | data of an MCAP message                    |
 |----------------------|--------------------------------------------|--------------------------------------------|
@@ -7,7 +7,7 @@
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/points`  | `foxglove.PointCloud`: what a message decodes to |
 | `protobuf`           | `lidarcodec/v1/{vehicle}/{sensor}/pose`    | `foxglove.FrameTransform`: where the sensor was |
 
-The last two are for people with a viewer, and only there if asked for; nothing of ours reads them.
+The last two are optional. They are for viewers; lidarcodec itself does not read them.
 
 The MCAP log time is the stamp of the (first) frame or packet, the sequence its frame index modulo 2^32.
 """
@@ -31,7 +31,7 @@ PACKET_ENCODING: Final = "lidarcodec.packets"
 METADATA_NAME: Final = "lidarcodec"
 """Name of the MCAP metadata record: format, version, vehicle, sensor and the settings as JSON."""
 MAX_BATCH: Final = 16384
-"""Data packets in a batch, at most: 20 MB."""
+"""Most data packets in a batch: 20 MB."""
 
 _COUNT: Final = struct.Struct("<I")
 _STAMP: Final = struct.Struct("<q")

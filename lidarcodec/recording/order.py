@@ -1,4 +1,4 @@
-"""in_sent_order: the messages of a recording in the order of their frames, where the network delivered some late.
+"""in_sent_order: the messages of a recording sorted by frame number, for messages that arrived late.
 
 >>> waiting = _Waiting()
 >>> [index for number in (5, 7, 6, 8) for index, _ in waiting.take(1, number, 1, (number, b""))]
@@ -17,13 +17,13 @@ from lidarcodec import wire
 from lidarcodec.errors import DecodeError
 
 REACH: Final = 8
-"""Messages by which one may be late and still be put in order. No more are held in memory."""
+"""Largest number of messages by which one may be late and still be sorted. No more are held in memory."""
 
 Stamped = tuple[int, bytes]
 
 
 def in_sent_order(messages: Iterable[Stamped]) -> Iterator[Stamped]:
-    """Each message of a stream behind those of lower frame numbers, if it is at most REACH messages late.
+    """The messages of a stream sorted by frame number, if none is more than REACH messages late.
 
     A recorder writes messages as they come in. Decoders need them in the order in which they were sent.
     messages: of one channel, each with its time in ns. A message that cannot be read stays where it is.
@@ -49,7 +49,7 @@ class _Waiting:
         self._taken = 0
 
     def take(self, stream: int, index: int, frames: int, stamped: Stamped) -> Iterator[Stamped]:
-        """Takes a message of so many frames; gives those behind which it belongs."""
+        """Take a message of `frames` frames; returns the messages that are now in order."""
         newest = self._messages[-1][0] if self._messages else index
         if stream != self._stream or newest - index > REACH * frames:  # another run of the publisher
             yield from self.rest()
@@ -60,6 +60,6 @@ class _Waiting:
             yield self._messages.pop(0)[2]
 
     def rest(self) -> Iterator[Stamped]:
-        """Gives all messages that wait."""
+        """All waiting messages, in order."""
         yield from (stamped for _, _, stamped in self._messages)
         self._messages.clear()

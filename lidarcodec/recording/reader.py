@@ -1,4 +1,4 @@
-"""Reader of recordings, whole or cut: it gives every whole message, and counts the lost ones."""
+"""Reader of complete and cut recordings: it gives every complete message, and counts lost ones."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ log = logging.getLogger(__name__)
 
 _MAX_CHANNELS: Final = 4096
 _MAX_STREAMS: Final = 4096
-"""Starts of a publisher that are distinguished, at most: a hostile file may name a new one in each message."""
+"""Most stream ids that are remembered: a hostile file may have a new one in each message."""
 _MAX_PLACES: Final = 1 << 20
-"""Places to begin reading that are kept, at most: 130 MB."""
+"""Most places to begin reading that are kept: 130 MB."""
 
 
 class _Place(NamedTuple):
@@ -35,8 +35,8 @@ class _Place(NamedTuple):
 class RecordingReader:
     """Reads a recording from a binary file that can seek; neither opens nor closes it.
 
-    metadata: what the writer noted (vehicle, sensor, settings, ...), as texts; empty for files of other programs
-    profile: what the file says it follows, such as `ros2`; empty for ours
+    metadata: texts of the writer (vehicle, sensor, settings, ...); empty for files of other programs
+    profile: MCAP profile of the file, such as `ros2`; empty for recordings of lidarcodec
     channels: those at the beginning, by id;  schemas: names of types, by id
     size: bytes of the file
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches,
@@ -45,7 +45,7 @@ class RecordingReader:
     """
 
     def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
-        """warn: False where the same file is read again, and was or will be warned of.
+        """warn: False where the same file is read again, so that its warnings are not logged twice.
 
         Raises SourceError if this is no MCAP file.
         """
@@ -79,7 +79,7 @@ class RecordingReader:
         last: int | None = None
         for stored in self._read(MESSAGE_ENCODING, topic, start_ns, _is_key):
             data = stored.data()
-            with suppress(DecodeError):  # a reader of messages says what is wrong with it
+            with suppress(DecodeError):  # the decoder of the message reports the error
                 stream = wire.peek(data).stream_id
                 if stream != last and stream in streams:
                     self._mixed()
@@ -111,17 +111,17 @@ class RecordingReader:
                     yield channel, one
 
     def leave_out_rest(self, why: str) -> None:
-        """Notes and logs that a reader stops here, because what follows is not part of a recording."""
+        """Count and log that reading stops here. why: the reason"""
         self._damaged(DamagedError(f"{why}; the rest was not read"))
 
     def topics(self) -> dict[str, str]:
-        """Topic to type of every channel with a schema, wherever in the file it is told of."""
+        """Topic -> type of every channel with a schema, anywhere in the file."""
         if not self._indexed():
             self._scanned()
         return {one.topic: self.schemas[one.schema] for one in self.channels.values() if one.schema in self.schemas}
 
     def span(self) -> tuple[int, int] | None:
-        """Stamps in ns of the first message and of the last one that is whole; None if there is none."""
+        """Stamps in ns of the first and the last complete message; None if there is none."""
         places = self._indexed() or self._scanned()
         if not places:
             return None
@@ -140,10 +140,10 @@ class RecordingReader:
                 elif list(self._inside(record, check=False)) or record.opcode == records.DATA_END:
                     return
         except DamagedError:
-            return  # it will be met and counted again when messages are read
+            return  # the error is counted when messages are read
 
     def _learn_of(self, source: IO[bytes], record: Record) -> None:
-        """Take note of a channel or a schema, if this record is one."""
+        """Remember a channel or a schema, if this record is one."""
         if record.opcode == records.CHANNEL and record.whole and len(self.channels) < _MAX_CHANNELS:
             channel = records.channel_of(source, record)
             self.channels[channel.number] = channel
@@ -197,8 +197,8 @@ class RecordingReader:
         self._warn(f"{self._name} was cut off: {self._size - end} bytes after its last complete message are lost")
 
     def _compare(self, count: int) -> None:
-        """Count and say that the file has more messages than were found. A wrong bit may make a chunk something else,
-        which is skipped, or the end of the data.
+        """Count and log if fewer messages were found than the file announces. A flipped bit in an opcode hides a chunk,
+        or ends the data early.
         """
         start = records.summary_start(self._stream, self._size)
         for record in records.records(self._stream, start, self._size) if start is not None else ():
@@ -208,7 +208,7 @@ class RecordingReader:
                     self._damaged(DamagedError(f"{count} of its {told} messages were found"))
 
     def _look_behind(self, record: Record) -> None:
-        """Count and say what lies behind the end of the recording, as when files were joined by `cat`."""
+        """Count and log bytes after the end of the recording, for example of files joined with `cat`."""
         end = record.end
         for following in records.records(self._stream, record.offset, self._size):
             end = following.end
@@ -224,7 +224,7 @@ class RecordingReader:
     def _read(
         self, encoding: str, topic: str | None, start_ns: int | None, may_start: Callable[[Stored], bool]
     ) -> Iterator[Stored]:
-        """Messages of one channel; with `start_ns` from the last one at or before it where one may start."""
+        """Messages of one channel; with `start_ns` from the last message at or before it that reading can start at."""
         place = _Place(self._data_start, 0)
         if start_ns is not None:
             place = self._last_place(encoding, topic, start_ns, may_start) or place
@@ -246,7 +246,7 @@ class RecordingReader:
         return channel.topic == self.channels[first].topic
 
     def _channel(self, number: int) -> Channel | None:
-        """A channel by its id. One that the data tells of in a damaged chunk stands in the summary, too."""
+        """A channel by its id. If its record is in a damaged chunk, it is read from the summary."""
         if number not in self.channels and not self._summarised:
             self._summarised = True
             self._indexed()
@@ -274,7 +274,7 @@ class RecordingReader:
         return None
 
     def _indexed(self) -> list[tuple[int, int]]:
-        """(time of the first message, offset) of each chunk out of the file's own index; empty if it has none."""
+        """(time of the first message, offset) of each chunk, from the file's index; empty if it has none."""
         start = records.summary_start(self._stream, self._size)
         if start is None:
             return []
@@ -290,7 +290,7 @@ class RecordingReader:
         return found if all(self._data_start <= offset < start for _, offset in found) else []
 
     def _scanned(self) -> list[tuple[int, int]]:
-        """The same out of the data itself, without reading any message."""
+        """The same from the data section, without reading messages."""
         found: list[tuple[int, int]] = []
         for at, stored in self._walk(self._data_start, check=False):
             if stored:
@@ -317,7 +317,7 @@ class RecordingReader:
 
 
 def _thin(places: list[tuple[int, int]]) -> None:
-    """Leave out every second place of very many: reading then begins a little earlier."""
+    """Remove every second place if there are too many; reading may then begin a little earlier."""
     if len(places) > _MAX_PLACES:
         del places[1::2]
 

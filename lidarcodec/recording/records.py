@@ -1,7 +1,7 @@
-"""MCAP records of a file. Only what is asked for is read, and every length is checked.
+"""MCAP records of a file. Records are read one at a time, and every length is checked.
 
-The `mcap` package's own readers give up on a cut file, or read all of it first (docs/decisions/0002); here a
-record that is not whole is simply where the recording ends. Layouts: mcap.dev/spec.
+The readers of the `mcap` package fail on a cut file, or read all of it first (docs/decisions/0002). Here a recording
+ends at its first incomplete record. Layouts: mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
 CHUNK_INDEX, STATISTICS, METADATA, DATA_END = 8, 11, 12, 15
 MAX_RECORD: Final = 65 * 2**20
-"""Largest record that is read into memory: a message of 64 MiB and what MCAP adds to it."""
+"""Largest record that is read into memory: a message of 64 MiB and the overhead of MCAP."""
 
 MAX_CHUNK_RECORDS: Final = 1 << 19
-"""Records of a chunk, which is held in memory; programs close one after 1 to 4 MB."""
+"""Most records of a chunk, which is held in memory; programs write chunks of 1 to 4 MB."""
 MAX_NAME: Final = 4096
-"""Bytes of the name of a topic, an encoding or a type."""
+"""Longest name of a topic, an encoding or a type, in bytes."""
 MAX_ABOUT: Final = MIB
-"""Bytes of metadata."""
+"""Largest metadata text, in bytes."""
 _WINDOW: Final = 128 * MIB
 
 _HEAD: Final = struct.Struct("<BQ")
@@ -39,11 +39,11 @@ _FOOTER: Final = struct.Struct("<QQI")
 
 
 class DamagedError(Exception):
-    """A record that contradicts itself. Stays inside this package."""
+    """A record that contradicts itself. It is never raised out of this package."""
 
 
 class Record(NamedTuple):
-    """A record: opcode, where its content begins, bytes of content, and whether all of it is there."""
+    """A record: opcode, offset and length of its content in bytes, and whether it is complete."""
 
     opcode: int
     start: int
@@ -52,17 +52,17 @@ class Record(NamedTuple):
 
     @property
     def offset(self) -> int:
-        """Where the record itself begins."""
+        """Offset of the record."""
         return self.start - _HEAD.size
 
     @property
     def end(self) -> int:
-        """Where the next record begins."""
+        """Offset of the next record."""
         return self.start + self.length
 
 
 class Stored(NamedTuple):
-    """A stored message: channel, log time, where its data is, and its sequence number."""
+    """A stored message: channel, log time, offset and length of its data, and sequence number."""
 
     channel: int
     log_time: int
@@ -72,12 +72,12 @@ class Stored(NamedTuple):
     sequence: int = 0
 
     def data(self, limit: int = MAX_RECORD) -> bytes:
-        """The data, or as much of it as `limit` allows."""
+        """The data, at most `limit` bytes of it."""
         return read(self.source, self.start, min(self.length, limit))
 
 
 class Chunk(NamedTuple):
-    """Head of a chunk: times of its first and last message, and where its records are."""
+    """Head of a chunk: times of its first and last message, and offset of its records."""
 
     first_time: int
     last_time: int
@@ -98,9 +98,9 @@ class Channel(NamedTuple):
 
 
 class Work:
-    """Counts what chunks expand to, and the records in them, against where in the file they are.
+    """Limits the expanded bytes and the records of chunks in proportion to the part of the file read.
 
-    A compressed chunk of 2 kB may hold 65 MiB, or seven million records that say nothing.
+    A compressed chunk of 2 kB may expand to 65 MiB, or to seven million empty records.
     """
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ class Work:
         self._records = Allowance(RECORDS_BASE, RECORDS_PER_BYTE)
 
     def open(self, chunk: Chunk) -> None:
-        """To be called before a chunk is opened. Raises DamagedError when too much was expanded."""
+        """Called before a chunk is opened. Raises DamagedError if chunks expand to too much."""
         if chunk.compression and not self._expanded.spend(chunk.plain_bytes, chunk.start + chunk.length):
             raise DamagedError(f"chunks that expand to more than {EXPANDED_TIMES} times their size")
 
@@ -142,9 +142,9 @@ def size_of(stream: IO[bytes]) -> int:
 
 
 def records(stream: IO[bytes], start: int, end: int) -> Iterator[Record]:
-    """Records between two offsets. The last one may not be whole; less than a record's head gives none.
+    """Records between two offsets. The last one may be incomplete; a rest shorter than a record's head is ignored.
 
-    Ends at opcode 0, which no record has: a file system that lost its power leaves zeros.
+    Ends at opcode 0, which no record has: files have zeros at the end after a loss of power.
     """
     while end - start >= _HEAD.size:
         opcode, length = _HEAD.unpack(read(stream, start, _HEAD.size))
@@ -185,7 +185,7 @@ def schema_of(stream: IO[bytes], record: Record) -> tuple[int, str]:
 
 
 def profile_of(stream: IO[bytes], start: int, end: int) -> str:
-    """What the file's head says it follows, such as `ros2`; empty if nothing."""
+    """The profile in the file's header, such as `ros2`; empty if there is none."""
     for record in records(stream, start, end):
         if record.opcode == HEADER and record.whole:
             return _text(read(stream, record.start, record.length), 0)[0]
@@ -214,7 +214,7 @@ def stored_of(stream: IO[bytes], record: Record) -> Stored:
 
 
 def chunk_of(stream: IO[bytes], record: Record) -> Chunk:
-    """Head of a chunk, which may not be whole."""
+    """Head of a chunk, which may be incomplete."""
     first, last, plain, crc, name_bytes = _CHUNK.unpack(read(stream, record.start, _CHUNK.size))
     if name_bytes > 32:
         raise DamagedError("a compression with a name of more than 32 bytes")
@@ -228,9 +228,9 @@ def chunk_of(stream: IO[bytes], record: Record) -> Chunk:
 
 
 def opened(stream: IO[bytes], chunk: Chunk, end: int, check: bool = True) -> tuple[IO[bytes], int, int]:
-    """Where the records of a chunk are: file, first offset, last offset.
+    """The records of a chunk: file, first offset, last offset.
 
-    end: of the file, which may cut the chunk; check: whether to compare the checksum of uncompressed records.
+    end: end of the file, which may cut the chunk; check: whether to check the checksum of uncompressed records.
     Raises DamagedError if they cannot be had.
     """
     if not chunk.compression:
@@ -271,12 +271,12 @@ def summary_start(stream: IO[bytes], size: int) -> int | None:
 
 
 def message_count(stream: IO[bytes], record: Record) -> int:
-    """How many messages the file has, as its statistics say."""
+    """Number of messages by the file's statistics."""
     return int.from_bytes(read(stream, record.start, 8), "little")
 
 
 def chunk_span(stream: IO[bytes], record: Record) -> tuple[int, int]:
-    """Time of the first message and offset of the chunk that an index record names."""
+    """Time of the first message and offset of the chunk in an index record."""
     if record.length < _CHUNK_INDEX.size:
         raise DamagedError(f"a chunk index of {record.length} bytes")
     first, _, start, _ = _CHUNK_INDEX.unpack(read(stream, record.start, _CHUNK_INDEX.size))

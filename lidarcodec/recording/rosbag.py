@@ -1,6 +1,6 @@
-"""RosbagWriter: packets as `velodyne_msgs/VelodyneScan` in the MCAP form of rosbag2, with points if wanted.
+"""RosbagWriter: packets as `velodyne_msgs/VelodyneScan` in a rosbag2 of MCAP format, optionally with points.
 
-What it writes, `ros2 bag play` plays and the Velodyne driver turns into points, as it would live.
+`ros2 bag play` plays the bag, and the Velodyne driver converts its packets to points.
 
 >>> import io
 >>> from lidarcodec.packet import Packet
@@ -37,10 +37,10 @@ POINTS_TOPIC: Final = "/velodyne_points"
 TF_TOPIC: Final = "/tf"
 FRAME_ID: Final = "velodyne"
 WORLD: Final = "map"
-"""The frame in which poses are given, as ROS calls it (REP 105)."""
+"""Name of the reference frame of poses in ROS (REP 105)."""
 _CHUNK: Final = 2**20
 _INFORMATION_VERSION: Final = 5
-"""Of metadata.yaml: read by every ROS 2 since Humble; later versions add nothing that is needed here."""
+"""Version of metadata.yaml that every ROS 2 since Humble reads."""
 
 
 @dataclass
@@ -78,7 +78,7 @@ class RosbagWriter:
         return list(self._topics.values())
 
     def write_scan(self, packets: Sequence[Packet]) -> None:
-        """Adds a run of packets, say those of one turn; an empty one is left out.
+        """Add consecutive packets, for example of one turn, as a message; no packets, no message.
 
         Raises SectionError for times that ROS cannot hold, PacketError, OSError.
         """
@@ -87,7 +87,7 @@ class RosbagWriter:
             self._add(self._packets_topic, ros.VELODYNE_SCAN, packets[-1].stamp_ns, data)
 
     def write_cloud(self, frame: Frame) -> None:
-        """Adds the points of a frame, and where the sensor was, if the frame says it. Raises OSError."""
+        """Add the points of a frame, and its pose if it has one. Raises OSError."""
         if frame.pose is not None:
             data = tf_message(frame.stamp_ns, WORLD, self.frame_id, frame.pose)
             self._add(TF_TOPIC, ros.TF_MESSAGE, frame.stamp_ns, data)
@@ -102,7 +102,7 @@ class RosbagWriter:
             self._stream.flush()
 
     def metadata(self, name: str) -> str:
-        """The `metadata.yaml` of a folder with this file in it, under a name."""
+        """The `metadata.yaml` of a folder that holds this file. name: of the file"""
         total = sum(topic.count for topic in self.topics)
         times: dict[str, Any] = {
             "duration": {"nanoseconds": self._last_ns - self._first_ns},
@@ -128,7 +128,7 @@ class RosbagWriter:
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [name],
-            "files": [{"path": name, **copy.deepcopy(times)}],  # the very same ones would become YAML anchors
+            "files": [{"path": name, **copy.deepcopy(times)}],  # a shared object would become a YAML anchor
         }
         return yaml.safe_dump({"rosbag2_bagfile_information": about}, sort_keys=False)
 
@@ -147,7 +147,7 @@ class RosbagWriter:
             metadata = {"offered_qos_profiles": "", "topic_type_hash": kind.type_hash}
             channel = self._mcap.register_channel(name, ENCODING, schema, metadata)
             topic = self._topics[name] = Topic(name, kind, channel)
-        at = max(0, stamp_ns)  # MCAP knows no time before 1970
+        at = max(0, stamp_ns)  # MCAP has no times before 1970
         began = any(one.count for one in self.topics)
         self._first_ns = min(self._first_ns, at) if began else at
         self._last_ns = max(self._last_ns, at)

@@ -1,7 +1,7 @@
-"""RotatingRecorder: recordings of limited size in a folder of limited size, oldest out first.
+"""RotatingRecorder: recordings of limited size in a folder of limited size; the oldest are deleted first.
 
-Every file begins with a key message, so it can be read alone. Errors of the disk are counted and end the recording,
-never the stream. Writing takes as long as the disk takes: call it from a thread of its own.
+Every file begins with a key message, so it can be read alone. Errors of the disk are counted and stop the recording,
+not the stream. Writing blocks as long as the disk does: call it from a thread of its own.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ log = logging.getLogger(__name__)
 
 MIN_FILE_BYTES: Final = 2**20
 _OVERHEAD: Final = 320
-"""Bytes, at most, that a message adds to a file beside its own: chunk head, indexes, and its line in the summary."""
+"""Most bytes of overhead for a message in a file: chunk head, indexes, and entry in the summary."""
 _FRAME_BYTES: Final = 4096
-"""Bytes, at most, of a file without messages."""
+"""Most bytes of a file without messages."""
 _POSE_BYTES: Final = 1024
-"""Bytes, at most, of a cloud's head and of the pose beside it."""
+"""Most bytes of a cloud's head and its pose."""
 
 
 class RotatingRecorder:
@@ -44,7 +44,7 @@ class RotatingRecorder:
     counts: `files`, `messages`, `frames` (in messages), `clouds`, `bytes`, `deleted files`,
             `lost files` (removed, replaced or overwritten by another program while we wrote them),
             `waiting for a key message` (not written), `not recorded`
-    stopped: why nothing is written any more, None while it is;  clouds: to be set where `write_cloud` will be called
+    stopped: why recording stopped, None while it runs;  clouds: set it if `write_cloud` will be called
     """
 
     def __init__(
@@ -58,8 +58,8 @@ class RotatingRecorder:
         max_total_bytes: int = 8 * 2**30,
         sync_bytes: int = 16 * 2**20,
     ) -> None:
-        """max_total_bytes: of all files of this sensor in the folder, older runs included; sync_bytes: what a loss of
-        power may cost, at most.
+        """max_total_bytes: of all files of this sensor in the folder, with those of older runs; sync_bytes: most bytes
+        that a loss of power may cost.
 
         Raises SettingsError for sizes that leave no room for two files.
         """
@@ -81,7 +81,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self._made: list[str] = []
 
     def write(self, data: bytes) -> bool:
-        """Records one message, as `wire.pack` gave it; whether it did. A file is begun, or changed, at key messages.
+        """Record one message, as `wire.pack` gives it; returns whether it was recorded. Files begin at key messages.
 
         Raises DecodeError for bytes that are no message.
         """
@@ -97,7 +97,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return recorded
 
     def write_packets(self, packets: Sequence[Packet]) -> bool:
-        """Records a batch of raw packets; whether it did. Any batch may begin a file."""
+        """Record a batch of raw packets; returns whether it was recorded. Any batch may begin a file."""
         if not packets:
             return True
         self._look_after_file()
@@ -107,7 +107,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return self._add(size, lambda writer: writer.write_packets(packets))
 
     def write_cloud(self, frame: Frame) -> bool:
-        """Records the points of a decoded frame in the file that is being written; whether it did."""
+        """Record the points of a decoded frame in the current file; returns whether they were recorded."""
         self._look_after_file()
         size = frame.points * POINT_DTYPE.itemsize + _POSE_BYTES
         if self._writer is None and self.stopped is None:
@@ -122,7 +122,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
 
     @property
     def path(self) -> Path | None:
-        """The file that is being written."""
+        """The current file."""
         return None if self._file is None else Path(self._file.name)
 
     def files(self) -> list[Path]:
@@ -133,7 +133,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
 
     def _is_ours(self, path: Path) -> bool:
-        """Whether a file of that name is of this sensor: `car_1`, `roof` and `car`, `1_roof` make the same names."""
+        """Whether a file is of this sensor, by its metadata: `car_1`, `roof` and `car`, `1_roof` give equal names."""
         if "_" not in self.vehicle + self.sensor or path.name in self._made:
             return True
         try:
@@ -144,8 +144,8 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         return (about.get("vehicle"), about.get("sensor")) == (self.vehicle, self.sensor)
 
     def _look_after_file(self) -> None:
-        """Closes a file that another program removed, replaced or overwrote: the disk would take what is written
-        into it all the same.
+        """Close the current file if another program removed, replaced or overwrote it: writing would not fail, but the
+        content would be lost.
         """
         file = self._file
         if file is None or (what := _lost(file)) is None:
@@ -154,11 +154,11 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         log.error("%s was %s during recording: its content is lost", file.name, what)
         self._writer = self._file = None
         with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nowhere:
-            os.dup2(nowhere.fileno(), file.fileno())  # what waits in its buffer must not get into a file of others
+            os.dup2(nowhere.fileno(), file.fileno())  # its buffer must not be written into another program's file
             file.close()
 
     def _size_with(self, more: int) -> int:
-        """Bytes that the current file will have when a message of `more` bytes is added and it is closed."""
+        """Size of the current file if a message of `more` bytes is added and the file is closed."""
         written = 0 if self._writer is None else self._writer.bytes_written
         return written + more + _FRAME_BYTES + (self._in_file + 1) * _OVERHEAD
 
@@ -212,10 +212,10 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self.counts["files"] += 1
 
     def _make_room(self, needed: int) -> None:
-        """Deletes the oldest files until the current one may take `needed` bytes; ends the recording if it may not.
+        """Delete the oldest files until there is room for `needed` bytes; stop the recording if there is not.
 
-        Those of earlier runs come first, whatever the clock said then, and those of this run in their order. A file
-        that another recorder is writing stays.
+        Files of earlier runs are deleted first, then those of this run in order. A file that another recorder is
+        writing stays.
         """
         order = {name: number for number, name in enumerate(self._made)}
         found = sorted(self.files(), key=lambda path: order.get(path.name, -1))
@@ -254,13 +254,13 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             os.fsync(file.fileno())
 
     def _guarded(self, work: Callable[[], None]) -> bool:
-        """Does the work; whether disk and memory let it. If not, the recording is over."""
+        """Do the work; returns whether it succeeded. An error of disk or memory stops the recording."""
         try:
             work()
         except OSError as error:
             self._stop(f"{error.strerror or error}")
             return False
-        except MemoryError:  # a message may be there by half: what came after it could not be read
+        except MemoryError:  # a message may be half written, which hides later ones
             self._stop("there was not enough memory")
             return False
         return True
@@ -276,7 +276,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
 
 
 def _changed_ns(path: Path) -> int | None:
-    """When a file was changed; None if it is gone meanwhile, or a link to nothing."""
+    """When a file was changed; None if it is gone, or a broken link."""
     try:
         return path.stat().st_mtime_ns
     except OSError:
@@ -291,7 +291,7 @@ def _size_of(path: Path) -> int:
 
 
 def _lost(file: IO[bytes]) -> str | None:
-    """What happened to a file that is being written, if its content is lost; else nothing."""
+    """`removed`, `replaced` or `written over` if the content of an open file is lost; None otherwise."""
     ours = os.fstat(file.fileno())
     if ours.st_size != os.lseek(file.fileno(), 0, os.SEEK_CUR):
         return "written over"
@@ -303,7 +303,7 @@ def _lost(file: IO[bytes]) -> str | None:
 
 
 def _thrown_away(file: IO[bytes], path: Path) -> None:
-    """Closes and deletes a file in which no message is whole."""
+    """Close and delete a file without a complete message."""
     with contextlib.suppress(OSError):
         file.close()
     path.unlink(missing_ok=True)

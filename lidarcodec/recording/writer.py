@@ -1,7 +1,7 @@
-"""Writer of recordings. Every message is an MCAP chunk of its own: a file cut anywhere has lost only what was cut.
+"""Writer of recordings. Every message is an MCAP chunk of its own, so that a cut file keeps everything before the cut.
 
-With clouds, for people: what the messages decode to stands beside them as Foxglove's own messages, compressed, so that
-the file opens in a viewer that knows nothing of lidarcodec.
+With clouds, decoded points are stored too, as compressed messages of Foxglove, so that viewers without lidarcodec can
+show the file.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from lidarcodec.settings import StreamSettings, valid_name
 from lidarcodec.wire.header import MAJOR, MINOR
 
 _ONE_MESSAGE: Final = 1
-"""Chunk size: MCAP closes a chunk when it has reached it, so after each message."""
+"""Chunk size: MCAP closes a chunk when it is this large, so after each message."""
 
 
 class RecordingWriter:
@@ -50,13 +50,13 @@ class RecordingWriter:
     ) -> None:
         """metadata: further texts to keep with the recording;  clouds: whether `write_cloud` may be called.
 
-        Raises SettingsError for a name that is none.
+        Raises SettingsError for an invalid name.
         """
         self.vehicle, self.sensor = valid_name(vehicle, "vehicle"), valid_name(sensor, "sensor")
         self._stream = stream
         self._finished = False
         self._channels: dict[str, int] = {}
-        compression = CompressionType.ZSTD if clouds else CompressionType.NONE  # a message has no air left in it
+        compression = CompressionType.ZSTD if clouds else CompressionType.NONE  # messages cannot be compressed further
         self._mcap = Writer(stream, chunk_size=_ONE_MESSAGE, compression=compression)
         self._mcap.start(profile="", library=f"lidarcodec {lidarcodec.__version__}")
         about = {
@@ -69,7 +69,7 @@ class RecordingWriter:
         self._mcap.add_metadata(METADATA_NAME, dict(metadata or {}) | about)
 
     def write(self, data: bytes) -> None:
-        """Adds one message, as `wire.pack` gave it, and hands it to the operating system.
+        """Add one message, as `wire.pack` gives it, and hand it to the operating system.
 
         Raises DecodeError for bytes that do not begin with the header of a message of their length, OSError.
         """
@@ -79,7 +79,7 @@ class RecordingWriter:
         self._add(MESSAGE_ENCODING, header.stamp_ns, data, header.frame_index)
 
     def write_packets(self, packets: Sequence[Packet]) -> None:
-        """Adds a batch of raw packets, say those of one frame; an empty one is left out.
+        """Add a batch of raw packets, for example of one frame; an empty batch is not written.
 
         Raises PacketError, SectionError, OSError.
         """
@@ -87,7 +87,7 @@ class RecordingWriter:
             self._add(PACKET_ENCODING, packets[0].stamp_ns, pack_batch(packets), 0)
 
     def write_cloud(self, frame: Frame) -> None:
-        """Adds the points of a decoded frame as `foxglove.PointCloud`, and where the sensor was, if the frame says it.
+        """Add the points of a decoded frame as `foxglove.PointCloud`, and its pose if it has one.
 
         Cost: 18 ms and 1.85 MB for a frame of 120,000 points. Raises OSError.
         """
@@ -99,9 +99,9 @@ class RecordingWriter:
         self._add_foxglove(cloud_topic, foxglove.POINT_CLOUD, frame, foxglove.point_cloud(frame, name))
 
     def copy(self, channel: Channel, schema: str, stored: Stored) -> None:
-        """Adds a message as another recording has it. schema: name of its type, empty if it has none.
+        """Add a message of another recording unchanged. schema: name of its type, empty if it has none.
 
-        Raises SourceError for a type that no recording of ours has, OSError.
+        Raises SourceError for a type that recordings of lidarcodec do not have, OSError.
         """
         if channel.topic not in self._channels:
             number = 0
@@ -149,7 +149,7 @@ class RecordingWriter:
         self._store(self._channels[name], frame.stamp_ns, data, frame.index)
 
     def _store(self, channel: int, stamp_ns: int, data: bytes, sequence: int) -> None:
-        at = max(0, stamp_ns)  # MCAP knows no time before 1970
+        at = max(0, stamp_ns)  # MCAP has no times before 1970
         with memory_told():
             self._mcap.add_message(channel, at, data, at, sequence & 0xFFFFFFFF)
         self._stream.flush()

@@ -17,7 +17,7 @@ from lidarcodec.sensors.table import HDL64
 
 
 def read_calibration(path: Path, origin: Origin = "given") -> SensorModel:
-    """The HDL-64E that a `db.xml` or ROS `.yaml` file describes; which of the two it is, is seen from its text.
+    """The HDL-64E that a `db.xml` or ROS `.yaml` file describes; the format is recognised by the content.
 
     Raises CalibrationError if the file cannot be read, or is not the calibration of an HDL-64E.
     """

@@ -1,6 +1,6 @@
 """Checks that a table of corrections is that of an HDL-64E, for all kinds of files.
 
-* There are 64 lasers with the ids 0-63, each once. A file with another number is of another sensor, and is refused.
+* There are 64 lasers with ids 0-63, each once. A file with another number of lasers is of another sensor: refused.
 * Rotation and elevation are required; other missing values are 0 (the largest intensity 255).
 * Ranges are in steps of 2 mm.
 * two-point distance correction: a laser whose X or Y correction is missing or 0, or whose
@@ -22,10 +22,10 @@ from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
 from lidarcodec.units import LASERS, RANGE_STEP_M
 
 OTHER_SENSORS = {16: "a VLP-16 or Puck Hi-Res", 32: "an HDL-32E or VLP-32", 128: "a VLS-128"}
-"""Who has how many lasers."""
+"""Number of lasers -> sensors."""
 REQUIRED = ("rot_correction_rad", "vert_correction_rad")
 LIMITS = {"rot_correction_rad": 2 * math.pi, "vert_correction_rad": math.pi / 2}
-"""Largest magnitude of the angles: a file in the wrong unit shows here."""
+"""Largest magnitude of angles, to detect files in a wrong unit."""
 
 
 def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M) -> Calibration:

@@ -30,7 +30,7 @@ TAGS: dict[str, str] = {
 }
 """Element of `px` for each calibration field."""
 MAX_ELEMENTS = 20_000
-"""Real files have about 1,500."""
+"""Most elements; real files have about 1,500."""
 MAX_DEPTH = 32
 
 
@@ -105,7 +105,7 @@ def text(calibration: Calibration) -> str:
 
 
 def _tree(data: bytes) -> ElementTree.Element:
-    """Root element. Entities are refused where they are declared, so nothing can expand, whatever the encoding."""
+    """Root element. Declarations of entities are refused, so that nothing can expand."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     depth = elements = 0
 

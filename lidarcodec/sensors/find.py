@@ -1,4 +1,4 @@
-"""The calibration of a source: given, beside the capture, in the stream itself, or a generic one, in this order."""
+"""The calibration of a source: given, beside the capture, in the stream, or a generic one, in this order."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def find_calibration(capture: Path | None, given: Path | None, first_payloads: S
 
     given:   the file that the user named; it must be readable
     beside:  `NAME_db.xml`, `NAME.yaml` or `db.xml` beside the capture; NAME is the capture's name without its endings.
-             One that is not the calibration of an HDL-64E is skipped with a warning, because it was not named
-    stream:  the table in the status bytes of `first_payloads`, if those hold the whole of it (4160 packets and more)
-    generic: a table of the same model, chosen by what `first_payloads` look like
+             A file that is not the calibration of an HDL-64E is skipped with a warning
+    stream:  the table in the status bytes of `first_payloads`, if it is complete there (4160 packets or more)
+    generic: a published table of the model that `first_payloads` look like
     Raises CalibrationError if the given file is not the calibration of an HDL-64E.
     """
     if given is not None:
@@ -42,9 +42,9 @@ def find_calibration(capture: Path | None, given: Path | None, first_payloads: S
 
 
 def beside(capture: Path) -> Iterator[Path]:
-    """Calibration files there are beside a capture (or in it, if it is a folder), in the order in which they count.
+    """Existing calibration files beside a capture (or in it, if it is a folder), in order of preference.
 
-    A capture's name is cut at its ending and at that of a compression: `drive.pcap.xz` is called `drive`.
+    The endings of capture and compression are removed: the name of `drive.pcap.xz` is `drive`.
     """
     name = capture.name
     if not capture.is_dir():
@@ -61,7 +61,7 @@ def beside(capture: Path) -> Iterator[Path]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # a name that became too long
+    except OSError:  # the name is too long
         return False
 
 

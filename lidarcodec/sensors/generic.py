@@ -1,9 +1,8 @@
 """Generic calibrations: a published table of the same model, for streams that come without their own.
 
-Geometry is then right to a degree or so and ranges to some decimetres; the codec itself loses nothing by it. The
-files in `data/` are normalised from the ROS driver's (see `data/NOTICE`). Which one stands for which model was measured
-on two sensors whose own calibration is known, the KITTI S2 and the S3 of the real capture (rms over the lasers, in this
-order):
+Angles are then right to about a degree and ranges to some decimetres; coding is not affected. The files in `data/` are
+normalised from those of the ROS driver (see `data/NOTICE`). The choice for each model is by the rms difference, over
+the lasers, from two sensors with known calibration: the KITTI S2 and the S3 of the real capture, in this order:
 
 | table | vertical angles | rotation | distance |
 |---|---|---|---|
@@ -37,7 +36,7 @@ TABLES = {
     "HDL-64E S2.1": "hdl64e_s2.1.yaml",
     "HDL-64E S3": "hdl64e_s3.yaml",
 }
-"""File in `data/` that stands for each model."""
+"""Model -> file in `data/`."""
 DEFAULT_MODEL = "HDL-64E S2"
 
 
@@ -57,7 +56,7 @@ def model_of(payloads: Sequence[bytes]) -> str:
     """The model that a stream's first packets look like.
 
     S3: more upper blocks than lower ones (the order of the older firmware, as the real S3 capture has it), or the
-    warning type W in the status bytes. S2: everything else. S1 and S2.1 cannot be told from these by their packets.
+    warning type W in the status bytes. S2: everything else. S1 and S2.1 cannot be recognised by their packets.
     """
     whole = [payload for payload in payloads if len(payload) == PACKET_BYTES]
     packets = parse(whole[: 4 * STREAM_PACKETS])

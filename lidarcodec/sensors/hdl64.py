@@ -14,7 +14,7 @@ Everything is little endian. S1, S2, S2.1 and S3 share this layout and differ in
 * **Dual return, S2.1 and S3**: three firings, each of four blocks with one azimuth: upper and lower with the strongest
   return, then upper and lower with the last one (the second strongest, where the last is the strongest). VeloView and
   velodyne-decoder both read it so: rotation of block 2 = rotation of block 0, block i + 2 is the second return of block
-  i. The flags alternate as in single return, so only the azimuths tell, or the parameter set in the status bytes.
+  i. The flags alternate as in single return, so only the azimuths, or the parameter set in the status bytes, show it.
 
 HDL-64E S3 user manual rev. K, appendix E; S2 manual rev. D, appendix E.
 
@@ -47,7 +47,7 @@ from lidarcodec.units import (
 
 
 class BlockFlag(IntEnum):
-    """The two flags of an HDL-64E block; any other value is kept as it is and means nothing."""
+    """The two flags of an HDL-64E block. Other values have no meaning and are kept."""
 
     UPPER = UPPER_FLAG
     """Lasers 0-31."""
@@ -72,7 +72,7 @@ assert (BLOCK_DTYPE.itemsize, PACKET_DTYPE.itemsize) == (BLOCK_BYTES, PACKET_BYT
 
 
 class PacketArrays(NamedTuple):
-    """Columns of P packets; what `parse` gives are read-only views into the payloads.
+    """Columns of P packets. Those of `parse` are read-only views into the payloads.
 
     flags (P, 12) u2, azimuth (P, 12) u2 in 0.01 degree, distances (P, 12, 32) u2 in 2 mm steps, intensities (P, 12, 32)
     u1, gps_us (P,) u4, status (P, 2) u1: type and value
@@ -119,7 +119,7 @@ def parse(payloads: Sequence[bytes]) -> PacketArrays:
 
 
 def build(packets: PacketArrays) -> list[bytes]:
-    """Payloads of these columns: the way back of `parse`.
+    """Payloads of these columns, the inverse of `parse`.
 
     Raises PacketError if the arrays do not fit together or a value does not fit its field.
     """

@@ -39,8 +39,8 @@ class SensorTime:
             self._apart_us = (apart_us + HOUR_US / 2) % HOUR_US - HOUR_US / 2
 
     def report(self, *, live: bool) -> dict[str, Any]:
-        """`sensor`: where it has its time from, None before it said so; `host_minus_sensor_ms`: of a live sensor with
-        GPS, within the hour, the way of the packet included; else None."""
+        """`sensor`: the source of its time, None while unknown. `host_minus_sensor_ms`: for a live sensor with GPS,
+        modulo an hour, with the packet's time on the network; otherwise None."""
         said = None if self._code is None else SAID.get(self._code, "unknown")
         true = live and self._code in (ord("A"), ord("V"))
         return {"sensor": said, "host_minus_sensor_ms": round(self._apart_us / 1e3, 3) if true else None}

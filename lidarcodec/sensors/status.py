@@ -51,7 +51,7 @@ S3_TYPES: Final = {
     257: (0xFE, 0xFF, 0xFC, 0xFD, 0xFA, 0xFB, 0x37),
     259: (0x31, 0x32, 0xF9, 0x34, 0xF8, 0x36, 0x37),
 }
-"""Types of the seven parameters in the cycles (of 260) where an S3 does not send the digits."""
+"""Types of the seven parameters in those of the 260 cycles where an S3 does not send digits."""
 
 PARAMETER_DTYPE = np.dtype(
     [
@@ -88,7 +88,7 @@ STEPS: Final[dict[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class StatusClock:
-    """What the first nine values of a cycle say; the sensor counts from 2000 until GPS sets it.
+    """The first nine values of a cycle: date, time and status. Without GPS the date starts in 2000.
 
     gps: b"A" NMEA and pulse, b"V" NMEA only, b"P" pulse only, 0 neither
     """
@@ -120,7 +120,7 @@ def crc16(data: bytes) -> int:
 
 
 def laser_values(parameters: bytes) -> bytes:
-    """The bytes under an S3's checksum: the 21 bytes of each laser without its id."""
+    """The bytes that an S3's checksum covers: the 21 bytes of each laser without its id."""
     starts = range(LASER_OFFSET, LASER_OFFSET + LASERS * LASER_BYTES, LASER_BYTES)
     return b"".join(parameters[start + 1 : start + PARAMETER_DTYPE.itemsize] for start in starts)
 
@@ -163,7 +163,7 @@ def status_bytes(
 ) -> npt.NDArray[np.uint8]:
     """(packets, 2) uint8, status type and value of consecutive packets, from place `start` of the 4160 on.
 
-    The clock stands still: players of a stream write the values of types H M S D N Y over it.
+    The clock stands still: a player of the stream overwrites the values of types H M S D N Y.
     Raises CalibrationError if the calibration does not fit the form.
     """
     places = (start + np.arange(packets)) % STATUS_PACKETS

@@ -1,9 +1,9 @@
-"""StatusReader: from the status bytes of a stream, with losses, to the sensor's own calibration table.
+"""StatusReader: reads the sensor's calibration table from the status bytes of a stream, which may have losses.
 
-One packet in sixteen has each type, so the type alone tells how many packets are missing, modulo sixteen; the time
-stamps tell the sixteens when the sensor's clock runs. Packets that hang together so are a run. Once a run has shown
-"UNIT#", the start of the parameter set, every value of it has its place; what one round of 4160 packets lost, the next
-one brings.
+Each type comes once in sixteen packets, so the type alone gives the number of lost packets modulo sixteen. The time
+stamps give the multiple of sixteen if the sensor's clock runs. Packets whose places follow from each other are a run.
+Once a run contains "UNIT#", the start of the parameter set, the place of every value in it is known. Values lost in
+one round of 4160 packets are read in the next.
 
 >>> from lidarcodec.sensors.generic import generic_sensor
 >>> from lidarcodec.sensors.status import status_bytes
@@ -48,10 +48,10 @@ log = logging.getLogger(__name__)
 
 UNKNOWN: Final = -1
 MAX_LOST: Final = 512
-"""More packets lost at once are not counted by the clock: a new run begins."""
+"""Most lost packets in a row within a run; after more a new run begins."""
 MAX_INTERVAL_US: Final = 5000
 ANCHOR_SLOT: Final = CLOCK_SLOTS + len(UNIT) - 1
-"""Where the last byte of "UNIT#" comes in its cycle."""
+"""Place of the last byte of "UNIT#" in its cycle."""
 
 _SLOT_OF_TYPE = [UNKNOWN] * 256
 for _types in S3_TYPES.values():
@@ -70,7 +70,7 @@ _NEEDED[LASER_OFFSET : LASER_OFFSET + LASERS * LASER_BYTES].reshape(LASERS, LASE
 
 @dataclass(frozen=True)
 class UnitParameters:
-    """What a parameter set says beside the calibration; a value that was lost is read as 0.
+    """Values of a parameter set beside the calibration; a lost value is 0.
 
     noise_threshold: upper and lower block; calibrated: year, month, day, hour, minute, second
     fov_cdeg: start and end of the field of view; warnings: the sensor's bits; return_mode: 0 strongest, 1 last, 2 both
@@ -94,7 +94,7 @@ class StatusReader:
 
     sensor: SensorModel with origin "stream", or None;  unit: UnitParameters, or None
     values: the latest value of each of the types H M S D N Y G T V, by letter
-    failed: tables that were complete and wrong (checksum, laser numbers);  runs: how often the thread was lost
+    failed: number of complete tables that were wrong (checksum, laser numbers);  runs: number of runs begun
     """
 
     def __init__(self) -> None:
@@ -114,7 +114,7 @@ class StatusReader:
 
     @property
     def clock(self) -> StatusClock | None:
-        """The sensor's date and time as last sent, or None while a part of it has not been seen."""
+        """The sensor's date and time as last sent; None while a part is missing."""
         if any(letter not in self.values for letter in "HMSDNY"):
             return None
         v = self.values
@@ -153,7 +153,7 @@ class StatusReader:
         return self._finish()
 
     def _follow(self, slot: int, gps_us: int) -> None:
-        """Move on to the place of this packet, or begin a new run."""
+        """Advance to the place of this packet, or begin a new run."""
         if self._place == UNKNOWN:
             self._place = slot
             return

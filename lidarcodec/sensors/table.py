@@ -1,10 +1,10 @@
-"""The sensor that a payload comes from. Payloads of other known sensors are refused by name; nothing else is refused.
+"""The sensor that sent a payload. Payloads of other known sensors are refused by name, unknown ones are accepted.
 
-Other Velodyne sensors send 1206 bytes too and name themselves in the last two: return mode, then model. An HDL-64E
-sends a status type and value there, and type '7' is the same byte as the return mode "strongest" (0x37): one packet in
-sixteen may look like another sensor at its end. So the blocks decide first: no other sensor than the HDL-64E sends
-0xDDFF without 0xCCFF and 0xBBFF, and the HDL-64E never sends all its twelve blocks as 0xEEFF. A payload with unknown
-flags passes as HDL-64E, because the codec carries any 1206 bytes exactly.
+Other Velodyne sensors send 1206 bytes too, with return mode and model in the last two. An HDL-64E sends a status type
+and value there, and type '7' is the same byte as the return mode "strongest" (0x37): the end of one packet in sixteen
+may look like that of another sensor. So the flags of the blocks decide first: only the HDL-64E sends 0xDDFF without
+0xCCFF and 0xBBFF, and it never sends 0xEEFF in all twelve blocks. A payload with unknown flags counts as HDL-64E,
+because the codec can carry any 1206 bytes exactly.
 
 HDL-32E, VLP-16, VLP-32C and VLS-128 user manuals, section "factory bytes".
 
@@ -25,7 +25,7 @@ from lidarcodec.units import LOWER_FLAG, PACKET_BYTES, POSITION_BYTES, UPPER_FLA
 HDL64 = "HDL-64E"
 ETHERNET_BYTES = 42
 RETURN_MODES = frozenset({0x37, 0x38, 0x39})
-"""Strongest, last, dual."""
+"""Return modes: strongest, last, dual."""
 MODELS: dict[int, str] = {
     0x21: "HDL-32E",
     0x22: "VLP-16",
@@ -35,7 +35,7 @@ MODELS: dict[int, str] = {
     0x31: "Velarray",
     0xA1: "VLS-128",
 }
-"""Model bytes of the Velodyne sensors that name themselves."""
+"""Model byte -> name of other Velodyne sensors."""
 VLS_FLAGS = frozenset({UPPER_FLAG, LOWER_FLAG, 0xCCFF, 0xBBFF})
 STREAM_PACKETS = 64
 """Packets that `identify_stream` looks at: four rounds of an HDL-64E's sixteen status types."""
@@ -43,7 +43,7 @@ SUPPORTED = "only the HDL-64E is supported"
 
 
 def identify(payload: bytes) -> str:
-    """Name of the sensor, HDL-64E, from one payload alone. `identify_stream` is surer where there are several.
+    """Name of the sensor, HDL-64E, from one payload. With several payloads `identify_stream` is more reliable.
 
     Raises PacketError naming the sensor if it is positively another one, or the length if it is not 1206 bytes.
     """
@@ -56,7 +56,7 @@ def identify(payload: bytes) -> str:
 def identify_stream(payloads: Sequence[bytes]) -> str:
     """Name of the sensor, HDL-64E, from the first payloads of a stream: 64 of 1206 bytes, others are skipped.
 
-    One packet that another sensor would not send settles it; another is refused when every packet names the same.
+    One packet that only an HDL-64E sends decides. Another sensor is refused if every packet names the same one.
     Raises PacketError naming the other sensor, or the length, when there are payloads but none of 1206 bytes.
     """
     data = [payload for payload in payloads if len(payload) == PACKET_BYTES][:STREAM_PACKETS]
@@ -82,7 +82,7 @@ def _of_right_length(payload: bytes) -> bytes:
 
 
 def _other_sensor(payload: bytes) -> str | None:
-    """Name of the sensor that sent this, if it cannot be an HDL-64E."""
+    """Name of the sensor if it cannot be an HDL-64E; None otherwise."""
     mode, model = payload[-2], payload[-1]
     if mode not in RETURN_MODES or model not in MODELS:
         return None

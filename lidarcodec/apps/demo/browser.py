@@ -1,4 +1,4 @@
-"""Opens the page in a browser, where there is one that a person would see."""
+"""Opens the page in a browser, if there is one with a window."""
 
 from __future__ import annotations
 

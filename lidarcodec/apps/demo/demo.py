@@ -1,7 +1,7 @@
-"""The whole system on one machine: a vehicle's process publishes over loopback, a server's shows it on a page, and this
-one decodes and counts.
+"""The whole system on one machine. One process publishes over loopback, one serves the page, and this one decodes and
+counts.
 
-A table on a terminal, plain lines elsewhere; at the end a summary, and a picture of the last frame.
+It shows a table on a terminal, or plain lines; at the end a summary, and a picture of the last frame.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ PICTURE = Path("demo-out") / "last-frame.png"
 FIRST_FRAME_S = 30.0
 """Longest wait for the first frame."""
 BEGIN_S = 0.02
-"""How soon what the other processes say is seen, until all is there."""
+"""Interval at which the other processes are checked during the start."""
 REDRAW_S = 0.25
 LINE_S = 2.0
 MADE = "MAKELEVEL" in os.environ
-"""Whether `make` started this: `make demo` is one thing to a user."""
+"""Set if `make demo` started this process."""
 SECONDS = 20.0
-"""Seconds that it runs without a user."""
+"""Duration without a terminal, in seconds."""
 
 
 def number(value: float | None, digits: int, unit: str = "") -> str:
@@ -51,7 +51,7 @@ def number(value: float | None, digits: int, unit: str = "") -> str:
 
 @dataclass
 class Figures:
-    """What the table shows. Rates are over what was received; `replaced` counts on both sides."""
+    """Figures of the table. Rates are of received frames; `replaced` counts frames of sender and receiver."""
 
     frames: int = 0
     seconds: float = 0.0
@@ -69,7 +69,7 @@ class Figures:
     fidelity: str = ""
 
     def line(self) -> str:
-        """The same in one line."""
+        """The figures in one line."""
         return (
             f"{self.frames} frames, {number(self.fps, 1)}/s, ratio {number(self.ratio, 2)}, "
             f"{number(self.bits_per_point, 2)} bit/point, {number(self.kbps, 0)} kbit/s, "
@@ -77,7 +77,7 @@ class Figures:
         )
 
     def rows(self) -> list[tuple[str, str]]:
-        """Names and values, in the order in which they are shown."""
+        """(name, value) of each row."""
 
         def pair(first: float | None, second: float | None) -> str:
             return f"{number(first, 1)} / {number(second, 1, ' ms')}"
@@ -96,8 +96,8 @@ class Figures:
 class Demo:
     """Runs the demonstration.
 
-    source: what the vehicle sees; seconds: from the first frame on, None: on a terminal until interrupted, else 20
-    settings: of the stream; words: further options of `publish`; picture: where the last frame is drawn
+    source: the vehicle's source; seconds: from the first frame on. None: until interrupted on a terminal, otherwise 20
+    settings: of the stream; words: further options of `publish`; picture: file for the picture of the last frame
     browser: whether to open the page
     """
 
@@ -127,18 +127,18 @@ class Demo:
         self._last: Frame | None = None
 
     def interrupt(self) -> None:
-        """End soon, with the summary. For signal handlers."""
+        """Stop soon and print the summary. For signal handlers."""
         self._interrupted = True
         if self._live is not None:
             self._live.interrupt()
 
     @property
     def _stopped(self) -> bool:
-        """Whether to end: a user asked for it, or the `make` that started it was killed."""
+        """Whether to stop: after an interrupt, or if the `make` that started this was killed."""
         return self._interrupted or (MADE and os.getppid() != self._parent)
 
     def run(self, server: PageServer, meeting_port: int) -> Figures:
-        """Show everything, save the picture, print the summary. meeting_port: of loopback, where the server is, too
+        """Run, save the picture, print the summary. meeting_port: loopback port of the Zenoh session
 
         Raises SourceError when no frame came or one of its processes failed, TransportError when the port that was
         asked for is taken.
@@ -158,9 +158,9 @@ class Demo:
         return figures
 
     def _begin(self, server: PageServer, live: LiveStream, car: subprocess.Popen[bytes], complaints: IO[bytes]) -> bool:
-        """Until the page's address is known and a frame has come, whichever is first. False: there is no page.
+        """Wait for the page's address and the first frame. False: there is no page.
 
-        Frames are taken all the while: one that waits gives way to the next.
+        Frames are taken meanwhile, as a waiting frame would be replaced by the next.
         """
         page: bool | None = None
         end = time.monotonic() + FIRST_FRAME_S
@@ -180,7 +180,7 @@ class Demo:
         return bool(page)
 
     def _open_page(self, server: PageServer) -> bool | None:
-        """Say where the page is, and show it where there is a browser. None: not yet; False: never, it says why."""
+        """Print the page's address and open a browser. None: the address is not known yet; False: there is no page."""
         try:
             address = server.address()
         except TransportError as error:
@@ -195,7 +195,7 @@ class Demo:
         return True
 
     def _limit_s(self, *, page: bool) -> float:
-        """How long to go on."""
+        """Time limit in seconds."""
         if self._seconds is not None:
             return self._seconds
         if not page or not sys.stdout.isatty():
@@ -206,7 +206,7 @@ class Demo:
     def _watch(
         self, live: LiveStream, car: subprocess.Popen[bytes], server: PageServer | None, limit_s: float
     ) -> str | None:
-        """Until the end; why it came too soon, if it did. server: of the page, if there is one"""
+        """Show figures until the end; returns the reason of an early end, if any. server: of the page, or None"""
         end = self._started + limit_s
         with _display(self._source) as show:
             while time.monotonic() < end and not self._stopped:
@@ -229,7 +229,7 @@ class Demo:
         self._points += frame.points
 
     def figures(self, live: LiveStream) -> Figures:
-        """Where it stands now."""
+        """The current figures."""
         summary, status = live.summary(), live.status or {}
         latency, frames = summary["latency_ms"], summary.get("frames", 0)
         figures = Figures(
@@ -264,7 +264,7 @@ class Demo:
                 title += f"   {figures.ratio:.2f} : 1"
             try:
                 _save(self._last, title, self._picture)
-            except (OSError, LidarCodecError) as error:  # a folder that cannot be written spoils no demonstration
+            except (OSError, LidarCodecError) as error:  # without a picture the demonstration is still complete
                 print(f"  {'last frame':<20} not saved: {error}")
             else:
                 print(f"  {'last frame':<20} {self._picture}")
@@ -283,7 +283,7 @@ def _save(frame: Frame, title: str, path: Path) -> None:
 
 
 def _listening(meeting_port: int) -> LiveStream:
-    """What the vehicle sends. Loaded now only, while the other processes start."""
+    """A subscription to the vehicle's stream. Its modules are imported here, while the other processes start."""
     from lidarcodec.apps.receiver.live_stream import LiveStream
     from lidarcodec.transport import Endpoints
 
@@ -292,7 +292,7 @@ def _listening(meeting_port: int) -> LiveStream:
 
 @contextmanager
 def _display(source: str) -> Iterator[Any]:
-    """Function that shows where a demo stands: a table on a terminal, else a line every two seconds."""
+    """A function that shows the figures: as a table on a terminal, otherwise as a line every two seconds."""
     shown_s = 0.0
 
     def due(every_s: float) -> bool:

@@ -22,14 +22,14 @@ from lidarcodec.transport.endpoints import PORT_VARIABLE
 from lidarcodec.transport.meeting_point import is_free
 
 COMMAND: Final = (sys.executable, "-P", "-m", "lidarcodec.commands.running.attached")
-"""The command line. Its processes end with the demonstration, however that ends."""
+"""Command of the processes. They end with this process in every case."""
 PAGE_PORT: Final = 8080
-"""Where the page is, unless that is taken."""
+"""Default port of the page."""
 START_S: Final = 60.0
-"""Longest wait for the server to say where it is."""
+"""Longest wait for the server's address."""
 END_S: Final = 5.0
 NOT_FOR_THE_VEHICLE: Final = tuple(f"LIDARCODEC_{name}" for name in ("PUBLISH_", "LISTEN", "CONNECT", "ZENOH_CONFIG"))
-"""Variables that a user may have set for good; the demonstration says itself what its vehicle does."""
+"""Environment variables of the user that do not apply to the demonstration."""
 ADDRESS: Final = re.compile(r"https?://[^ ]+")
 
 
@@ -44,10 +44,10 @@ def free_port() -> int:
 def vehicle(
     source: str, name: str, meeting_port: int, words: list[str], complaints: IO[bytes]
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """The publisher. meeting_port: of loopback, where its system meets;  complaints: takes what it says on stderr"""
+    """Start the publisher. meeting_port: loopback port of the Zenoh session;  complaints: file for its stderr"""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(NOT_FOR_THE_VEHICLE)}
     process = subprocess.Popen(
-        # The page compares what was sent with the originals, which come only while somebody does.
+        # The page can compare decoded frames with uncompressed ones, which are sent only while a viewer compares.
         [*COMMAND, "publish", source, "--vehicle", name, "--original", *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -61,9 +61,9 @@ def vehicle(
 
 
 class PageServer:
-    """A server of its own for the page, with nothing kept: its database and recordings go with it.
+    """The server of the page. Its database and recordings are temporary.
 
-    port: of the page; None for 8080, or another one where that is taken;  meeting_port: as the vehicle's
+    port: of the page; None for 8080, or a free one if that is taken;  meeting_port: as for `vehicle`
     """
 
     def __init__(self, port: int | None, meeting_port: int) -> None:
@@ -73,9 +73,9 @@ class PageServer:
         self._start(PAGE_PORT if port is None and is_free(PAGE_PORT) else port or 0)
 
     def address(self) -> str | None:
-        """Where the page is; None while that is not known yet. Does not wait.
+        """The page's address; None while it is not known yet. Does not wait.
 
-        Raises TransportError when there will be no page: its server's reason.
+        Raises TransportError with the server's error if there will be no page.
         """
         try:
             found = ADDRESS.search(self._said.get_nowait().decode(errors="replace"))
@@ -87,8 +87,8 @@ class PageServer:
             return found[0]
         if self.port is None and not self._again:
             self._again = True
-            _end(self._process)  # one that only was late would stay behind
-            self._start(0)  # another process took the port, or no server can start at all
+            _end(self._process)  # it may only have been slow
+            self._start(0)  # on a free port, as another process may have taken this one
             return None
         try:
             said = self._complaints.get(timeout=1.0).decode(errors="replace").strip().removeprefix("lidarcodec: ")
@@ -98,7 +98,7 @@ class PageServer:
 
     @property
     def ended(self) -> bool:
-        """Whether the server has ended by itself."""
+        """Whether the server process has ended."""
         return self._process.poll() is not None
 
     def close(self) -> None:
@@ -130,7 +130,7 @@ class PageServer:
 def _lines_of(pipe: IO[bytes] | None) -> queue.SimpleQueue[bytes]:
     """The first lines that come through a pipe, and an empty one at its end.
 
-    It is read to the end: a server whose pipe is full would wait for ever.
+    The pipe is read to its end: a full pipe would block the server.
     """
     assert pipe is not None
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -153,7 +153,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait(max(0.0, end - time.monotonic()))
     except subprocess.TimeoutExpired:
         process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):  # a process in the kernel's hands ends when it can
+        with contextlib.suppress(subprocess.TimeoutExpired):  # a process inside a system call may end later
             process.wait(END_S)
     if process.stdin is not None:
         process.stdin.close()

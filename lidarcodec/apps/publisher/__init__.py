@@ -1,1 +1,1 @@
-"""The publisher of a stream: source, encoder, network, and what receivers ask of it."""
+"""The publisher of a stream: source, encoder, network, and control queries."""

@@ -1,4 +1,4 @@
-"""Adapting: what messages took on the path, as a bitrate for the encoder; between Flight and `ratecontrol.adaptive`."""
+"""Adapting: sets the encoder's bitrate by the send times that Flight measures; the rule is `ratecontrol.adaptive`."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ logger = logging.getLogger(__name__)
 
 
 class Aimed(Protocol):
-    """What takes a bitrate: a StreamEncoder, wherever it runs."""
+    """Anything with a target bitrate: a StreamEncoder, in this process or another."""
 
     def aim(self, target_kbps: float) -> None: ...
 
 
 class Adapting:
-    """Measures the path with every message, whether or not a bitrate is asked for; so `auto` begins where the path is.
+    """Measures the network with every message, also without a target, so that `auto` starts with a known bitrate.
 
-    Thread-safe as far as the status is concerned: one thread aims.
+    `aim` is for one thread; `report` is thread-safe.
     """
 
     def __init__(self, flight: Flight) -> None:
@@ -41,7 +41,7 @@ class Adapting:
         self._stalled = False
 
     def aim(self, encoder: Aimed, replaced: int) -> None:
-        """Before a frame is encoded: tell the encoder what the path carries. replaced: frames left out so far."""
+        """Set the encoder's bitrate before a frame. replaced: number of frames replaced so far"""
         landings = self._flight.landings()
         switched, self._switches = self._flight.switches != self._switches, self._flight.switches
         with self._lock:
@@ -54,7 +54,7 @@ class Adapting:
             encoder.aim(target_kbps(self._state))
 
     def report(self) -> dict[str, Any]:
-        """For the status: what the path was found to carry, in kbit/s, or null, and what of it is used."""
+        """For the status: the measured bitrate of the network in kbit/s, or null, and the share in use."""
         with self._lock:
             state = self._state
         found = capacity_kbps(state)
@@ -65,12 +65,12 @@ class Adapting:
         }
 
     def _tell(self, landing: Landing) -> None:
-        """One line when the path stands still, one when messages arrive again."""
+        """Log one line when messages stop arriving, and one when they arrive again."""
         if landing.landed != self._stalled:
             return
         self._stalled = not landing.landed
         if self._stalled:
-            long = landing.send_s >= LIMIT_S  # less is a lost message, counted as `timeouts`
+            long = landing.send_s >= LIMIT_S  # shorter ones are lost messages, counted as `timeouts`
             level = logging.WARNING if long else logging.DEBUG
             logger.log(level, "a message did not arrive within %.1f s: the automatic bitrate falls", landing.send_s)
         else:

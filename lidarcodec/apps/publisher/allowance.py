@@ -1,4 +1,4 @@
-"""Allowance: how often something may be asked for, by everybody together.
+"""Allowance: a rate limit for all clients together.
 
 >>> clock = [0.0]
 >>> allowance = Allowance(rate=2.0, burst=1, clock=lambda: clock[0])
@@ -25,7 +25,10 @@ class Allowance:
         self._left, self._at_s = float(burst), clock()
 
     def take(self, number: int = 1) -> float:
-        """0, and so many are taken; else in how many seconds they will be there, if they are not more than `burst`."""
+        """Take `number` tokens and return 0; or take none and return the seconds until they are there.
+
+        number: at most `burst`
+        """
         with self._lock:
             now = self._clock()
             self._left = min(float(self._burst), self._left + self._rate * (now - self._at_s))

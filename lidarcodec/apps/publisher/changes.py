@@ -1,4 +1,4 @@
-"""Changes: the settings of a publisher's stream, changed between two frames, as a whole or not at all."""
+"""Changes: changes the settings of a publisher's stream between two frames, all of them or none."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ logger = logging.getLogger(__name__)
 
 
 class Changes:
-    """Changes settings, one change after the other. Thread-safe.
+    """Applies changes of settings one by one. Thread-safe.
 
-    asked:   the settings as they were asked for, the codec `auto` in them
+    asked:   the settings as requested; the codec may be `auto`
     running: whether the stream has begun and not ended
-    tell:    has the status told soon
+    tell:    makes the publisher send its status soon
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Changes:
     ) -> None:
         self.asked = asked
         self.preparing: str | None = None
-        """The codec whose process a change waits for."""
+        """The codec whose process is being started for a change."""
         self._encoder, self._isolation, self._choosing = coding.encoder, coding.isolation, coding.choosing
         self._sending = sending
         self._running, self._tell = running, tell
@@ -58,13 +58,13 @@ class Changes:
         return Applied(asked, first, key)
 
     def _chosen(self, asked: StreamSettings, codec: str) -> None:
-        """In the thread that chooses what `auto` is: have it, unless settings changed meanwhile."""
+        """Use the codec chosen for `auto`, unless settings changed meanwhile. Called by the choosing thread."""
         with self._lock:
             if self.asked == asked and self._encoder.settings.codec != codec and self._running():
                 self._apply(asked, with_codec(asked, codec))
 
     def _apply(self, asked: StreamSettings, wanted: StreamSettings) -> tuple[int, bool]:
-        """wanted: as asked for, with a codec in place of `auto`. If it is refused, all stays as it was."""
+        """wanted: `asked` with a codec in place of `auto`. If it is refused, nothing changes."""
         try:
             self._prepare(wanted)
             first, key = self._sending.apply(wanted)
@@ -76,7 +76,7 @@ class Changes:
         return first, key
 
     def _prepare(self, wanted: StreamSettings) -> None:
-        """Wait until the codec can be used at once; receivers are told meanwhile, so that theirs will be ready too."""
+        """Wait for the codec's process. The status names the codec meanwhile, so that receivers start theirs, too."""
         if self._isolation.isolated(self._encoder.settings.codec) or not self._isolation.isolated(wanted.codec):
             return
         if not self._running():

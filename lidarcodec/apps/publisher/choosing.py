@@ -1,7 +1,7 @@
-"""CodecChooser: the codec of a stream that asks for `auto`, by what encoding one of its own frames takes here and now.
+"""CodecChooser: chooses the codec for `auto`, by the time that encoding a frame of the stream takes on this machine.
 
-settings with codec auto -> a codec at once, so that nobody waits; the next frame -> a thread that encodes it with one
-codec after the other, best first -> the first that is quick enough -> the stream changes to it
+The stream starts with a codec at once. A thread encodes the next frame with one codec after the other, best first. The
+stream changes to the first codec that is fast enough.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from lidarcodec.wire import pack
 logger = logging.getLogger(__name__)
 
 SAMPLES: Final = 3
-"""Times that a frame is encoded with each codec after a first time, in which libraries and weights are loaded."""
+"""Number of timed encodings for each codec. They follow one that is not timed, which loads libraries and weights."""
 MOST_LEFT_OUT: Final = 32
-"""Times that a target may leave the frame out before what was measured so far has to do."""
+"""Rate control may leave the frame out this many times before timing ends with the times measured so far."""
 LONGEST_S: Final = 1.0
-"""No other codec is tried after so long."""
+"""Time after which no further codec is tried."""
 HOPELESS: Final = 3.0
-"""A codec that takes so many times the budget is not tried again."""
+"""A codec that takes this many times the budget is not timed again."""
 FRAME_NS: Final = 100_000_000
 CLOSE_S: Final = 1.0
 
 
 class CodecChooser:
-    """Chooses in a thread of its own, and tells.
+    """Chooses the codec in its own thread, and calls back.
 
-    interval_s: the time in which the source gives a packet
+    interval_s: time between two packets of the source
     """
 
     def __init__(self, interval_s: float) -> None:
@@ -50,14 +50,14 @@ class CodecChooser:
         self._thread: threading.Thread | None = None
 
     def when_chosen(self, call: Callable[[StreamSettings, str], None]) -> None:
-        """call: gets the settings that asked and the codec, in the thread; an error of ours that it raises is logged"""
+        """call: called in the choosing thread with the settings and the chosen codec; a LidarCodecError is logged"""
         self._chosen = call
 
     def codec_for(self, settings: StreamSettings, before: str | None = None) -> StreamSettings:
-        """The settings with a codec that can encode the next frame. With the codec `auto`, the next frame that is
-        offered decides again, unless the same question was decided before.
+        """The settings with a codec for the next frame. With codec `auto`, the next offered frame starts a new choice,
+        unless there is one for the same settings.
 
-        before: the codec in force, which stays until the decision where it can
+        before: the current codec, which is kept until the choice if possible
         """
         with self._lock:
             if settings.codec != AUTO:
@@ -73,7 +73,7 @@ class CodecChooser:
         return with_codec(settings, (known or able)[0])
 
     def offer(self, frame: Frame) -> None:
-        """A frame that is about to be encoded. Costs nothing where nothing is to be chosen."""
+        """A frame that will be encoded next. Costs nothing if no choice is pending."""
         if not self._waits:
             return
         with self._lock:
@@ -86,8 +86,10 @@ class CodecChooser:
             self._thread.start()
 
     def state(self, codec: str) -> dict[str, Any] | None:
-        """For the status: `codec`, `because`, `encode_ms` of each that was tried, `budget_ms`; None for a codec that
-        was named. codec: in force"""
+        """For the status: `codec`, `because`, `encode_ms` of each codec tried, `budget_ms`; None without `auto`.
+
+        codec: the current one
+        """
         with self._lock:
             if self._asked is None:
                 return None
@@ -95,7 +97,7 @@ class CodecChooser:
         return found._replace(codec=codec)._asdict()
 
     def close(self) -> None:
-        """End soon; harmless when called twice."""
+        """Stop the thread; harmless when called twice."""
         self._closed = True
         thread = self._thread
         if thread is not None and thread is not threading.current_thread():
@@ -110,7 +112,7 @@ class CodecChooser:
         found = choice(asked, times, budget_ms)
         with self._lock:
             if self._asked is None or _question(self._asked) != _question(asked):
-                return  # another question came meanwhile: the next frame answers it
+                return  # the settings changed meanwhile: the next frame starts a new choice
             self._choice, asked = found, self._asked
         logger.info("codec auto is %s: %s", found.codec, found.because)
         try:
@@ -119,8 +121,8 @@ class CodecChooser:
             logger.warning("codec auto cannot be %s: %s", found.codec, error)
 
     def _measured(self, asked: StreamSettings, frame: Frame, budget_ms: float) -> dict[str, float]:
-        """Milliseconds of a frame by codec, best codec first, up to one that is quick enough. At a target that follows
-        the path a stream may become lossless, which takes longest."""
+        """Encoding time in ms by codec, best codec first, up to the first that is fast enough. With target `auto` the
+        stream may become lossless, which takes longest, so that is timed."""
         target = None if asked.target_kbps == AUTO else asked.target_kbps
         times: dict[str, float] = {}
         end = time.monotonic() + LONGEST_S
@@ -128,7 +130,7 @@ class CodecChooser:
             settings = with_codec(asked, name).model_copy(update={"target_kbps": target})
             try:
                 times[name] = encode_ms(settings, frame, budget_ms)
-            except Exception as error:  # whatever a codec does, another one is tried
+            except Exception as error:  # after any error the next codec is tried
                 logger.warning("codec auto: %s could not encode a frame: %s", name, error)
                 continue
             if self._closed or times[name] <= budget_ms or time.monotonic() > end:
@@ -137,9 +139,9 @@ class CodecChooser:
 
 
 def encode_ms(settings: StreamSettings, frame: Frame, budget_ms: float) -> float:
-    """Mean milliseconds that a frame takes with these settings, messages packed.
+    """Mean time in ms to encode a frame with these settings and pack its messages.
 
-    The first time is not counted, nor are times that the target left the frame out: they cost nothing.
+    The first encoding is not counted, nor are those in which rate control left the frame out.
     """
     encoder = StreamEncoder(settings)
     took: list[float] = []
@@ -158,7 +160,7 @@ def encode_ms(settings: StreamSettings, frame: Frame, budget_ms: float) -> float
 
 
 def _question(settings: StreamSettings) -> dict[str, Any]:
-    """What the choice depends on."""
+    """The settings that the choice depends on."""
     return settings.model_dump(exclude={"follow", "key_interval"})
 
 

@@ -1,4 +1,4 @@
-"""Coding: everything of a publisher that makes messages of frames, without a network."""
+"""Coding: the parts of a publisher that turn frames into messages, without a network."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lidarcodec.settings import StreamSettings
 class Coding:
     """An encoder with its process, with the choice of codec `auto`, and with learning.
 
-    asked: the settings as they were asked for; interval_s: the time in which the source gives a packet
-    isolate: which encoders run in a process of their own; failed: gets what went wrong in one
+    asked: the settings as requested; interval_s: time between two packets of the source
+    isolate: which encoders run in a process of their own; failed: called with the errors of these processes
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Coding:
 
     @property
     def codec(self) -> str:
-        """The codec in force."""
+        """The current codec."""
         return self.encoder.settings.codec
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""Desk: what reaches a publisher from the network: receivers that come and go, arrivals, reports, control queries."""
+"""Desk: a publisher's handlers for the network: receivers that come and go, arrivals, reports, control queries."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from lidarcodec.transport.base import Closeable
 from lidarcodec.transport.keys import StreamKeys
 
 CHANGES_PER_S, CHANGES_AT_ONCE = 5.0, 20
-"""Changes of settings that are taken, of everybody together."""
+"""Rate limit of changes of settings, for all clients together."""
 QUESTIONS_PER_S, QUESTIONS_AT_ONCE = 50.0, 100
-"""Questions for the settings and the status that are answered, of everybody together."""
+"""Rate limit of queries for settings and status, for all clients together."""
 STATUS_HOLDS_S = 0.1
-"""However often somebody asks, the status is made up at most so often."""
+"""Shortest interval at which the status is computed; queries in between get the last one."""
 
 
 class Controlled(Protocol):
-    """What control queries act on: a Publisher."""
+    """The object that control queries act on: a Publisher."""
 
     @property
     def settings(self) -> StreamSettings: ...
@@ -42,12 +42,12 @@ class Controlled(Protocol):
 
 
 class Desk:
-    """Hands on what comes in; called in threads of the transport, and must be quick."""
+    """Forwards what comes from the network. Called in threads of the transport, so it must be fast."""
 
     def __init__(
         self, publisher: Controlled, keys: StreamKeys, flight: Flight, board: StatusBoard, clock: Clock, once: Once
     ) -> None:
-        """once: counts and logs what is refused"""
+        """once: counts and logs refused queries"""
         self._once = once
         self._changes = Allowance(CHANGES_PER_S, CHANGES_AT_ONCE)
         self._questions = Allowance(QUESTIONS_PER_S, QUESTIONS_AT_ONCE)
@@ -57,7 +57,7 @@ class Desk:
         self._flight, self._board, self._clock = flight, board, clock
 
     def declare(self, transport: Transport) -> list[Closeable]:
-        """Begin to listen and to answer."""
+        """Declare subscribers and queryables."""
         keys = self._keys
         return [
             transport.watch(keys.arrived(), self._receiver_changed),
@@ -89,7 +89,7 @@ class Desk:
             self._flight.round_trip(name, rtt_ms / 1e3)
 
     def _get(self, query: dict[str, Any]) -> dict[str, Any]:
-        if "ping" in query:  # the time as late as can be, and whether the way back may be busy with a frame
+        if "ping" in query:  # read the clock last; also say whether a frame may delay the answer
             return {"ping": query["ping"], "busy": self._flight.busy, "time_ns": self._clock.wall_ns()}
         self._take(self._questions, "questions refused", "settings are asked for")
         if time.monotonic() - self._status_s >= STATUS_HOLDS_S:
