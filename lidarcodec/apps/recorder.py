@@ -1,7 +1,7 @@
-"""BackgroundRecorder: keeps a stream on disk in a thread of its own, so that no disk is ever in the frame path.
+"""BackgroundRecorder: records a stream in its own thread, so that no frame waits for the disk.
 
-What the disk cannot take in time is dropped, oldest first, and counted. Some of what it encodes, and some of what a
-publisher sends meanwhile, is decoded again and compared (spot_check.py).
+If the disk is too slow, the oldest items are dropped and counted. Some of the messages that it encodes, and some that
+the publisher sends, are decoded again and compared (spot_check.py).
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ logger = logging.getLogger(__name__)
 
 RecordAs = Literal["packets", "lossless"]
 WAITING = 20
-"""Frames that wait for the disk: two seconds, 9 MB."""
+"""Most frames that wait for the disk: two seconds, 9 MB."""
 CLOSE_LIMIT_S = 10.0
 LOSSLESS = StreamSettings(codec="pcodec", max_error_m=0.0)
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a publisher keeps of all that its sensor sends, independent of what it sends over the network.
+    """Options for recording everything that a sensor sends, whatever is sent over the network.
 
     folder: where its files are; form: raw `packets`, or a `lossless` stream
     limits: `max_file_bytes`, `max_total_bytes`, `sync_bytes` of `recording.RotatingRecorder`
@@ -49,7 +49,7 @@ class Record:
 
     @classmethod
     def of(cls, given: Record | str | Path | None) -> Record | None:
-        """The value itself, or that of a folder."""
+        """The value itself, or a Record of a folder."""
         return cls(Path(given)) if isinstance(given, str | Path) else given
 
 
@@ -60,7 +60,7 @@ class Cloud(NamedTuple):
 
 
 class BackgroundRecorder:
-    """Records messages as they are, packets as they are, frames as a lossless stream, or their points. Thread-safe.
+    """Records messages and packets unchanged, frames as a lossless stream, or their points. Thread-safe.
 
     counts: `dropped` (the disk, or the processor, was too slow), `unwritten` (what still waited at `close`), `errors`,
             `recorded checked` and `recorded wrong` of a lossless stream, `sent checked` and `sent wrong` of messages
@@ -99,7 +99,7 @@ class BackgroundRecorder:
         self._put(frame)
 
     def sent(self, frame: Frame, settings: StreamSettings, messages: Sequence[Message]) -> None:
-        """What a publisher has sent: some of it is decoded again, none of it is recorded. frame: as it was encoded."""
+        """Spot check sent messages; they are not recorded. frame: as it was encoded"""
         self._sent.offer(frame, settings, messages)
 
     def keep_clouds(self) -> None:
@@ -111,7 +111,7 @@ class BackgroundRecorder:
         self._put(Cloud(frame))
 
     def state(self) -> dict[str, Any]:
-        """For the status: counts, the current file, and why nothing is written any more."""
+        """For the status: counts, the current file, and why recording stopped."""
         path = self._files.path
         counts = dict(self._files.counts) | dict(self._own) | dict(self._recorded.counts) | dict(self._sent.counts)
         return {"file": None if path is None else str(path), "stopped": self._files.stopped, "counts": counts}
@@ -134,7 +134,7 @@ class BackgroundRecorder:
 
     @property
     def writing(self) -> bool:
-        """Whether the disk still has to take something; may stay so behind `close`, when the disk is slow."""
+        """Whether items wait for the disk; with a slow disk, also after `close`."""
         return self._thread.is_alive()
 
     def _put(self, item: bytes | list[Packet] | Frame | Cloud) -> None:
@@ -159,7 +159,7 @@ class BackgroundRecorder:
                     self._write(item)
                 except LidarCodecError as error:
                     self._once.add("errors", error)
-                except Exception as error:  # a fault of ours costs this item, and never the rest of the recording
+                except Exception as error:  # a fault of this program loses this item, not the rest of the recording
                     logger.exception("unexpected error while recording")
                     self._once.add("errors", error)
         finally:

@@ -1,9 +1,9 @@
-"""What a receiver says: an arrival report for each message, and a report once a second.
+"""Messages of a receiver: an arrival report for each received message, and a report once a second.
 
 An arrival report is 28 bytes, little endian: index of the message's first frame (u64), the receiver's host time in ns
-since the Unix epoch (i64), for how many ns it kept the report back while its decoder was busy (u64), and the message's
-checksum (u32), which proves that it was received. Of longer ones the rest is skipped. A report is a JSON object of
-which a few fields are known; nothing else is passed on.
+since the Unix epoch (i64), ns for which it held the report because its decoder was busy (u64), and the message's
+checksum (u32), which proves that it was received. Further bytes are ignored. A report is a JSON object; unknown fields
+are dropped.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ STATUS_FIELDS = frozenset(
         "reports",
     )
 )
-"""What is taken of a publisher's status; the rest is left out."""
+"""Fields of a publisher's status that receivers use."""
 
 
 Report = dict[str, int | float | list[int] | None]
@@ -113,7 +113,7 @@ def pack_arrival(arrival: Arrival) -> bytes:
 
 
 def read_arrival(data: bytes) -> Arrival | None:
-    """An arrival report; None for what is none."""
+    """An arrival report; None if the bytes are not one."""
     return Arrival(*_ARRIVAL.unpack_from(data)) if len(data) >= _ARRIVAL.size else None
 
 
@@ -126,7 +126,7 @@ def read_status(data: bytes) -> dict[str, Any]:
 
 
 def read_report(data: bytes) -> Report | None:
-    """The known fields of a report; None for what is no report."""
+    """The known fields of a report; None if the bytes are not one."""
     try:
         values = read_object(data, MAX_REPORT_BYTES)
     except JsonRefusedError:

@@ -1,8 +1,8 @@
 """SpotCheck: decodes some of the messages of a live stream again, and compares them with their frames.
 
-It checks runs of messages: from a key message on for RUN_S of processor time, then none until that was SHARE of all
-time. So its cost does not depend on the codec, and messages that need earlier ones are checked, too. The thread has a
-low priority. Messages that it cannot check in time are skipped: nothing waits for it.
+It checks runs of messages: each starts at a key message and takes RUN_S of processor time. Then it pauses until that
+was SHARE of all time. So the cost does not depend on the codec, and inter frames are checked, too. The thread has a low
+priority. Messages that it cannot check in time are skipped.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ logger = logging.getLogger(__name__)
 RUN_S: Final = 0.2
 SHARE: Final = 0.04
 WAITING: Final = 8
-"""Frames that wait to be checked, 5 MB."""
+"""Most frames that wait to be checked, 5 MB."""
 NICENESS: Final = 10
 CLOSE_LIMIT_S: Final = 2.0
 
 
 class _Item(NamedTuple):
-    """A frame as it was encoded, and the messages that this made; first: a run begins with it."""
+    """A frame as it was encoded, and its messages; first: a run begins with it."""
 
     frame: Frame
     settings: StreamSettings
@@ -44,10 +44,10 @@ class _Item(NamedTuple):
 
 
 class SpotCheck:
-    """Checks one stream. Its thread begins with the first message that it takes.
+    """Checks one stream. Its thread starts with the first message.
 
     what: names the stream in the log and in the counts
-    counts: `WHAT checked`, frames that were compared, and `WHAT wrong`, those that did not come back as promised
+    counts: `WHAT checked`, frames compared, and `WHAT wrong`, frames that did not decode within the bounds
     """
 
     def __init__(self, what: str) -> None:
@@ -116,7 +116,7 @@ class SpotCheck:
             self._spent(time.thread_time() - began, enough=not held)
 
     def _held(self, item: _Item) -> bool:
-        """Whether the frames that the item's messages hold came back as promised."""
+        """Whether the frames in the item's messages decode within the bounds."""
         if item.first:
             self._check = RoundTrip(item.settings, joining=True)
         check = self._check
@@ -144,7 +144,7 @@ class SpotCheck:
             logger.warning("%s: %s (more are only counted)", self._what, error)
 
     def _spent(self, seconds: float, *, enough: bool) -> None:
-        """Count the time, and rest when a run has had its part, or went wrong."""
+        """Count processor time, and pause after a complete run or an error."""
         self._used_s += seconds
         if not enough and self._used_s < RUN_S:
             return

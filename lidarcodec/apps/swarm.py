@@ -1,7 +1,7 @@
-"""Swarm: many vehicles from one source, to see what a router, a server or a network makes of them.
+"""Swarm: many vehicles from one source, for load tests of a router, a server or a network.
 
-Every vehicle is a real publisher that assembles and encodes for itself. What they share is the source, which is read
-once and then played from memory, and the network session. They begin at different moments, as vehicles do.
+Every vehicle is a complete publisher that assembles and encodes by itself. They share the network session and the
+source, which is read once and played from memory. They start at different moments, as vehicles do.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""SharedSwarm: many vehicles that all send what was encoded once, so that their own cost does not hide a server's.
+"""SharedSwarm: many vehicles that send the same encoded messages, so that encoding does not limit a load test.
 
-Each has a stream of its own: stream id, frame indices, stamps of now, key frames when one is asked for, status, and
-controls. They do not wait for arrival reports, and settings cannot be changed, because nothing is encoded.
+Each has its own stream: stream id, frame indices, current time stamps, key frames on request, status, and control keys.
+They do not wait for arrival reports. Settings cannot be changed, because nothing is encoded.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def encoded(sensor: SensorModel, packets: list[Packet], settings: StreamSettings
 
 
 class _Vehicle:
-    """One stream: where it stands in the messages, and what it has sent."""
+    """One stream: its place in the messages, and counts of what it sent."""
 
     def __init__(self, name: str, messages: list[Message], settings: StreamSettings, transport: Transport) -> None:
         self._keys, self._messages, self._settings = StreamKeys(name), messages, settings
@@ -58,7 +58,7 @@ class _Vehicle:
         ]
 
     def send(self) -> None:
-        """Put the next message, as a frame of now."""
+        """Put the next message, with the current time as stamp."""
         if self._key_wanted or self._place == len(self._messages):
             self._place, self._key_wanted = 0, False
         message = self._messages[self._place]

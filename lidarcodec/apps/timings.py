@@ -16,13 +16,13 @@ from collections import deque
 from typing import Any
 
 BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0)
-"""Upper bounds of the histogram's buckets; what is longer is in the last one."""
+"""Upper bounds of the histogram's buckets; longer durations are in one more bucket."""
 RECENT = 600
-"""Values that percentiles are taken of: a minute at 10 Hz."""
+"""Number of newest values for percentiles: a minute at 10 Hz."""
 
 
 def percentile(values: list[float], q: float) -> float | None:
-    """The value that a share `q` of the (sorted) values does not exceed; None of none."""
+    """The value that a share `q` of the values does not exceed; None for an empty list. values: sorted"""
     return values[min(len(values) - 1, int(q * len(values)))] if values else None
 
 
@@ -36,7 +36,7 @@ class Timings:
         self._count, self._sum, self._max = 0, 0.0, 0.0
 
     def add(self, value_ms: float) -> None:
-        """Take one more."""
+        """Add a duration."""
         with self._lock:
             self._recent.append(value_ms)
             self._buckets[bisect_left(BOUNDS_MS, value_ms)] += 1

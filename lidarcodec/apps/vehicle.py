@@ -1,8 +1,8 @@
 """Vehicle: several sensors of one vehicle, in one process and one network session.
 
-Each sensor has a thread of its own that opens its source, publishes it, and, when a live source fails, says why and
-tries again: after one second, then two, up to half a minute. A sensor that fails never stops another one. What cannot
-be put right by waiting ends everything: endpoints that cannot be used.
+Each sensor has its own thread that opens its source and publishes it. If a live source fails, the thread logs why and
+tries again: after one second, then two, up to half a minute. A sensor that fails never stops another one. Endpoints
+that cannot be used end all sensors, because waiting does not help.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 30.0
 WELL_S = 60.0
-"""A source that was well for so long begins again with the shortest wait."""
+"""After a source ran this long without error, the wait before a retry is reset to the shortest."""
 TICK_S = 0.2
 
 
@@ -38,7 +38,7 @@ TICK_S = 0.2
 class SensorPlan:
     """One sensor: its name, how to open its source, and what to do with it.
 
-    live: try again when the source fails; a file that cannot be read stays so
+    live: whether to try again when the source fails; for a file that is useless
     """
 
     name: str
@@ -55,7 +55,7 @@ class Vehicle:
     """Publishes several sensors. A context manager: starts on entering, stops on leaving."""
 
     def __init__(self, name: str, sensors: Sequence[SensorPlan], endpoints: Endpoints | None = None) -> None:
-        """Raises SettingsError for names that are none, and for originals that would leave the machine."""
+        """Raises SettingsError for invalid names, and for originals that would leave the machine."""
         if any(plan.original for plan in sensors):
             check_local(endpoints or Endpoints())
         self.name, self._endpoints = name, endpoints
@@ -74,7 +74,7 @@ class Vehicle:
             sensor.thread.start()
 
     def wait(self) -> None:
-        """Stay until every source has ended, or `interrupt` is called.
+        """Wait until every source has ended, or `interrupt` is called.
 
         Raises TransportError when the endpoints cannot be used.
         """

@@ -1,4 +1,4 @@
-"""What every codec gives: an encoder, a decoder, and a model of its own settings."""
+"""The interface of a codec: an encoder, a decoder, and a model of its own settings."""
 
 from __future__ import annotations
 
@@ -16,47 +16,51 @@ from lidarcodec.settings import StreamSettings
 
 
 class Encoder(Protocol):
-    """Frames in, messages out. Holds the state of one stream; throw it away to start afresh."""
+    """Frames in, messages out. Holds the state of one stream; a new stream needs a new encoder."""
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; a key message when `key` is set or the interval is over."""
 
     def apply(self, settings: StreamSettings) -> bool:
-        """Take new settings from the next frame on. True: the next message will be a key frame."""
+        """Use new settings from the next frame on. True: the next message will be a key frame."""
 
     def flush(self) -> list[Message]:
         """Messages of frames that were held back."""
 
 
 class Steering(Protocol):
-    """Finds the place of the knob at which a message of several frames takes what it may."""
+    """Finds the quality setting at which a message of several frames has its target size."""
 
     def range_of(self, frames: Sequence[Frame], message: Message, code: Callable[[StreamSettings], bytes]) -> bytes:
-        """The RANGE section of a message of these frames. message: all but that section's bytes; code: of settings."""
+        """The RANGE section of a message of these frames.
+
+        message: the message without that section; code: gives the section for some settings
+        """
 
 
 @runtime_checkable
 class Steered(Protocol):
-    """An encoder that collects frames, and asks where its knob is to be when a message has all of them."""
+    """An encoder that collects frames, and asks for its quality setting when a message has all of them."""
 
     def steer(self, steering: Steering | None) -> None:
-        """Ask this from now on; None: the settings say it."""
+        """Ask `steering` from now on; None: use the settings."""
 
 
 @runtime_checkable
 class Learning(Protocol):
-    """An encoder that can go on learning from what it has coded. It does so only when told to."""
+    """An encoder that can train on the frames that it coded. It does so only in calls of `learn`."""
 
     def learn(self, steps: int, budget_ms: float | None = None) -> int:
-        """Take at most so many steps, none begun after so long; how many it took. Another thread may call it."""
+        """Take at most `steps` training steps, none begun after `budget_ms`; returns their number. Another thread may
+        call it."""
 
     @property
     def learn_ms(self) -> float:
-        """Milliseconds a frame that a live application may spend on it, by its settings."""
+        """Milliseconds a frame that a live application may spend on `learn`, from its settings."""
 
     @property
     def learned(self) -> dict[str, Any] | None:
-        """What was learned so far; None before `learn` is called."""
+        """State of the training; None before `learn` is called."""
 
 
 class Decoder(Protocol):
@@ -103,7 +107,7 @@ def own_settings(model: type[Own], settings: StreamSettings) -> Own:
 
 @dataclass(frozen=True)
 class InForce(Generic[Own]):
-    """The settings that an encoder follows, checked: those of the stream, and the codec's own."""
+    """The current settings of an encoder, checked: those of the stream, and the codec's own."""
 
     stream: StreamSettings
     own: Own
@@ -120,7 +124,7 @@ class InForce(Generic[Own]):
 
 
 class Codec(NamedTuple):
-    """What a codec's file offers to the table, as `CODEC`.
+    """Entry of a codec for the table; its module has it as `CODEC`.
 
     settings: model of its own settings; encoder: of (codec id, settings, stream id); decoder: of (codec id);
     bounded: whether it can keep `max_error_m`; knob: what a target bitrate turns, None where nothing can

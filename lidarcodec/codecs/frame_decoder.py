@@ -1,4 +1,4 @@
-"""What decoders of messages of one frame share, and the decoder of codecs that code ranges alone.
+"""Shared parts of decoders for messages of one frame, and the decoder of codecs that code each frame independently.
 
 Every message can be decoded once its calibration is known, unless its mask refers to those before: a lost message
 then costs all frames up to the next key message.
@@ -30,7 +30,7 @@ Raises SectionError or TruncatedError."""
 
 
 class MaskChain:
-    """The masks since the last message that needs no other, and which frame was decoded last."""
+    """The masks since the last independent message, and the index of the last decoded frame."""
 
     def __init__(self) -> None:
         self._history = MaskHistory()
@@ -46,17 +46,17 @@ class MaskChain:
             return None
         if self._last != (message.stream_id, message.needs):
             raise missing_reference(message, message.needs)
-        for planes, sensor in self._unseen:  # brought in only now, so that streams without history pay nothing for it
+        for planes, sensor in self._unseen:  # added only when needed: no cost for streams without history
             self._history.remember(planes.valid, planes.azimuth, sensor)
         self._unseen = []
         return self._history
 
     def cut(self) -> None:
-        """Refuse messages that need another until one that needs none was decoded."""
+        """Refuse messages that need another until an independent one is decoded."""
         self._last = None
 
     def take(self, message: Message, planes: Planes, sensor: SensorModel) -> None:
-        """Takes a message that was decoded."""
+        """Add a decoded message."""
         if message.needs is None:
             self._history, self._unseen = MaskHistory(), []
         self._unseen.append((planes, sensor))
@@ -64,7 +64,7 @@ class MaskChain:
 
 
 class IndependentDecoder:
-    """Decoder of a codec that codes the ranges of each frame alone."""
+    """Decoder of a codec that codes the ranges of each frame independently."""
 
     def __init__(self, codec_id: int, decode_ranges: DecodeRanges) -> None:
         self.codec_id = codec_id
@@ -94,7 +94,7 @@ class IndependentDecoder:
 
 
 def independent_decoder(decode_ranges: DecodeRanges) -> Callable[[int], Decoder]:
-    """Makes the decoders of a codec that codes the ranges of each frame alone."""
+    """A function that makes decoders of a codec that codes the ranges of each frame independently."""
     return lambda codec_id: IndependentDecoder(codec_id, decode_ranges)
 
 

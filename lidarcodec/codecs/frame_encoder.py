@@ -1,7 +1,7 @@
-"""Encoder of a codec whose messages hold one frame each: when a key message is due, and what frames a message.
+"""Encoder of a codec whose messages hold one frame each. It decides when a key message is due.
 
-What a message says of its frame is the matter of a part of the codec, its `FrameContent`. `Independent` is the content
-of codecs that code the ranges of each frame alone. Contents that refer to earlier frames are in `referring.py`.
+The sections of a frame are coded by a part of the codec, its `FrameContent`. `Independent` is the content of codecs
+that code the ranges of each frame independently. Contents that refer to earlier frames are in `referring.py`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from lidarcodec.settings import StreamSettings
 
 
 class Coded(NamedTuple):
-    """What a message says of its frame.
+    """The coded sections of a frame.
 
-    sections: all but the calibration; needs: index of the frame that they refer to, None: of none
+    sections: all except the calibration; needs: index of the frame that they refer to, or None
     """
 
     sections: list[Section]
@@ -40,10 +40,9 @@ class FrameContent(Protocol[Own]):
         """
 
     def code(self, frame: Frame, *, key: bool) -> Coded:
-        """What the message of a frame says. A key message refers to no other frame.
+        """The sections of a frame. Those of a key message refer to no other frame.
 
-        Raises LidarCodecError for a frame that contradicts itself. The next frame then refers to nothing that this one
-        has taught.
+        Raises LidarCodecError for a frame that contradicts itself. The next frame then does not refer to this one.
         """
 
 
@@ -77,7 +76,7 @@ class FrameEncoder(Generic[Own]):
     def apply(self, settings: StreamSettings) -> bool:
         """Takes new settings from the next frame on. True: the next message will be a key message.
 
-        Raises SettingsError, for another codec too: that takes another encoder. Nothing has changed then.
+        Raises SettingsError, also for another codec, which needs a new encoder. Then nothing changes.
         """
         check_same_codec(self._settings.stream, settings)
         taken = InForce.of(self._model, settings, self._settings)
@@ -130,9 +129,9 @@ CodeRanges = Callable[[Frame, InForce[Own]], bytes]
 
 
 class Independent(Generic[Own]):
-    """Content of a codec that codes the ranges of each frame alone.
+    """Content of a codec that codes the ranges of each frame independently.
 
-    code_ranges: writes the RANGE section; grouped_intensity: code intensities quickly instead of small (intensity.py)
+    code_ranges: gives the RANGE section; grouped_intensity: code intensities fast instead of small (intensity.py)
     mask_history: whether masks refer to the masks since the last key message, by the codec's own settings. A lost
         message then costs all frames up to the next key message.
     """
@@ -151,7 +150,7 @@ class Independent(Generic[Own]):
         """The masks since the last key message, and the index of the last of these frames."""
 
     def take(self, settings: InForce[Own]) -> bool:
-        """Takes settings; no frame needs a key message for them."""
+        """Use new settings; they never need a key message."""
         self._settings = settings
         return False
 

@@ -1,9 +1,9 @@
 """`jpeg-layered`: several turns as one JPEG in which the rows of each laser are times (Tu 2016's "layer JPEG").
 
 The frames of a group go into one message when the group is full, so the first waits for `group` - 1 others: 0.8 s with
-the default of 8 and frames of 0.1 s. A group needs no other: a lost one loses its own frames and nothing else. A key
-frame on demand or another sensor end a group early, and so does the end of the stream. New settings do not: the group
-in progress takes them over. With a target bitrate the quality is found when a group ends, by coding it more than once.
+the default of 8 and frames of 0.1 s. Groups are independent: a lost message loses only its own frames. A requested key
+frame, another sensor, or the end of the stream ends a group early. New settings do not: they apply to the group in
+progress. With a target bitrate the quality is found when a group ends, by coding it more than once.
 
 A RANGE section, there is one in a message, is the head of the group (group_head.py) and, if there is any return, what
 samples mean (jpeg_samples.py) and the JPEG.
@@ -50,7 +50,7 @@ class LayeredSettings(JpegSettings):
 
 @dataclass(frozen=True, eq=False)
 class _Member:
-    """A frame that waits for its group: what is sent beside its ranges is coded already."""
+    """A frame that waits for its group. All sections except its ranges are already coded."""
 
     frame: Frame
     valid: Mask
@@ -72,7 +72,7 @@ class LayeredEncoder:
         self._steering: Steering | None = None
 
     def steer(self, steering: Steering | None) -> None:
-        """Ask this for the quality of each group from now on; None: the settings say it."""
+        """Ask `steering` for the quality of each group from now on; None: use the settings."""
         self._steering = steering
 
     def apply(self, settings: StreamSettings) -> bool:
@@ -147,7 +147,7 @@ class LayeredEncoder:
         self._since_key = len(frames) if self._key else (self._since_key or 0) + len(frames)
 
     def _key_is_due(self) -> bool:
-        """Whether a group that begins now is to be a key message: the next one would come too late."""
+        """Whether a group that begins now must be a key message, because the next group would be too late."""
         return (
             self._since_key is None or self._since_key + self._settings.own.group > self._settings.stream.key_interval
         )
@@ -162,7 +162,7 @@ class LayeredEncoder:
         )
 
     def _coder(self, members: list[_Member]) -> Callable[[StreamSettings], bytes]:
-        """The RANGE section by settings, of which only those of JPEGs are looked at."""
+        """A function that gives the RANGE section for some settings. It uses only the JPEG settings."""
         frames, in_force = [member.frame for member in members], self._settings
         layers = layers_of([frame.azimuth[0] for frame in frames])
         head = pack_group(frames, layers)

@@ -1,6 +1,6 @@
-"""What the samples of a JPEG mean, and how ranges become samples and come back: shared by the JPEG codecs.
+"""Conversion between ranges and samples of a JPEG, for both JPEG codecs.
 
-A RANGE section says it so: bits u8, mapping u8, top u32: the range, in steps on the canvas, of the largest sample.
+A RANGE section describes it by bits u8, mapping u8, and top u32, the canvas value of the largest sample.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MAPPINGS: Final = 3
 
 
 class JpegSettings(CodecSettings):
-    """Settings of `jpeg`; those of `jpeg-layered` are these and more."""
+    """Settings of `jpeg`. `jpeg-layered` has further ones."""
 
     quality: float = Field(default=90, ge=1, le=100)
     """Quality as in libjpeg: higher is finer and larger. `tables=libjpeg` rounds it to a whole number."""
@@ -42,7 +42,7 @@ class JpegSettings(CodecSettings):
 def with_samples(own: JpegSettings, values: npt.NDArray[np.int32], known: Mask) -> tuple[bytes, bytes]:
     """Description of the samples, and the JPEG. values: (H, W) int32, ranges on the canvas, 0 where not known."""
     top = top_of(own.mapping, int(values.max()))
-    samples = mapping_of(own.mapping, own.bits, top).sample.take(values)  # indexed, NumPy crashes where memory is short
+    samples = mapping_of(own.mapping, own.bits, top).sample.take(values)  # NumPy's indexing crashes if memory is short
     jpeg = write_jpeg(samples, known, own.bits, own.tables, own.quality, MAX_VALUE / top)
     return SAMPLES.pack(own.bits, NAMES.index(own.mapping), top), jpeg
 

@@ -45,8 +45,8 @@ class PcodecSettings(CodecSettings):
 
 
 def _config(level: int, count: int) -> ChunkConfig:
-    """How pco codes a chunk of so many numbers: in one page, whatever their number. By itself pco begins another page
-    after 262,144 numbers."""
+    """Configuration of pco for a chunk of `count` numbers in one page. By default pco begins a new page after 262,144
+    numbers."""
     one_page = PagingSpec.exact_page_sizes([count])
     return ChunkConfig(level, mode_spec=ModeSpec.classic(), delta_spec=DeltaSpec.no_op(), paging_spec=one_page)
 

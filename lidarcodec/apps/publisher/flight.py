@@ -1,4 +1,4 @@
-"""Flight: which messages are under way, and whether the next one may go.
+"""Flight: the messages under way, and whether the next one may be sent.
 
 Measured, nothing bounds latency better than one message in flight until its receiver reports arrival: it sees the
 buffers of every modem and router further along, which no setting of ours does. With a long round trip
@@ -26,14 +26,14 @@ from lidarcodec.ratecontrol.adaptive import Landing
 logger = logging.getLogger(__name__)
 
 WARNED_OF = 64
-"""Receivers of which a warning is given that they slow the stream down."""
+"""Most receivers for which the warning of a slow receiver is logged."""
 
 
 class Flight:
     """Messages under way to the receiver that is followed. Thread-safe.
 
-    timeouts: messages that went without the report of the one before
-    switches: how often another receiver was followed: what was measured before is of another path
+    timeouts: messages sent although the one before was not reported
+    switches: number of changes of the followed receiver
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Flight:
         *,
         slow_server: bool = True,
     ) -> None:
-        """limit_s: how long a message may go without a report;  slow_server: as for `Followed`"""
+        """limit_s: longest wait for a report;  slow_server: as for `Followed`"""
         self._condition = threading.Condition()
         self._clock = clock
         self._followed = Followed(follow, clock, max(1.0, 3 * limit_s / FORGET_S), slow_server=slow_server)
@@ -56,17 +56,17 @@ class Flight:
 
     @property
     def unreported(self) -> int:
-        """Frames of messages that who was followed never reported, though a later one."""
+        """Frames of messages that the followed receiver never reported although it reported a later one."""
         return self._under_way.unreported
 
     @property
     def refused(self) -> Counter[str]:
-        """Reports that did not count, by why."""
+        """Number of reports that did not count, by reason."""
         return self._proofs.refused
 
     @property
     def arrive_ms(self) -> Timings:
-        """Put to report."""
+        """Times from put to report, in ms."""
         return self._path.arrive_ms
 
     # --- receivers --------------------------------------------------------------------------------------------------
@@ -79,22 +79,22 @@ class Flight:
 
     @property
     def receivers(self) -> list[str]:
-        """Those that have proved that they receive."""
+        """Receivers that have proved that they receive."""
         with self._condition:
             return self._followed.names()
 
     def standing(self, name: str) -> Standing:
-        """How much is to be given on what somebody says under a name."""
+        """How far messages under this name can be trusted."""
         with self._condition:
             return self._followed.standing(name)
 
     def follow(self, name: str | None) -> None:
-        """Follow this receiver when it is there; None: the server, else the first."""
+        """Follow this receiver when it is there; None: the server, or the first receiver without a server."""
         with self._condition:
             self._switch(lambda: setattr(self._followed, "named", name))
 
     def came(self, name: str) -> None:
-        """A receiver that will report is there."""
+        """A receiver shows its token: it will report."""
         with self._condition:
             self._switch(lambda: self._followed.came(name))
 
@@ -104,17 +104,17 @@ class Flight:
             self._switch(lambda: self._followed.went(name))
 
     def round_trip(self, name: str, rtt_s: float) -> None:
-        """What a receiver measured as the round trip; no report of its can have come sooner."""
+        """Set the round trip that a receiver measured; its fastest report is an upper limit."""
         with self._condition:
             if name in self._followed and 0.0 <= rtt_s <= 10.0:
                 self._followed[name].rtt_s = rtt_s
                 self._condition.notify_all()
 
     def reported(self, name: str, index: int, checksum: int | None, held_s: float = 0.0) -> None:
-        """A receiver has the message, and with it none of those before is under way any more.
+        """A receiver reported a message. The message and all earlier ones are no longer under way.
 
-        checksum: of the message, as the receiver says; None when it does not
-        held_s: how long it kept the report back because its decoder was busy; the path is not to blame for that.
+        checksum: of the message, in the report; None if it has none
+        held_s: time for which the receiver held the report because its decoder was busy; not part of the path's time.
         """
         now = self._clock()
         with self._condition:
@@ -144,14 +144,14 @@ class Flight:
             return self._window()
 
     def new_codec(self) -> None:
-        """The next messages may need a decoder that is not there yet: have patience with their reports."""
+        """Allow more time for the next reports, as the receiver may have to start a decoder."""
         with self._condition:
             self._path.new_codec()
 
     def sent(
         self, index: int, checksum: int, size: int = 0, frames: int = 1, *, key: bool = False, alone: bool = True
     ) -> None:
-        """A message of so many bytes and frames is put now. alone: it needs no other."""
+        """A message of `size` bytes and `frames` frames is put now. alone: it decodes without others"""
         with self._condition:
             to, now = self._following(), self._clock()
             self._proofs.put(index, checksum, now)
@@ -159,8 +159,10 @@ class Flight:
                 self._under_way.missed(old, to or (old.to if old.to in self._followed else None))
 
     def wait(self, timeout_s: float, most: int = MAX_IN_FLIGHT) -> bool:
-        """Whether the next message may go, as one of so many under way; waits for a report until then, at most
-        `timeout_s`."""
+        """Wait until the next message may be sent, at most `timeout_s`; returns whether it may.
+
+        most: largest number of messages under way
+        """
         end = self._clock() + timeout_s
         with self._condition:
             while not self._may_send(most):
@@ -174,31 +176,31 @@ class Flight:
             return True
 
     def wait_landed(self, timeout_s: float) -> bool:
-        """Whether everything that was sent has arrived; waits for it, at most `timeout_s`."""
+        """Wait until all messages have arrived, at most `timeout_s`; returns whether they have."""
         with self._condition:
             return self._condition.wait_for(lambda: not len(self._under_way), timeout_s)
 
     def wake(self) -> None:
-        """Have a `wait` look again."""
+        """Make `wait` check again."""
         with self._condition:
             self._condition.notify_all()
 
     # --- what is asked ----------------------------------------------------------------------------------------------
 
     def landings(self) -> list[Landing]:
-        """What the messages took that arrived, or were given up, since this was asked last."""
+        """Times of the messages that arrived or were given up since the last call."""
         with self._condition:
             return self._path.landings()
 
     def given_up(self) -> list[Sent]:
-        """The messages that were given up since this was asked last: nobody knows whether they will arrive."""
+        """The messages given up since the last call: they may or may not arrive."""
         with self._condition:
             given_up = list(self._given_up_lately)
             self._given_up_lately.clear()
             return given_up
 
     def state(self) -> dict[str, Any]:
-        """For the status: who reports, who is followed and why, and what is under way."""
+        """For the status: reporting receivers, the followed one and why, and messages under way."""
         with self._condition:
             following, why = self._followed.current()
             return {
@@ -220,12 +222,12 @@ class Flight:
         return self._followed.current()[0]
 
     def _rtt(self, name: str) -> float:
-        """The round trip to a receiver: as it says, but no longer than its quickest report took."""
+        """The round trip that a receiver measured, limited by the time of its fastest report."""
         known = self._followed[name]
         return min(known.rtt_s, *known.took_s) if known.took_s else 0.0
 
     def _switch(self, change: Callable[[], object]) -> None:
-        """Make a change; what is under way to a receiver that is not followed any more is not waited for."""
+        """Make a change. If another receiver is followed afterwards, stop waiting for messages under way."""
         before = self._following()
         usual_s = None if before is None else self._followed[before].usual_s
         change()
@@ -238,7 +240,7 @@ class Flight:
         self._condition.notify_all()
 
     def _time_out(self) -> None:
-        """The receiver that is followed did not report: the next message goes, and others that do report come first."""
+        """The followed receiver did not report in time: send the next message, and prefer receivers that report."""
         self.timeouts += 1
         waiting = self._under_way.waiting()
         silent = self._following() if self._path.is_silence(self._path.report_limit_s(waiting)) else None
@@ -256,25 +258,25 @@ class Flight:
         return self._following() is None or len(self._under_way) < min(self._window(), most)
 
     def _due(self) -> float:
-        """When the oldest message under way has waited long enough."""
+        """Time at which the oldest message under way is given up."""
         waiting = self._under_way.waiting()
         return min((one.at_s for one in waiting), default=float("-inf")) + self._path.report_limit_s(waiting)
 
 
 class SlowerWarning:
-    """One line when a receiver slows the stream down for the one that was followed before."""
+    """Logs a warning when the followed receiver is slower than the one followed before."""
 
     def __init__(self) -> None:
-        self._before: tuple[str, float] | None = None  # who was followed before, and how long its reports took
+        self._before: tuple[str, float] | None = None  # name and usual report time of the receiver followed before
         self._warned: set[str] = set()
 
     def switched(self, before: str | None, usual_s: float | None) -> None:
-        """Another receiver is followed. before: who was until now; usual_s: how long its reports took, if known."""
+        """The followed receiver changed. before: the previous one; usual_s: its usual report time, if known."""
         if before is not None and usual_s is not None:
             self._before = before, usual_s
 
     def check(self, name: str, usual_s: float | None) -> None:
-        """A receiver that is followed has reported; usual_s: how long its reports take, if known."""
+        """The followed receiver has reported; usual_s: its usual report time, if known."""
         if usual_s is None or self._before is None:
             return
         before, before_s = self._before

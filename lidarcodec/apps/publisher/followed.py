@@ -1,8 +1,8 @@
-"""Followed: which receiver's arrival reports steer a publisher, and why.
+"""Followed: the receiver whose arrival reports control a publisher, and the reason.
 
-A receiver shows that it is there with a liveliness token. It steers only after it has proved that it receives: with a
-report that names a message sent lately and repeats its checksum, which nobody knows who has not received the message.
-Whoever only claims to receive is waited for briefly, and only while nobody else has proved anything.
+A receiver shows its presence with a liveliness token. It controls the stream only after it has proved that it receives:
+with a report that has the index and the checksum of a recent message. The checksum is known only to programs that
+received the message. A receiver without proof is waited for briefly, and only while no other has proved anything.
 """
 
 from __future__ import annotations
@@ -17,33 +17,32 @@ from lidarcodec.apps.timings import percentile
 from lidarcodec.transport.keys import SERVER_RECEIVER
 
 MAX_RECEIVERS = 256
-"""Receivers that are known. Behind them those with the least evidence give way."""
+"""Most receivers that are remembered. Beyond that, those with the least evidence are dropped."""
 LISTED = 64
-"""Receivers that the status names."""
+"""Most receivers in the status."""
 FORGET_S, UNPROVED_S = 10.0, 3.0
-"""A receiver that leaves messages without a report for so long is not waited for until it reports; and one that never
-reported."""
+"""Time without a report after which a receiver is not waited for until it reports again; also for its first report."""
 MEASURED, ENOUGH = 8, 4
-"""Reports from which it is told how quick a receiver is, and how many are needed."""
+"""Number of newest reports that give a receiver's usual time, and the fewest that are needed."""
 SLOWER_TIMES, SLOWER_S = 1.5, 0.03
-"""So much slower than another receiver is clearly slower: that many times, and by so long. A frame that fits its path
-is under way for 65 ms at 10 Hz; lateness beyond that, which others do not share, must not make it smaller for them."""
+"""A receiver is clearly slower than another if its time is longer by this factor and by this much. A frame that fits
+its path is under way for 65 ms at 10 Hz. A single receiver that is later must not lower the quality of the others."""
 
 Why = Literal["follow", "server", "first", "quickest", "only"]
-"""Why a receiver is followed: the setting names it; it is the server; it reported first; it is clearly quicker than
-the one before; nobody has reported in time."""
+"""Why a receiver is followed: the setting names it; it is the server; it reported first; it is clearly faster than the
+one before; no receiver has reported in time."""
 Standing = Literal[0, 1, 2, 3]
 """0: shows no token; 1: shows one; 2: has proved that it receives; 3: is followed."""
 
 
 @dataclass
 class Known:
-    """What is known of one receiver.
+    """State of one receiver.
 
-    proved: it reported a message, and was not given up since
-    silent_s: when it was first given up in a row; None while it reports in time
-    heard_s: when it reported last;  took_s: times from put to report, newest last
-    usual_s: how long its reports usually take; None before there are enough of them
+    proved: it reported a message, and has reported in time since
+    silent_s: time of the first missing report in a row; None while it reports in time
+    heard_s: time of the last report;  took_s: times from put to report, newest last
+    usual_s: usual time from put to report; None before there are enough reports
     """
 
     proved: bool = False
@@ -55,15 +54,15 @@ class Known:
 
 
 def clearly_slower(one_s: float | None, other_s: float | None) -> bool:
-    """Whether the first time is so much longer than the second that it matters; not while one of them is unknown."""
+    """Whether the first time is clearly longer than the second; False while one of them is unknown."""
     return one_s is not None and other_s is not None and one_s > SLOWER_TIMES * other_s + SLOWER_S
 
 
 class Followed:
-    """The receivers that are there, and the one that is followed. Not thread-safe: `Flight` holds a lock.
+    """The connected receivers, and the followed one. Not thread-safe: `Flight` holds a lock.
 
-    Of those that have proved that they receive it is the one that is named, else the server, else the first; a clearly
-    quicker one takes the place of the first, so that a viewer who is slow, or says so, holds up nobody else.
+    Of the receivers with proof, the one named by the setting is followed, otherwise the server, otherwise the first. A
+    clearly faster one replaces the first, so that a slow viewer, or one that pretends to be, does not delay others.
     """
 
     def __init__(
@@ -74,8 +73,8 @@ class Followed:
         *,
         slow_server: bool = True,
     ) -> None:
-        """patience: how many times longer than usual a silent receiver is waited for
-        slow_server: the server is followed, too, when it is clearly slower than others: its path may be slow
+        """patience: factor of the usual time for which a silent receiver is waited for
+        slow_server: whether the server is followed although it is clearly slower than others
         """
         self.named = named
         self._clock, self._patience, self._slow_server = clock, patience, slow_server
@@ -84,7 +83,7 @@ class Followed:
         self._why_first: Why = "first"
         self._last: str | None = None
         self.turned_away = 0
-        """Tokens for which there was no room."""
+        """Tokens of receivers that are not remembered for lack of room."""
 
     def __contains__(self, name: object) -> bool:
         return name in self._known
@@ -107,7 +106,7 @@ class Followed:
         self._choose_first()
 
     def proved(self, name: str, took_s: float) -> None:
-        """A receiver that is known has reported a message that was put so long ago."""
+        """A known receiver has reported a message `took_s` after it was put."""
         known = self._known[name]
         known.proved, known.silent_s, known.heard_s = True, None, self._clock()
         known.took_s.append(took_s)
@@ -116,7 +115,7 @@ class Followed:
         self._choose_first()
 
     def silenced(self, name: str) -> None:
-        """A receiver that is known did not report in time."""
+        """A known receiver did not report in time."""
         known = self._known[name]
         if known.silent_s is None:
             known.silent_s = self._clock()
@@ -129,7 +128,7 @@ class Followed:
         return name, why
 
     def standing(self, name: str) -> Standing:
-        """How much is to be given on what somebody says under a name."""
+        """How far messages under this name can be trusted."""
         if name not in self._known:
             return 0
         if name == self.current()[0]:
@@ -137,7 +136,7 @@ class Followed:
         return 2 if self._known[name].proved else 1
 
     def names(self) -> list[str]:
-        """Those that have proved that they receive, at most 64."""
+        """Receivers that have proved that they receive, at most 64."""
         return [name for name, known in self._known.items() if known.proved][:LISTED]
 
     def state(self) -> dict[str, Any]:
@@ -150,7 +149,7 @@ class Followed:
             return self.named, "follow"
         if self._first is not None:
             return self._first, self._why_first
-        # Nobody reports: the one that was followed may again, else somebody who is there may.
+        # No receiver reports: keep the one followed before, otherwise take any connected one.
         there = [name for name in self._known if self._waited_for(name)]
         if self._last in there and self._known[self._last].proved:
             return self._last, "only"
@@ -171,7 +170,7 @@ class Followed:
         return known.silent_s is None or self._clock() - known.silent_s < limit_s
 
     def _choose_first(self) -> None:
-        """The server; else, of equals, the first, until another one is clearly quicker, or it is silent, or gone."""
+        """Choose the server, or the first receiver until it is silent or gone, or another one is clearly faster."""
         able = [name for name in self._known if self._steers(name)]
         measured = [(usual_s, name) for name in able if (usual_s := self._known[name].usual_s) is not None]
         quickest_s, quickest = min(measured, default=(None, None))
@@ -184,7 +183,8 @@ class Followed:
             self._first, self._why_first = quickest, "quickest"
 
     def _make_room(self, name: str) -> bool:
-        """Whether the one with the least evidence gave way. Those that report give way to who is preferred only."""
+        """Drop the receiver with the least evidence; returns whether there is room. Receivers that report are dropped
+        only for a preferred one."""
         preferred = (self.named, SERVER_RECEIVER)
         kept = (*preferred, self.current()[0])
         others = [one for one in self._known if one not in kept]

@@ -1,9 +1,9 @@
-"""SpareLearning: a thread in which a stream's encoder learns from what it has sent, as much as its settings allow.
+"""SpareLearning: a thread that trains a stream's encoder on sent frames, within the limit of its settings.
 
-Each frame that was encoded allows so many milliseconds (`learn_ms`); what is not used within a second of frames is
-forgotten, so that nothing is caught up with. It counts the processor time of this thread. The thread has a lower
-priority than the others of its process, releases Python's lock while it computes, and does a few milliseconds at a
-time, so the encoder hardly notices it where a core is free, and goes first where none is.
+Each encoded frame allows `learn_ms` of processor time of this thread. Time that is not used within a second of frames
+is lost, so that the thread never works to catch up. It has a lower priority than other threads, releases Python's lock
+while it computes, and works a few milliseconds at a time. With a free core the encoder is not slowed down; without
+one, the encoder goes first.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from lidarcodec.apps.once import Once
 from lidarcodec.pipeline import StreamEncoder
 
 SLICE_MS: Final = 5.0
-"""At a time."""
+"""Longest training at a time."""
 SLICE_STEPS: Final = 1000
 MOST_FRAMES: Final = 10
-"""Frames whose time may be left over."""
+"""Most frames whose unused time is kept."""
 NICENESS: Final = 10
 IDLE_S: Final = 0.05
-"""Between two looks for samples where there were too few."""
+"""Wait before the next try if there were too few samples."""
 
 
 class SpareLearning:
-    """Lets an encoder learn. Its thread begins with the first frame whose settings ask for it."""
+    """Trains an encoder. The thread starts with the first frame whose settings allow it."""
 
     def __init__(self, encoder: StreamEncoder, once: Once) -> None:
         self._encoder, self._once = encoder, once
@@ -51,7 +51,7 @@ class SpareLearning:
             self._condition.notify_all()
 
     def state(self) -> dict[str, Any] | None:
-        """For the status: what was learned, and the processor time that it took; None before it began."""
+        """For the status: state of the training and its processor time; None before it began."""
         learned = self._encoder.learned
         return None if learned is None else {**learned, "seconds": round(self._seconds, 3)}
 
@@ -70,7 +70,7 @@ class SpareLearning:
             began = time.thread_time()
             try:
                 steps = self._encoder.learn(SLICE_STEPS, min(self._credit_ms, SLICE_MS))
-            except Exception as error:  # whatever goes wrong here, the stream goes on
+            except Exception as error:  # the stream continues after any error here
                 self._once.add("learning errors", error)
                 return
             took = time.thread_time() - began
@@ -81,7 +81,7 @@ class SpareLearning:
                     self._condition.wait_for(lambda: self._closed, IDLE_S)
 
     def _allowed(self) -> bool:
-        """Waits until time is left, or the end: False."""
+        """Wait until there is time to use. False: the thread must end."""
         with self._condition:
             self._condition.wait_for(lambda: self._closed or self._credit_ms > 0)
             return not self._closed

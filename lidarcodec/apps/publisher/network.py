@@ -1,4 +1,4 @@
-"""Network: the transport of a publisher, which is its own or its caller's."""
+"""Network: the transport of a publisher, opened here or given by the caller."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Final
 from lidarcodec.transport import Endpoints, Transport, certificates_of, open_transport
 
 OpenTransport = Callable[[threading.Event], Transport]
-"""Opens a transport, given the event that stops it."""
+"""A function that opens a transport. Its argument is an event that makes it give up."""
 
 
 class Network:
-    """Opens a transport, and closes it unless it is the caller's.
+    """Opens a transport, and closes it unless the caller gave it.
 
     endpoints: where to listen and connect; None: nothing leaves the machine
     given: a transport that is open, or a function that opens one; endpoints then only say where it leads
@@ -35,7 +35,7 @@ class Network:
             self.transport = given
 
     def open(self, stop: threading.Event) -> Transport:
-        """The transport; tries until it is there, or until `stop` is set.
+        """The transport. Tries until it is open or `stop` is set.
 
         Raises TransportError when the endpoints cannot be used, and when stopped.
         """
@@ -44,10 +44,10 @@ class Network:
         return self.transport
 
     def close(self) -> None:
-        """Close a transport that is the publisher's own; harmless when called twice."""
+        """Close the transport unless the caller gave it; harmless when called twice."""
         if self._own and self.transport is not None:
             self.transport.close()
 
     def certificate(self) -> dict[str, str] | None:
-        """For the status: the certificate that receivers see; None without one."""
+        """For the status: the certificate presented to receivers; None without one."""
         return None if self._certificates is None else self._certificates.told()

@@ -1,7 +1,7 @@
 """Originals: frames before coding, for programs on the same machine that compare them with decoded frames.
 
-They go on a key of their own, whole (0.6 MB each), and only while somebody receives them: a stream costs nothing for
-being allowed to be compared. The encoder is never held up: what cannot be packed in time is left out.
+They are sent uncompressed (0.6 MB each) on a key of their own, and only while a program receives them, so that the
+option costs nothing otherwise. The encoder never waits: frames that cannot be packed in time are left out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ JOIN_S = 5.0
 
 
 def check_local(endpoints: Endpoints) -> None:
-    """Raise SettingsError if originals would leave the machine: they are 50 Mbit/s that no setting bounds."""
+    """Raise SettingsError if originals would leave the machine: they take 50 Mbit/s, which no setting limits."""
     if not endpoints.on_this_machine:
         raise SettingsError(
             "--original sends uncompressed frames on this machine only: leave it out, or connect to 127.0.0.1",
@@ -34,9 +34,9 @@ def check_local(endpoints: Endpoints) -> None:
 
 
 class Originals:
-    """Sends the frames that it is offered. Closeable.
+    """Sends offered frames.
 
-    stream_id: that of the stream, so that both are known to belong together
+    stream_id: of the stream, so that receivers can match both
     """
 
     def __init__(self, keys: StreamKeys, stream_id: int, once: Once) -> None:
@@ -47,12 +47,12 @@ class Originals:
         self._thread = threading.Thread(target=self._run, name="lidarcodec originals", daemon=True)
 
     def declare(self, transport: Transport) -> None:
-        """Be there for receivers. Raises TransportError."""
+        """Declare the key. Raises TransportError."""
         self._sender = transport.sender(self._keys.original, Priority.BESIDE)
         self._thread.start()
 
     def offer(self, frame: Frame) -> None:
-        """A frame that is about to be encoded; costs nothing while nobody receives."""
+        """Send a frame before it is encoded; costs nothing while no program receives."""
         if self._sender is not None and self._sender.matching:
             self._mailbox.put(frame)
 
@@ -70,7 +70,7 @@ class Originals:
             if frame is None or self._sender is None:
                 continue
             try:
-                for message in self._encoder.encode(frame, key=True):  # a receiver may begin with any of them
+                for message in self._encoder.encode(frame, key=True):  # receivers may begin with any frame
                     self._sender.put(pack(message))
             except LidarCodecError as error:
                 self._once.add("original errors", error)

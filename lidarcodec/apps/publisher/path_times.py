@@ -1,5 +1,5 @@
-"""PathTimes: what messages took on the path to the receiver that is followed, and what follows from it: how many may be
-under way, and how long a report is waited for."""
+"""PathTimes: times of messages on the path to the followed receiver. They give the number of messages that may be under
+way, and the longest wait for a report."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from lidarcodec.apps.timings import Timings, percentile
 from lidarcodec.ratecontrol.adaptive import Landing
 
 LIMIT_S: Final = 1.0
-"""How long a receiver may leave a message without a report before the next one goes all the same, and another receiver
-that does report is followed."""
+"""Longest wait for a report. Then the next message is sent anyway, and another receiver that reports is followed."""
 SOONEST_S, SOONEST_TIMES, KNOWN_REPORTS = 0.3, 4, 8
 """Where so many reports came in less than a quarter of it, a message without one is given up after so long already: a
 lost message, or report, then costs three frames and not ten. Each further one in a row doubles it. Not so where
 messages need others: a busy receiver would lose what later ones refer to."""
 NEW_CODEC_S, NEW_CODEC_MESSAGES = 6.0, 3
-"""The same for the first messages of another codec, whose decoder may have to be started: the report of the second one
-waits for that, and what went meanwhile would be replaced on the receiver's side, though later messages may need it."""
+"""The same for the first messages of another codec. The receiver may have to start its decoder, which delays the report
+of the second message. Messages sent meanwhile would replace each other at the receiver, though later ones may need
+them."""
 MAX_IN_FLIGHT: Final = 4
 SHORT_PATH_S: Final = 0.010
-"""Below this round trip one message in flight leaves no link idle that matters."""
+"""Shorter round trips need only one message in flight: the link is idle for a negligible time."""
 REMEMBERED: Final = 16
 SEND_TIMES: Final = 9
 
@@ -31,8 +31,8 @@ SEND_TIMES: Final = 9
 class PathTimes:
     """Measures a path. Not thread-safe: `Flight` holds a lock.
 
-    limit_s: how long a message may go without a report; more than LIMIT_S where no frame is to be lost
-    arrive_ms: put to report
+    limit_s: longest wait for a report; more than LIMIT_S where no frame may be lost
+    arrive_ms: times from put to report
     """
 
     def __init__(self, limit_s: float) -> None:
@@ -45,11 +45,11 @@ class PathTimes:
         self.arrive_ms = Timings()
 
     def new_codec(self) -> None:
-        """The next messages may need a decoder that is not there yet: have patience with their reports."""
+        """Allow more time for the next reports, as the receiver may have to start a decoder."""
         self._patient = NEW_CODEC_MESSAGES
 
     def arrived(self, sent: Sent, now: float, rtt_s: float, held_s: float, *, late: bool) -> None:
-        """A message was reported. held_s: how long its report was kept back; late: it says nothing of the path."""
+        """A message was reported. held_s: time the receiver held the report; late: do not use it as a measurement."""
         self._patient = max(self._patient - 1, 0)
         self._given_up = 0
         self._took_s.append(now - sent.at_s)
@@ -70,14 +70,14 @@ class PathTimes:
             self._landed(all_of_it, now - all_of_it.at_s, 0.0, now, landed=False)
 
     def switched(self) -> None:
-        """Another receiver is followed: what was measured is of another path."""
+        """Another receiver is followed: forget the measurements of the previous path."""
         for times in (self._send_s, self._took_s, self._landings):
             times.clear()
         self._given_up = 0
         self._last_free = float("-inf")
 
     def landings(self) -> list[Landing]:
-        """What the messages took that arrived, or were given up, since this was asked last."""
+        """Times of the messages that arrived or were given up since the last call."""
         landings = list(self._landings)
         self._landings.clear()
         return landings
@@ -86,11 +86,11 @@ class PathTimes:
         """How many messages may be under way: 1 + round(round trip / time to send one)."""
         send = percentile(sorted(self._send_s), 0.5)
         if self._lossless or rtt_s < SHORT_PATH_S or not send:
-            return 1  # of two, one may take the other's place in a receiver's ring
+            return 1  # a second one could replace the first in the receiver's ring
         return min(MAX_IN_FLIGHT, 1 + round(rtt_s / send))
 
     def report_limit_s(self, waiting: Sequence[Sent]) -> float:
-        """How long a report may take. A path that needs long for one gets longer, one that is quick less."""
+        """Longest wait for a report in seconds: longer on slow paths, shorter on fast ones."""
         usual = percentile(sorted(self._send_s), 0.5) or 0.0
         limit = max(self._limit_s, NEW_CODEC_S if self._patient else 0.0, 3 * usual)
         together = not all(one.alone for one in waiting)  # a receiver that is only busy would lose one
@@ -100,7 +100,7 @@ class PathTimes:
         return float(min(limit, soon * 2**self._given_up))
 
     def is_silence(self, limit_s: float) -> bool:
-        """Whether a receiver that sent no report for so long counts as silent; sooner, a message or report is lost."""
+        """Whether a receiver counts as silent after this wait. After a shorter one, a message or report was lost."""
         return limit_s >= self._limit_s
 
     def _landed(self, sent: Sent, send_s: float, rtt_s: float, now: float, *, landed: bool = True) -> None:

@@ -15,13 +15,13 @@ from collections import Counter, OrderedDict
 from typing import Final, NamedTuple
 
 PROOFS: Final = 64
-"""Messages that can be reported: those of some seconds, which may wait in front of a slow link."""
+"""Number of newest messages that can be reported: those of some seconds, which may wait at a slow link."""
 REFUSED: Final = ("no_token", "not_sent", "wrong_checksum", "repeated")
-"""Why a report does not count."""
+"""Reasons why a report does not count."""
 
 
 class _Proof(NamedTuple):
-    """What proves that a message was received: its checksum; with it when it was put, and who has reported it."""
+    """Checksum of a message, which proves its receipt, time of put, and names of receivers that reported it."""
 
     at_s: float
     checksum: int
@@ -31,7 +31,7 @@ class _Proof(NamedTuple):
 class Proofs:
     """Checks reports. Not thread-safe: `Flight` holds a lock.
 
-    refused: reports that did not count, by why
+    refused: number of reports that did not count, by reason
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Proofs:
             self._proofs.popitem(last=False)
 
     def taken(self, name: str, index: int, checksum: int | None, *, shows_token: bool) -> float | None:
-        """When the message was put that a receiver reports; None, and counted, if the report does not count."""
+        """Time of put of the message that a receiver reports. None if the report does not count: it is counted."""
         refused = self._why_not(name, index, checksum, shows_token=shows_token)
         if refused is not None:
             self.refused[refused] += 1

@@ -4,8 +4,8 @@
     encode thread    waits until the last message has arrived -> newest frame -> encoder -> bytes -> network
     status thread    once a second: status as JSON
 
-The source is never held up by the encoder, nor the encoder by the network: what is too much is replaced in the mailbox,
-before it is encoded, and counted.
+The source never waits for the encoder, nor the encoder for the network: frames that come too fast are replaced in the
+mailbox, before they are encoded, and counted.
 """
 
 from __future__ import annotations
@@ -45,31 +45,31 @@ from lidarcodec.units import FRAME_PACKETS
 logger = logging.getLogger(__name__)
 
 PATIENT_S = 30.0
-"""With rate `max` no frame is to be lost: a receiver that is there may take so long for each."""
+"""Longest wait for a report with rate `max`, which loses no frame."""
 TICK_S = 0.2
-"""How soon a thread that waits sees that it should stop."""
+"""Interval at which waiting threads check whether to stop."""
 LAST_FRAME_S = 1.0
-"""What is being encoded at the end may take so long before its process is killed."""
+"""Time for the last frame at the end, before the encoder's process is killed."""
 STATUS_S = 1.0
 START_S = 1.0
-"""How long `start` waits for the network: endpoints that cannot be used are known by then."""
+"""Time for which `start` waits for the network: long enough to find endpoints that cannot be used."""
 LAST_READ_S = 5.0
-"""How long it may take to read what the sensor has sent by the end: packets of 4.7 s wait at most. It is recorded."""
+"""Time to read and record the packets that wait at the end, at most those of 4.7 s."""
 JOIN_S = 10.0
 
 
 class Publisher:
     """Publishes one sensor. A context manager: starts on entering, stops on leaving.
 
-    source:    anything of `lidarcodec.open_source`; stays the caller's, but is closed on `stop`
+    source:    from `lidarcodec.open_source`; `stop` closes it
     rate:      frames of 348 packets a second for a source that is not live (default 10), or `max`: every frame is sent,
                as fast as the receivers take them, with its own time stamps
     endpoints: where to listen and connect; by default nothing leaves the machine
     transport: one that is open, or a function that opens one, given the event that stops it. It stays the caller's;
                endpoints then only say where it leads
     poses:     where the sensor was, sent with each frame
-    original:  send frames as they were before coding, too, to who compares on this machine and only while somebody does
-    record:    what keeps everything, whatever is sent: a `Record`, or a folder for raw packets
+    original:  also send uncompressed frames to local viewers that compare, while there are any
+    record:    records all packets or frames, whether sent or not: a `Record`, or a folder for raw packets
     isolate:   which encoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                crash. By default the variable LIDARCODEC_ISOLATE, else `auto`
     clock:     tells the time
@@ -131,12 +131,12 @@ class Publisher:
 
     @property
     def settings(self) -> StreamSettings:
-        """The settings in force, as they were asked for: with the codec `auto`, the status has the one it is."""
+        """The current settings as requested. If the codec is `auto`, the status has the one in use."""
         return self._changes.asked
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the source, or the network; None while all is well, and after a source that came to its end."""
+        """The error that ended the source or the network; None without error, also at the end of the source."""
         return self._failure
 
     @property
@@ -146,11 +146,11 @@ class Publisher:
 
     @property
     def stream_id(self) -> int:
-        """Random number of this start."""
+        """Random number, new at each start."""
         return self._coding.encoder.stream_id
 
     def start(self) -> Self:
-        """Open the network and begin. A router that cannot be reached is tried again while the source runs.
+        """Open the network and begin. An unreachable router is tried again while the source runs.
 
         Raises TransportError when the endpoints cannot be used.
         """
@@ -169,7 +169,7 @@ class Publisher:
         return self
 
     def run(self) -> None:
-        """Start, and stay until the source ends, or `interrupt` or `stop` is called.
+        """Start, and return when the source ends, or `interrupt` or `stop` is called.
 
         Raises what ended the source: SourceError, PacketError; TransportError when the endpoints cannot be used.
         """
@@ -179,7 +179,7 @@ class Publisher:
             raise self._failure
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Whether the source has ended and everything was sent; waits for it, until interrupted."""
+        """Wait until the source has ended and everything was sent, or until interrupted; returns whether that is so."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
         while not self._done.is_set():
             left = TICK_S if end is None else end - time.monotonic()
@@ -189,7 +189,7 @@ class Publisher:
         return True
 
     def interrupt(self) -> None:
-        """Have `run` and `wait` return soon. The one method for signal handlers: it takes no lock."""
+        """Make `run` and `wait` return soon. Signal handlers may call this method only: it takes no lock."""
         self._interrupted = True
 
     def stop(self) -> None:
@@ -220,7 +220,7 @@ class Publisher:
         self.stop()
 
     def status(self) -> dict[str, Any]:
-        """What is told once a second on the status key (docs/live.md lists the fields)."""
+        """The status, as sent once a second on the status key (docs/live.md lists the fields)."""
         parts = {
             **self._coding.state(),
             "path": self._sending.adapting.report(),
@@ -235,15 +235,15 @@ class Publisher:
         return self._board.status(self.settings, self._feed, parts)
 
     def change(self, /, **changes: Any) -> Applied:
-        """Change settings between two frames, as a whole or not at all. The old codec goes on until the process of the
-        new one is ready, if it needs one.
+        """Change settings between two frames, all of them or none. The old codec encodes until the process of the new
+        one is ready, if it needs one.
 
         Raises SettingsError or UnknownNameError.
         """
         return self._changes.change(changes)
 
     def request_key(self) -> bool:
-        """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
+        """Make the next message a key frame. Requests within half a second count as one. True: not the first one."""
         return self._sending.request_key()
 
     def _runs(self) -> bool:

@@ -1,4 +1,4 @@
-"""What the encode thread of a publisher does: the newest frame -> encoder -> bytes -> network, one at a time."""
+"""Sending: the encode thread of a publisher. Newest frame -> encoder -> bytes -> network, one at a time."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ LAST_ARRIVAL_S = 2.0
 
 
 class Told(NamedTuple):
-    """Where a publisher counts what happens: what was sent, and what went wrong."""
+    """Counters of a publisher: of sent messages, and of errors."""
 
     board: StatusBoard
     once: Once
 
 
 class Beside(NamedTuple):
-    """Who else gets frames: originals as they are before they are encoded, and what was sent, to decode some again."""
+    """Other consumers: `originals` gets frames before coding, `recorder` sent messages, to decode some of them again."""
 
     originals: Originals | None = None
     recorder: BackgroundRecorder | None = None
 
 
 class Sending:
-    """Sends the frames of a mailbox, when somebody receives and the last one has arrived.
+    """Sends the frames of a mailbox, while a receiver is connected, each after the last one has arrived.
 
-    every:    nothing is thrown away while nobody receives
-    matching: whether somebody receives; set by who declares the sender
+    every:    keep frames while no receiver is connected
+    matching: whether a receiver is connected; set by the publisher
     """
 
     def __init__(
@@ -71,16 +71,16 @@ class Sending:
         self.next_index = 0
 
     def request_key(self) -> bool:
-        """Have the next message be a key frame; requests within half a second are one. True: this is not the first."""
+        """Make the next message a key frame. Requests within half a second count as one. True: not the first one."""
         before = self._key_wanted.is_set()
         self._key_wanted.set()
         return before
 
     def apply(self, wanted: StreamSettings) -> tuple[int, bool]:
-        """Take new settings between two frames: the first frame that has them, and whether it is a key frame."""
+        """Use new settings between two frames. Returns the first frame with them, and whether it is a key frame."""
         with self._encoding:
             now = self._encoder.settings
-            key = self._encoder.apply(wanted)  # if it refuses, nothing has changed
+            key = self._encoder.apply(wanted)  # raises before anything changes
             if wanted.codec != now.codec:
                 self._flight.new_codec()
                 self._refers = False
@@ -88,12 +88,12 @@ class Sending:
             if wanted.framing != now.framing:
                 reframed = self._feed.reframe(wanted.framing)
                 if wanted == now.model_copy(update={"framing": wanted.framing}):
-                    first = reframed  # else frames that were assembled before have all that is new but the framing
+                    first = reframed  # frames already assembled have all new settings except the framing
             self._flight.follow(wanted.follow)
         return first, key
 
     def run(self, sender: Sender) -> None:
-        """Send until the source ends, what the encoder still holds at the end, or until stopped."""
+        """Send until the source ends, with the frames that the encoder holds back, or until stopped."""
         while not self._stop.is_set() and not self._mailbox.finished:
             if not self.matching:
                 if self._every:
@@ -112,7 +112,7 @@ class Sending:
             self._flight.wait_landed(LAST_ARRIVAL_S)
 
     def _coder_ready(self) -> bool:
-        """Whether a frame may be taken out of the mailbox. The last one does not wait for a process that rests."""
+        """Whether a frame may be taken from the mailbox. The last frame does not wait for a resting process."""
         isolation = self._coding.isolation
         if isolation.ready(self._coding.codec, TICK_S):
             return True
@@ -135,7 +135,7 @@ class Sending:
                 encoded, settings = self._encoder.reduced or frame, self._encoder.settings
                 left_out = self._encoder.left_out
             data = [(message, pack(message)) for message in messages]
-        except Exception as error:  # whatever a codec does, the stream goes on with a key frame
+        except Exception as error:  # after any error the stream continues with a key frame
             if self._stop.is_set():
                 return
             self._once.add("encode errors", error)
@@ -146,7 +146,7 @@ class Sending:
         if any(message.key for message in messages):
             self._last_key = now
         for number, (message, packed) in enumerate(data):
-            if number > 0:  # a codec that held frames back gave way to another one
+            if number > 0:  # messages of the previous codec, which held frames back
                 self._wait_alone()
             self._put(sender, message, packed)
         if left_out:
@@ -155,11 +155,11 @@ class Sending:
             self._beside.recorder.sent(encoded, settings, messages)
 
     def _in_doubt(self) -> bool:
-        """Whether a message was given up that the next one would need: it may be missing at the receiver."""
+        """Whether the next message would need one that was given up and may not have arrived."""
         return any(self._refers or message.key for message in self._flight.given_up())
 
     def _wait_alone(self) -> None:
-        """Until nothing is under way: of two put at once, one may take the other's place in a receiver's ring."""
+        """Wait until no message is under way: two at once could replace each other in the receiver's ring."""
         while not self._flight.wait(TICK_S, most=1) and not self._stop.is_set():
             pass
 

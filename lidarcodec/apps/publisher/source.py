@@ -1,4 +1,4 @@
-"""FrameFeed: the packets of a source as frames in a mailbox. Never waits for the consumer, unless told to."""
+"""FrameFeed: reads packets of a source, and puts frames into a mailbox. By default it never waits for the consumer."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from lidarcodec.sources.poses import Poses
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, PACKET_INTERVAL_US
 
 NOMINAL_HZ = 1e6 / (FRAME_PACKETS * PACKET_INTERVAL_US)
-"""Frames of 348 packets that a sensor sends in a second: 9.98."""
+"""Frames of 348 packets that a sensor sends a second: 9.98."""
 RECORD_BATCH = FRAME_PACKETS
 Rate = float | Literal["max"]
 TICK_S = 0.2
 
 
 class FrameFeed:
-    """Reads a source, assembles, and leaves each frame in the mailbox.
+    """Reads a source, assembles frames, and puts each into the mailbox.
 
     rate: frames of 348 packets a second for a source that is not live, or `max`: as fast as frames are taken
-    keep: what records all packets or frames, and which
-    packets, frames: how many there were
+    keep: recorder of all packets or frames, and which of both it records
+    packets, frames: number read so far
     """
 
     def __init__(
@@ -67,34 +67,34 @@ class FrameFeed:
 
     @property
     def sensor(self) -> SensorModel:
-        """What the numbers mean now; a live source may learn it from the stream."""
+        """The current sensor model; a live source may read its calibration from the stream."""
         return self.source.sensor
 
     @property
     def replaced(self) -> int:
-        """Frames that gave way to a newer one before they were encoded."""
+        """Number of frames that a newer one replaced before they were encoded."""
         return self.mailbox.replaced
 
     @property
     def counts(self) -> Counter[str]:
-        """What the source and the assembly noticed."""
+        """Counts of source and assembler."""
         parts = (self.source.counts, self._past, self._assembler.counts)
         return sum((Counter(dict(part)) for part in parts), Counter())
 
     @property
     def time_source(self) -> dict[str, Any]:
-        """Whose time the stamps are (`host`, or that of the `recording`), and what the sensor says of its own."""
+        """The clock of the stamps (`host` or `recording`), and the state of the sensor's clock."""
         stamps = "host" if self.source.live or self._replay is not None else "recording"
         return {"stamps": stamps, **self._sensor_time.report(live=self.source.live)}
 
     def reframe(self, framing: str) -> int:
-        """Cut frames in another way, from the end of the current one on; index of the first such frame."""
+        """Change the framing after the current frame; returns the index of the first frame with it."""
         with self._lock:
             self._wanted_framing = framing
             return self.frames + 1
 
     def run(self, *, wait: bool) -> None:
-        """Read to the end. wait: leave no frame out, the source waits instead.
+        """Read to the end. wait: wait for the consumer instead of replacing frames.
 
         Raises SourceError or PacketError when the source does.
         """
@@ -130,7 +130,7 @@ class FrameFeed:
             self._leave(last, wait=wait)
 
     def finish(self) -> None:
-        """Have `run` end behind what has come by now, or at once if the source is not live."""
+        """End `run` after the packets received so far, or at once if the source is not live."""
         self._paced.finish()
 
     def close(self) -> None:
@@ -139,7 +139,8 @@ class FrameFeed:
         self._paced.close()
 
     def _leave(self, frame: Frame, *, wait: bool) -> bool:
-        """Leave a frame in the mailbox. True: its assembler is gone, and took the packet behind the frame with it."""
+        """Put a frame into the mailbox. True: the assembler was replaced, so the next frame's first packet must be
+        pushed again."""
         lost = False
         frame = posed(frame, self._poses, self._shift_ns(frame.stamp_ns))
         with self._lock:
@@ -157,15 +158,15 @@ class FrameFeed:
         return lost
 
     def _shift_ns(self, stamp_ns: int) -> int:
-        """How much later a replay stamped the packet of this time than its source: a replay that was held up within a
-        frame stamps the last packet of that later than the first."""
+        """Time that a replay added to the stamp of this packet. It may differ within a frame if the replay was
+        delayed."""
         shifts = self._shifts
         while len(shifts) > 1 and shifts[0][0] < stamp_ns:
             shifts.popleft()
         return shifts[0][1] if shifts else 0
 
     def _renew(self) -> None:
-        """Another assembler, for another framing or calibration, between two frames."""
+        """Make a new assembler for a new framing or calibration, between two frames."""
         self._past += self._assembler.counts
         self._framing = self._wanted_framing
         self._assembler = Assembler(self.source.sensor, self._framing, first_index=self.frames)

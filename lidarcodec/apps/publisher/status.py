@@ -1,4 +1,4 @@
-"""StatusBoard: what a publisher says about itself once a second. Bounded, whatever happens."""
+"""StatusBoard: the status that a publisher sends once a second. Its size is bounded."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.transport.keys import StreamKeys
 
 MAX_REPORTS = 16
-"""Receivers whose last report is passed on; those with the least standing give way first, then the oldest."""
+"""Most receivers whose last report is in the status. The least trusted are dropped first, then the oldest."""
 REPORT_S = 5.0
-"""A report older than this is not passed on."""
+"""Older reports are not in the status."""
 RATE_WINDOW_S = 5.0
 
 
@@ -41,7 +41,7 @@ class StatusBoard:
         self.put_ms = Timings()
 
     def sent(self, index: int, size: int, frames: int, put_ms: float, *, key: bool) -> None:
-        """A message of so many bytes and frames was put."""
+        """A message of `size` bytes and `frames` frames was put."""
         self.put_ms.add(put_ms)
         with self._lock:
             self._recent.append((time.monotonic(), size, frames))
@@ -52,9 +52,9 @@ class StatusBoard:
             self._last_index = index + frames - 1
 
     def report(self, name: str, data: bytes, standing: Standing) -> float | None:
-        """Keep a receiver's report; the round trip that it measured, in ms, if it did.
+        """Keep a receiver's report; returns the round trip in it in ms, if any.
 
-        What is no report is ignored, and so is what is said under a name without a token.
+        Invalid reports are ignored, and so are reports of names without a token.
         """
         values = read_report(data) if standing > 0 else None
         if values is None:
@@ -67,7 +67,7 @@ class StatusBoard:
         return float(rtt_ms) if isinstance(rtt_ms, int | float) else None
 
     def status(self, settings: StreamSettings, feed: FrameFeed, parts: Mapping[str, Any]) -> dict[str, Any]:
-        """The status as plain values; docs/live.md lists the fields. parts: those that other parts tell."""
+        """The status as plain values; docs/live.md lists the fields. parts: fields of other parts"""
         now = time.monotonic()
         with self._lock:
             while self._recent and now - self._recent[0][0] > RATE_WINDOW_S:

@@ -1,4 +1,4 @@
-"""UnderWay: the messages that were put lately, and those of them whose report is waited for."""
+"""UnderWay: the messages put recently, and those whose report is awaited."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ class Sent(NamedTuple):
 class UnderWay:
     """The last messages. Not thread-safe: `Flight` holds a lock.
 
-    unreported: frames of messages that who was followed never reported, though a later one; they were lost on the way,
-                or a later one took their place in the receiver's ring
+    unreported: frames of messages that the followed receiver never reported although it reported a later one. They
+                were lost, or replaced by a later one in the receiver's ring
     """
 
     def __init__(self) -> None:
         self._sent: OrderedDict[int, Sent] = OrderedDict()
         self._open: set[int] = set()
-        self._late: set[int] = set()  # were given up: when they arrive after all they say nothing of the path
+        self._late: set[int] = set()  # given up: not a measurement if they arrive after all
         self.unreported = 0
 
     def __len__(self) -> int:
-        """Messages that are waited for."""
+        """Number of messages whose report is awaited."""
         return len(self._open)
 
     def put(self, index: int, sent: Sent) -> list[Sent]:
-        """A message is put, and waited for where somebody is followed. The messages that are forgotten for it."""
+        """A message is put; its report is awaited if a receiver is followed. Returns messages dropped for it."""
         self._sent[index] = sent
         if sent.to is not None:
             self._open.add(index)
@@ -48,7 +48,7 @@ class UnderWay:
         return forgotten
 
     def find(self, index: int) -> Sent | None:
-        """A message of lately that was not reported by who is followed."""
+        """A recent message that the followed receiver has not reported; None if there is none."""
         return self._sent.get(index)
 
     def is_late(self, index: int) -> bool:
@@ -56,27 +56,27 @@ class UnderWay:
         return index in self._late
 
     def arrived(self, index: int, name: str) -> None:
-        """A message was reported; those before that went to the same receiver were not."""
+        """A message was reported: earlier ones to the same receiver count as unreported."""
         self._pop(index)
         for one in [one for one in self._sent if one < index]:
             self.missed(self._pop(one), name)
 
     def missed(self, sent: Sent, by: str | None) -> None:
-        """A message is forgotten; by: who did not report it, though a later one."""
+        """A message is forgotten. by: receiver that reported a later one instead"""
         if sent.to is not None and sent.to == by:
             self.unreported += sent.frames
 
     def waiting(self) -> list[Sent]:
-        """The messages that are waited for, oldest first."""
+        """The messages whose report is awaited, oldest first."""
         return [self._sent[one] for one in sorted(self._open)]
 
     def give_up(self) -> None:
-        """Wait for none of them any more."""
+        """Stop waiting for all of them."""
         self._late.update(self._open)
         self._open.clear()
 
     def switched(self) -> None:
-        """Another receiver is followed: no message is waited for, and those of lately say nothing of its path."""
+        """Another receiver is followed: stop waiting, and do not use recent messages as measurements."""
         self._open.clear()
         self._late.update(self._sent)
 

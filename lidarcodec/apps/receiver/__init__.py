@@ -1,1 +1,1 @@
-"""The receiver of a stream: messages in, frames out, and what is done with them."""
+"""The receiver of a stream: messages in, frames out, and outputs for the frames."""

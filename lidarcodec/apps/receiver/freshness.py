@@ -12,14 +12,14 @@ from __future__ import annotations
 from typing import Final, Literal
 
 LIVE_S: Final = 2.0
-"""Age above which a live view leaves a frame out. A codec that codes ten frames together is a second late by itself."""
+"""Largest age of a frame in a live view. A codec that codes ten frames together already delays them by a second."""
 PATIENCE_S: Final = 1.0
-"""When only old frames have come for so long, an old frame is better than none."""
+"""If only old frames have come for this long, an old frame is shown."""
 MaxAge = float | Literal["live"] | None
 
 
 class Freshness:
-    """Says of each frame whether it is to be shown.
+    """Decides for each frame whether to show it.
 
     max_age_s: None shows all; patient: show old frames when nothing else comes
     """
@@ -46,9 +46,9 @@ class Freshness:
 
 
 class OnlyBehind:
-    """Notices that nothing but what is behind has come for PATIENCE_S: then what was taken for the newest was wrong.
+    """Detects that for PATIENCE_S only frames with lower numbers than the newest have come: the newest was wrong.
 
-    A message with a frame number far ahead, forged or by a fault of its publisher, would bar all that follow for good.
+    Without this, one message with a far too high number (forged, or by a fault) would hide all following frames.
 
     >>> behind = OnlyBehind()
     >>> [behind.lasts(index, now_s) for index, now_s in ((3, 0.0), (4, 0.6), (5, 1.2), (6, 1.3))]
@@ -60,7 +60,7 @@ class OnlyBehind:
         self._index = 0
 
     def lasts(self, index: int, now_s: float) -> bool:
-        """Take a number that is behind; whether they have come for so long, each greater than the one before."""
+        """Take a lower number; returns whether such numbers have come for PATIENCE_S, in ascending order."""
         if self._since is None or index <= self._index:
             self._since = now_s
         self._index = index
@@ -70,12 +70,12 @@ class OnlyBehind:
         return True
 
     def over(self) -> None:
-        """Take note of something that is not behind."""
+        """A frame came that is not behind: start again."""
         self._since = None
 
 
 class Forward:
-    """Keeps a live view from going back: a path may send a message once more, or change the order of messages.
+    """Keeps a live view from going back in time, as networks may repeat or reorder messages.
 
     >>> view, s = Forward(), 10**9
     >>> came = ((7, 10, 30 * s), (7, 11, 31 * s), (7, 3, 23 * s), (7, 12, 32 * s))
@@ -92,9 +92,9 @@ class Forward:
         self._behind = OnlyBehind()
 
     def goes_back(self, stream_id: int | None, index: int, stamp_ns: int, now_s: float) -> bool:
-        """Whether a frame must not be shown: a later one of its stream was, or it is of an earlier run.
+        """Whether a frame must not be shown, because a later one of its stream was, or it is of an earlier run.
 
-        stamp_ns: when it was taken; now_s: monotonic time. A view that would show nothing any more believes what comes.
+        stamp_ns: host time of the frame; now_s: monotonic time. If all frames are refused for long, they are accepted.
         """
         if stream_id == self._stream_id:
             back = index < self._index and not self._behind.lasts(index, now_s)

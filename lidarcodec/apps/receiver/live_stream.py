@@ -1,4 +1,4 @@
-"""LiveStream: decoded frames of a live stream, to iterate over, and to hand on as UDP packets or as a recording.
+"""LiveStream: an iterator over decoded frames of a live stream, with UDP output and recording.
 
 >>> from lidarcodec.transport.memory import MemoryNetwork
 >>> with subscribe("vehicle/lidar", transport=MemoryNetwork().transport()) as live:
@@ -34,7 +34,7 @@ from lidarcodec.transport.keys import StreamKeys
 
 TICK_S = 0.2
 LAST_PACKETS_S = 5.0
-"""What is left to be sent by UDP when a stream ends is half a second of packets."""
+"""Time to send the remaining UDP packets when a stream ends: they are those of half a second."""
 
 
 def receiver_name() -> str:
@@ -57,7 +57,7 @@ def subscribe(
 
     connect, listen, config, mode, loopback_port: as in `Endpoints`; without them nothing leaves the machine
     options: those of `LiveStream`
-    Raises SettingsError for a key or name that is none, TransportError for endpoints that cannot be used.
+    Raises SettingsError for an invalid key or name, TransportError for endpoints that cannot be used.
     """
     endpoints = Endpoints.of(connect, listen, config, mode, loopback_port)
     return LiveStream(key, endpoints=endpoints, **options)
@@ -101,7 +101,7 @@ class LiveStream:
         isolate: Isolate | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
-        """Raises SettingsError for a key, name or address that is none, TransportError for an unknown UDP host."""
+        """Raises SettingsError for an invalid key, name or address, TransportError for an unknown UDP host."""
         keys = StreamKeys.parse(key)
         party, self._certificates = party_of(endpoints), certificates_of(endpoints)
         own = receiver_name() if party is None else party.name
@@ -154,9 +154,9 @@ class LiveStream:
         self.close()
 
     def next(self, timeout_s: float | None = None) -> Frame | None:
-        """The next frame; None when there was none in time, or after the end or an interruption.
+        """The next frame; None after the timeout, the end or an interruption.
 
-        Raises TransportError when the network failed for good, or nobody opened the stream; else what ended it.
+        Raises TransportError when the network failed for good or the stream is not open, or the error that ended it.
         """
         self._check_begun()
         end = None if timeout_s is None else time.monotonic() + timeout_s
@@ -221,7 +221,7 @@ class LiveStream:
 
     @property
     def alive(self) -> bool:
-        """Whether a publisher is there."""
+        """Whether a publisher is online."""
         return self._receiver.alive
 
     @property
@@ -244,7 +244,7 @@ class LiveStream:
         }
 
     def interrupt(self) -> None:
-        """Have iteration end soon. The one method for signal handlers: it takes no lock."""
+        """Make the iteration end soon. Signal handlers may call this method only: it takes no lock."""
         self._interrupted = True
 
     def request_key(self) -> None:
@@ -261,7 +261,7 @@ class LiveStream:
             self._recorder.close()
 
     def _deliver(self, frame: Frame) -> None:
-        """Hand a frame on, in the decode thread."""
+        """Forward a frame to iteration and outputs; called in the decode thread."""
         latency_ms = self.stats.decoded(frame, self._clock.wall_ns())
         if self._clouds and self._recorder is not None:
             self._recorder.cloud(frame)
@@ -279,7 +279,7 @@ class LiveStream:
             pass
 
     def _goes_back(self, frame: Frame) -> bool:
-        """Whether a later frame of the same stream was shown before: a path may mix up what it carries."""
+        """Whether a later frame of the same stream was shown before: networks may reorder messages."""
         message = self._receiver.decoded
         stream_id = None if message is None else message.stream_id
         return self._forward.goes_back(stream_id, frame.index, frame.stamp_ns, self._clock.monotonic_s())
@@ -289,13 +289,13 @@ class LiveStream:
             self._recorder.message(data)
 
     def _ended(self) -> None:
-        """Nothing more will come: let the last packets leave, then end the iteration."""
+        """No more messages will come: send the last UDP packets, then end the iteration."""
         if self._udp is not None and not self._frames.closed:
             self._udp.wait_sent(LAST_PACKETS_S)
         self._frames.close()
 
     def _notify(self) -> None:
-        """Wake the coroutines that wait."""
+        """Wake waiting coroutines."""
         for tell in tuple(self._listeners):
             with contextlib.suppress(RuntimeError):  # its loop is closed
                 tell()

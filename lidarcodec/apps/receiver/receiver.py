@@ -4,8 +4,8 @@
     decode thread    bytes -> message -> frames -> the given handler
     control thread   asks for key frames when one is needed, reports once a second, measures the round trip
 
-The arrival report leaves before decoding. It waits for one thing only: that the message before is out of the slot. So
-the publisher feels a decoder that is too slow, replaces frames before they are encoded, and no reference is lost.
+The arrival report is sent before decoding, but only after the previous message has left the slot. So a slow decoder
+delays reports, the publisher replaces frames before they are encoded, and no reference is lost.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 TICK_S = 0.2
 KEY_INTERVAL_S = 0.5
-"""Key frames are asked for at most so often."""
+"""Shortest interval between two requests for key frames."""
 REPORT_S = 1.0
 ASK_S = 1.0
 START_S = 1.0
@@ -59,12 +59,12 @@ JOIN_S = 10.0
 class Receiver:
     """One receiver of one stream.
 
-    on_frame:   takes every decoded frame, in the decode thread; what it does holds up the next one
+    on_frame:   takes every decoded frame, in the decode thread; the next frame waits for it
     on_message: takes the bytes of every message, in the receive thread; must be quick
-    on_end:     called when nothing more will come
+    on_end:     called when no more messages will come
     until_end:  end when the publisher has gone
     isolate:    which decoders run in a process of their own, as for `LiveStream`;  clock: tells the time
-    failure:    what ended it, if it did not end as it should
+    failure:    the error that ended it, or None
     decoding:   whether messages are decoded; may change at any time. Without it they are only counted, reported as
                 arrived and handed to on_message, and key frames are asked for only by `request_key`
     decoded:    the message whose frames on_frame is given
@@ -113,7 +113,7 @@ class Receiver:
 
     @property
     def errors(self) -> Counter[str]:
-        """What went wrong, by cause."""
+        """Number of errors by cause."""
         return Counter(dict(self._once.counts))
 
     @property
@@ -122,7 +122,7 @@ class Receiver:
         return self._round_trips.rtt_ms
 
     def start(self) -> None:
-        """Begin to receive. A router that cannot be reached is tried again meanwhile.
+        """Begin to receive. An unreachable router is tried again.
 
         Raises TransportError when the endpoints cannot be used.
         """
@@ -140,7 +140,7 @@ class Receiver:
 
     @property
     def worker_restarts(self) -> int:
-        """Processes of the decoder that were started because another one had failed."""
+        """Number of restarts of the decoder's process after failures."""
         return self._isolation.restarts
 
     def request_key(self) -> None:
@@ -165,12 +165,12 @@ class Receiver:
         for thread in self._threads:
             if thread.is_alive() and thread is not threading.current_thread():
                 thread.join(JOIN_S)
-        if self._own_transport and self._transport is not None:  # it may have been opened after the first look
+        if self._own_transport and self._transport is not None:  # it may have been opened since the first check
             self._transport.close()
 
     @contextmanager
     def _failing_aloud(self) -> Iterator[None]:
-        """What ends one of the threads ends the receiver, and is told: nothing freezes in silence."""
+        """An error that ends one thread is logged and ends the receiver, so that it never hangs silently."""
         try:
             yield
         except BaseException as error:  # a panic of native code is no Exception
@@ -182,7 +182,7 @@ class Receiver:
             self._end()
 
     def _end(self) -> None:
-        """Receive no more; what has come is still decoded."""
+        """Stop receiving; received messages are still decoded."""
         self._slot.close()
         self._poke.set()
         for one in self._declared[:1]:
@@ -217,7 +217,7 @@ class Receiver:
     def _take_messages(self, inbox: Inbox, arrivals: Sender) -> None:
         while (data := inbox.receive()) is not None and not self._stop.is_set():
             try:
-                message = unpack(data)  # nothing is believed, or counted, before its checksum
+                message = unpack(data)  # checks the checksum before anything is counted
             except DecodeError as error:
                 self._once.add("decode_errors", error)
                 if not isinstance(error, UnsupportedVersionError):  # no key frame would help
@@ -228,7 +228,7 @@ class Receiver:
             begins = self.stats.arrived(message, len(data))
             if begins and not message.key:
                 self._want_key()
-            if message.key:  # receivers that ask from here on may have missed this one
+            if message.key:  # it fulfils the requests so far; later ones need another
                 self._key_asked_for = False
             came_ns = time.monotonic_ns()
             while not self._slot.put_wait(message, TICK_S):
@@ -258,7 +258,7 @@ class Receiver:
     def _frames_of(self, message: Message) -> list[Frame]:
         if not self.decoding:
             self._have_key(message, but_decodes=False)
-            if self._joined is not None:  # what is skipped now would be missing later
+            if self._joined is not None:  # a message skipped now would be missing as reference
                 self._joined, self._decoder = None, StreamDecoder(self._isolation.make_decoder)
             return []
         start = time.perf_counter()
@@ -287,7 +287,7 @@ class Receiver:
             self._once.add("decode_errors", error)
             self._want_key()
             return []
-        except Exception as error:  # a fault of ours: this message is lost, the stream is not
+        except Exception as error:  # a fault of the decoder: only this message is lost
             logger.exception("frame %d could not be decoded", message.frame_index)
             self._once.add("decode_errors", error)
             self._decoder = StreamDecoder(self._isolation.make_decoder)
@@ -299,7 +299,10 @@ class Receiver:
         return frames
 
     def _have_key(self, message: Message, *, but_decodes: bool) -> None:
-        """Ask no longer for what came, a key frame or any that decodes; nor while somebody else still waits for one."""
+        """Clear the wish for a key frame if this message fulfils it, unless `request_key` was called since.
+
+        but_decodes: it is not a key frame, but it could be decoded
+        """
         if (message.key or but_decodes) and not self._key_asked_for:
             self._key_wanted = False
 
@@ -339,7 +342,7 @@ class Receiver:
             self._poke.clear()
 
     def _ask_time(self) -> None:
-        """A clock was seen to jump: ask for the publisher's time soon."""
+        """Ask for the publisher's time soon, because a clock jumped."""
         self._round_trips.hurry()
         self._poke.set()
 
@@ -351,7 +354,7 @@ class Receiver:
         except JsonRefusedError as error:
             self._once.add("status_errors", error)
             return
-        preparing = status.get("preparing")  # have a process ready when its first message comes
+        preparing = status.get("preparing")  # start the process of the codec before its first message
         if self.decoding and isinstance(preparing, str) and preparing in table.installed():
             self._isolation.start(preparing)
 

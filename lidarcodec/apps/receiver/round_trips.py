@@ -1,7 +1,7 @@
-"""RoundTrips: the time to a publisher and back, and its clock, from small questions beside a stream of large messages.
+"""RoundTrips: measures the round trip to a publisher, and its clock, with small queries beside the stream.
 
-An answer that met a message on its way waited for it. The publisher says whether one was under way; what it answered
-then tells little, and is asked again soon.
+An answer may wait behind a large message of the stream. The answer says whether one was under way; then the
+measurement is poor, and is soon repeated.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
 EVERY_S: Final = 1.0
 AGAIN_S: Final = 0.3
-"""After an answer that had to wait, or when a clock was seen to jump."""
+"""Interval after an answer that may have waited, or after a clock jump."""
 REMEMBERED: Final = 5
 QUESTION: Final = b'{"ping":0}'
 
@@ -31,7 +31,7 @@ class RoundTrips:
 
     @property
     def rtt_ms(self) -> float | None:
-        """The usual one of the last round trips that met no message; as long as there is none, the shortest of all."""
+        """Median of the last round trips without a message under way; without any, the shortest of all."""
         if self._free:
             return round(sorted(self._free)[(len(self._free) - 1) // 2], 3)
         return round(min(self._any), 3) if self._any else None
@@ -42,7 +42,7 @@ class RoundTrips:
         return self._due_s
 
     def hurry(self) -> None:
-        """Ask again as soon as may be."""
+        """Ask again as soon as allowed."""
         self._due_s = min(self._due_s, self._soonest_s)
 
     def ask(self, ask: Callable[[bytes], bytes | None]) -> None:
@@ -64,7 +64,7 @@ class RoundTrips:
 def _read(answer: bytes) -> tuple[bool, int | None]:
     """Whether a message was under way, and the publisher's time in ns.
 
-    An answer that cannot be read counts as an answer only.
+    An unreadable answer counts for the round trip alone.
     """
     try:
         values = read_object(answer)

@@ -1,4 +1,4 @@
-"""ReceiverStats: what a receiver counts and measures of a stream. Its memory is bounded for any input."""
+"""ReceiverStats: counts and measurements of a receiver. Its memory is bounded for any input."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lidarcodec.message import Message
 logger = logging.getLogger(__name__)
 
 REMEMBERED = 64
-"""Newest messages of a stream that are known again when they come once more. What is older than all of them is no
-message that was delayed: a path that replays what it carried would show the past as the present."""
+"""Number of newest messages of a stream that are remembered to detect repeated ones. Messages older than all of them
+are dropped: they may be replayed, and would show the past as the present."""
 STREAMS = 8
 JUMP = 36_000
-"""Frames, an hour at 10 Hz. A number so far from the last one says nothing of what is missing."""
+"""Frames of an hour at 10 Hz. Beyond a jump this large in frame numbers, missing frames are not counted."""
 
 
 def last_packet_ns(frame: Frame) -> int:
@@ -41,7 +41,7 @@ class ReceiverStats:
     second_publisher: times that a stream came back after another one: two publishers have the same name
     duplicates: messages that came again, or behind the newest 64; dropped before they were decoded
     before_key: messages that came before the first key message of a stream, which is where a decoder can join
-    clocks: how far the publisher's clock is from ours
+    clocks: difference between the publisher's clock and ours
     """
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
@@ -59,11 +59,11 @@ class ReceiverStats:
 
     @property
     def stream_id(self) -> int | None:
-        """Of the publisher's current start."""
+        """Stream id of the publisher's current start."""
         return self._stream_id
 
     def repeated(self, message: Message) -> bool:
-        """Whether this message came before, or is older than the newest 64 of its stream; counts it then."""
+        """Whether this message is a repeated one, or older than the newest 64 of its stream; counts it if so."""
         with self._lock:
             newest = self._earlier.get(message.stream_id, deque())
             known = message.frame_index in newest
@@ -77,7 +77,7 @@ class ReceiverStats:
             return known
 
     def arrived(self, message: Message, size: int) -> bool:
-        """Take a message that came. True: it begins another stream.
+        """Count a received message. True: it begins another stream.
 
         A gap is no reason for a key frame: most are frames that the publisher replaced before it encoded them. A
         message whose reference was really lost says so when it is decoded.
@@ -114,7 +114,7 @@ class ReceiverStats:
             return begins
 
     def decoded(self, frame: Frame, now_ns: int) -> float | None:
-        """Take a decoded frame; its latency in ms if that can be told: from its last packet to `now_ns`."""
+        """Count a decoded frame; returns its latency in ms, from its last packet to `now_ns`, or None if unknown."""
         latency = self.clocks.latency_ms(last_packet_ns(frame), now_ns)
         with self._lock:
             self.counts["frames"] += 1
@@ -150,7 +150,7 @@ class ReceiverStats:
         }
 
     def report(self, errors: Counter[str], rtt_ms: float | None) -> Report:
-        """What is told to the publisher once a second; `reports` has the fields."""
+        """The report that is sent to the publisher once a second; `reports` has the fields."""
         with self._lock:
             counts = self.counts + errors
         latency, decode, clock = self.latency_ms.summary(), self.decode_ms.summary(), self.clocks.state()

@@ -28,16 +28,16 @@ from lidarcodec.units import DATA_PORT, POSITION_PORT, is_number
 logger = logging.getLogger(__name__)
 
 WAITING: Final = 2
-"""Frames that wait behind the one that is being sent."""
+"""Most frames that wait while one is being sent."""
 DELAY_S: Final = 0.02
 CATCH_UP: Final = 1.25
 """Speed of sending while frames wait longer than the path now needs."""
 REMEMBERED: Final = 20
-"""Frames whose delay on the path sets how long to wait: two seconds."""
+"""Number of newest frames whose largest delay sets the time of sending: two seconds."""
 NAP_S: Final = 0.0005
 """Packets due within this time leave together."""
 LATE_S: Final = 0.5
-"""A frame this much too late, or too early, is a jump of the clock or a new stream: timing starts afresh with it."""
+"""A frame this much too late or too early is after a clock jump or in a new stream: timing is reset."""
 SEND_BUFFER: Final = 1 << 20
 
 
@@ -126,7 +126,7 @@ class UdpOut:
         self._thread.start()
 
     def put(self, frame: Frame) -> None:
-        """Send a frame's packets when they are due; the oldest that waits gives way when too many do."""
+        """Send a frame's packets when they are due. If too many frames wait, the oldest is dropped."""
         with self._condition:
             if len(self._queue) >= WAITING:
                 self._queue.popleft()
@@ -135,7 +135,7 @@ class UdpOut:
             self._condition.notify_all()
 
     def put_wait(self, frame: Frame, timeout_s: float) -> bool:
-        """The same, but wait for a place instead; False when there was none in time."""
+        """The same, but wait for room instead of dropping a frame; False after the timeout."""
         with self._condition:
             free = self._condition.wait_for(lambda: len(self._queue) < WAITING or self._closed.is_set(), timeout_s)
             if not free or self._closed.is_set():
@@ -145,7 +145,7 @@ class UdpOut:
             return True
 
     def wait_sent(self, timeout_s: float) -> bool:
-        """Whether everything was sent; waits for it, until closed."""
+        """Wait until everything was sent, at most `timeout_s` or until closed; returns whether it was."""
 
         def sent() -> bool:
             return not self._queue and self._idle
@@ -155,7 +155,7 @@ class UdpOut:
             return sent()
 
     def close(self) -> None:
-        """End at once, in the middle of a frame if need be; harmless when called twice."""
+        """End at once, even within a frame; harmless when called twice."""
         self._closed.set()
         with self._condition:
             self._condition.notify_all()
@@ -207,8 +207,8 @@ class UdpOut:
             self._offset -= float(gained[-1])
 
     def _begin(self, stamp_s: float, arrival_s: float | None) -> tuple[float, float]:
-        """When a frame of that stamp begins to leave, on the monotonic clock, and how much sooner than planned the next
-        ones could: the plan has to wait for the slowest of the last frames only."""
+        """Monotonic time at which to begin sending a frame with that stamp, and seconds by which the next ones could be
+        sent sooner, which depends on the slowest of the last frames."""
         now = time.monotonic()
         if arrival_s is not None:
             self._needs.append(arrival_s - stamp_s)
