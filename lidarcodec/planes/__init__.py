@@ -1,1 +1,1 @@
-"""What all codecs send beside ranges: mask, intensity, azimuth, side information, calibration, pose."""
+"""Sections of all codecs except ranges: mask, intensity, azimuth, side information, calibration, pose."""

@@ -28,7 +28,7 @@ _TABLE_HEAD: Final = struct.Struct("<BIB")
 _STEPS_PER_METRE: Final = 10_000_000
 _TABLE_BYTES: Final = len(CALIBRATION_FIELDS) * LASERS * 4
 _KEPT: Final = 8
-"""Calibrations a decoder remembers: a stream has one, a hostile one must not fill the memory."""
+"""Most calibrations that a decoder remembers. A normal stream has one; a hostile stream must not fill memory."""
 
 
 @lru_cache(maxsize=_KEPT)
@@ -81,7 +81,7 @@ class SensorBook:
     def sensor_of(self, message: Message) -> SensorModel:
         """The sensor of a message.
 
-        Raises MissingReferenceError if the message only names one that no key message described, SectionError.
+        Raises MissingReferenceError if the message has only the hash of an unknown calibration, SectionError.
         """
         data = message.section(SectionType.CALIBRATION)
         if len(data) < 1 + _HASH_BYTES or data[0] > FORM_PLAIN_TABLE:

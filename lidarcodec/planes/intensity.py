@@ -27,7 +27,7 @@ FORM_RETURNS: Final = 0
 FORM_ALL_FIRED: Final = 1
 FORM_FEW: Final = 2
 MODELLED: Final = 3
-"""What is added to a form whose returns are modelled."""
+"""Added to the number of a form if its returns are modelled."""
 LOSSLESS_LEVELS: Final = 256
 _LEVEL: Final = 3
 
@@ -36,9 +36,9 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Quality(NamedTuple):
-    """How near intensities come back.
+    """Accuracy of decoded intensities.
 
-    levels: values in a frame at most, 256 = lossless, 0 = off; error: if not 0, the largest error, instead of levels
+    levels: most different values in a frame, 256 = lossless, 0 = off; error: if not 0, the largest error, used instead
     """
 
     levels: int
@@ -46,7 +46,7 @@ class Quality(NamedTuple):
 
     @classmethod
     def of(cls, settings: StreamSettings) -> Quality:
-        """What settings ask for."""
+        """The quality in the settings."""
         return cls(settings.intensity_levels, settings.intensity_error)
 
     @property
@@ -68,9 +68,9 @@ def reduced(frame: Frame, quality: Quality) -> Bytes:
 
 
 def values_within(counts: npt.NDArray[np.intp], error: int) -> Bytes:
-    """(256,) uint8, for each intensity a value at most `error` away; as few values as those that occur need.
+    """(256,) uint8, for each intensity a value at most `error` away; as few different values as possible.
 
-    A value is near the mean of those that it stands for. counts: (256,), how often each intensity occurs
+    A value is near the mean of the intensities that it replaces. counts: (256,), how often each intensity occurs
     """
     table = np.arange(256, dtype=np.uint8)
     used = np.flatnonzero(counts)

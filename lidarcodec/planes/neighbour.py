@@ -1,7 +1,7 @@
 """Intensities of the returns in groups by the intensity of the return before, each group one zstd frame.
 
-Neighbours are alike, and how they differ depends on how bright they are. Measured with zstd 3 against one frame for
-all: 4 % smaller on KITTI's 100 levels, 16 % on a real HDL-64E S3 with its 238.
+Neighbouring intensities are similar, and their differences depend on brightness. So groups are smaller than one zstd
+frame for all: by 4 % on KITTI with its 100 levels, by 16 % on a real HDL-64E S3 with 238.
 
 Layout: groups G u8, G x (first value u8, returns u32, bytes u32), G zstd frames.
 
@@ -24,9 +24,9 @@ from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
 
 MIN_GROUP: Final = 4000
-"""Returns that pay for a frame of their own."""
+"""Fewest returns of a group, for which a zstd frame of its own is worth its overhead."""
 _MOST_GROUPS: Final = 255
-"""Their number is a byte."""
+"""Most groups: their number is a byte."""
 _LEVEL: Final = 3
 _GROUP: Final = struct.Struct("<BII")
 

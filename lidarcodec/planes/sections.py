@@ -1,8 +1,8 @@
 """What all codecs send beside ranges: mask, intensity, azimuth, side information, position packets, pose. One section
 each.
 
-A frame that was not reduced sends its no-return mask (MASK); a reduced one sends which returns are left (KEEP)
-and no mask, because a dropped return decodes as no return.
+A frame that was not reduced sends its no-return mask (MASK). A reduced frame sends the mask of kept returns (KEEP)
+instead, because a dropped return decodes as no return.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Azimuth = npt.NDArray[np.uint16]
 _STREAM_KINDS: Final = tuple(bytes([kind]) for kind in entropy.STREAM_KINDS)
 
 EncodeMask = Callable[[Frame], bytes]
-"""How a stream with memory codes the mask of a frame."""
+"""Codes the mask of a frame in a stream whose masks refer to earlier ones."""
 DecodeMask = Callable[[bytes, Azimuth, Mask], Mask]
 """And how it decodes one: of its bytes, azimuth (2, W) and what fired (2, W). Raises SectionError or TruncatedError."""
 
@@ -60,7 +60,7 @@ def fired_cells(fired: Mask, sensor: SensorModel) -> Mask:
 
 
 def check_unfired(frame: Frame, cells: Mask) -> None:
-    """Refuses a frame with a return or an intensity in a cell that was not fired: it would be lost without a word.
+    """Refuse a frame with a return or an intensity in a cell that was not fired: it would be lost silently.
 
     Raises LidarCodecError.
     """

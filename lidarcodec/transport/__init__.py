@@ -1,4 +1,4 @@
-"""Bytes on keys between processes. `base` is the contract, `zenoh` the network, `memory` the same in one process."""
+"""Bytes on keys between processes. `base` is the interface, `zenoh` the network, `memory` a network in one process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Certificates", "Endpoints", "Party", "Transport", "certificates_of",
 def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = None) -> Transport:
     """A Zenoh transport; without endpoints it stays on this machine.
 
-    A router that cannot be reached yet is tried again until it can, or until `stop` is set.
+    An unreachable router is tried again until it answers or `stop` is set.
     Raises TransportError for endpoints or a configuration that cannot be used, and when stopped.
     """
     from lidarcodec.transport.zenoh import ZenohTransport
@@ -27,7 +27,7 @@ def open_transport(endpoints: Endpoints | None = None, *, stop: Event | None = N
 
 
 def party_of(endpoints: Endpoints | None) -> Party | None:
-    """Whom the configuration file of these endpoints is for, when `lidarcodec certs` made it; else None.
+    """The party that a configuration file of `lidarcodec certs` is for; None for other files or without one.
 
     Raises TransportError for a file that is no Zenoh configuration.
     """
@@ -43,7 +43,7 @@ def party_of(endpoints: Endpoints | None) -> Party | None:
 
 
 def certificates_of(endpoints: Endpoints | None) -> Certificates | None:
-    """The certificates in the configuration file of these endpoints; None without any.
+    """The certificates in the configuration file of these endpoints; None if there are none.
 
     Raises TransportError for a file that is no Zenoh configuration.
     """

@@ -1,14 +1,14 @@
-"""Who may do what on the keys of a stream, as Zenoh's access control wants it said.
+"""Permissions on the keys of a stream, as rules for Zenoh's access control.
 
 A vehicle has its own keys and no others. A viewer sees every stream, may ask for a key frame and for the settings, and
 reports under its own name only. An operator is a viewer who may also change settings, and play recordings as vehicles
 named `playback-...`. What is not allowed is denied.
 
-Two things about that access control decide the form of these rules. It holds on links, so it belongs to the side that
-accepts connections: routers, and vehicles that listen themselves. Clients of such vehicles also hold rules
-(`vehicles_only`), otherwise one vehicle could speak for another. And a rule must cover the whole key expression: a
-client that is allowed `a/frame` and subscribes to `a/*` gets nothing, without notice. `flows` are seen from the
-side that has the rules: `ingress` is what the other side sends.
+Two properties of that access control determine these rules. It works on links, so the side that accepts connections
+has the rules: routers, and vehicles that listen themselves. Clients of such vehicles have rules too (`vehicles_only`),
+otherwise one vehicle could send under the name of another. And a rule must cover the whole key expression: a client
+that is allowed `a/frame` and subscribes to `a/*` gets nothing, without an error. `flows` are those of the side that has
+the rules: `ingress` is what the other side sends.
 
 >>> people = People(vehicles=("car-7",), viewers=("anna",))
 >>> [policy["subjects"] for policy in access_control(people, "certificate")["policies"]]
@@ -23,9 +23,9 @@ from typing import Any, Literal
 from lidarcodec.transport.keys import PREFIX
 
 ROUTER = "router"
-"""Name that all routers of a deployment share, in their certificates or as a user."""
+"""Name of all routers of a deployment, in their certificates or as a user."""
 PLAYBACKS = "playback-"
-"""How vehicles are named that a server, which is an operator, makes of recordings; nobody else has such a name."""
+"""Prefix of vehicle names for recordings that a server plays. A server is an operator; other names cannot have it."""
 Auth = Literal["certificate", "password", "none"]
 ANY = f"{PREFIX}/*/*"
 WATCHING = ["liveliness_query", "declare_liveliness_subscriber"]
@@ -35,7 +35,7 @@ EVERYTHING = [*PUTTING, "declare_subscriber", "query", "reply", "declare_queryab
 
 @dataclass(frozen=True)
 class People:
-    """Names by role; no name in two of them."""
+    """Names by role. No name has two roles."""
 
     vehicles: tuple[str, ...] = ()
     viewers: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class People:
 
 
 class _Rules:
-    """Rules, subjects and policies as they come together."""
+    """Collects rules, subjects and policies."""
 
     def __init__(self, subject_field: str) -> None:
         self._field = subject_field
@@ -52,11 +52,11 @@ class _Rules:
         self.policies: list[dict[str, Any]] = []
 
     def subject(self, name: str, people: list[str]) -> None:
-        """A subject; one without anybody would be everybody, so a name that nobody can have stands for nobody."""
+        """Add a subject. Zenoh applies a subject without names to everyone, so an empty one gets an impossible name."""
         self.subjects.append({"id": name, self._field: people or ["/nobody/"]})
 
     def allow(self, subjects: list[str], *rules: tuple[list[str], list[str], list[str]]) -> None:
-        """Let subjects do what (messages, flows, keys) say."""
+        """Allow rules, each (messages, flows, keys), for subjects."""
         names: list[str] = []
         for messages, flows, keys in rules:
             names.append(f"{', '.join(subjects)}: {len(self.rules) + 1}")
@@ -65,7 +65,7 @@ class _Rules:
         self.policies.append({"rules": names, "subjects": subjects})
 
     def whole(self) -> dict[str, Any]:
-        """As Zenoh wants it; what is not allowed is denied."""
+        """The configuration for Zenoh; everything else is denied."""
         return {
             "enabled": True,
             "default_permission": "deny",
@@ -79,7 +79,7 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
     """Zenoh's `access_control` for the side that accepts connections from these people.
 
     auth: `certificate`: they are known by the common name of their certificate; `password`: by their user name;
-          `none`: they are not known, so nothing can be held against them and everything is allowed
+          `none`: they cannot be identified, so everything is allowed
     """
     if auth == "none":
         return {"enabled": False}
@@ -103,8 +103,8 @@ def access_control(people: People, auth: Auth) -> dict[str, Any]:
 def vehicles_only(vehicles: tuple[str, ...], auth: Auth) -> dict[str, Any]:
     """Zenoh's `access_control` for the side that connects to vehicles themselves, with no router between.
 
-    Each vehicle, known by the common name of the certificate with which it listens, is heard under its own name only:
-    the rules of a vehicle hold on its own links, and say nothing of what other vehicles send on theirs.
+    Each vehicle is identified by the common name of its certificate, and accepted under its own name only. The rules of
+    a vehicle cover its own links, not those of other vehicles.
     """
     if auth == "none":
         return {"enabled": False}
@@ -134,13 +134,13 @@ def _vehicle(own: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
         (PUTTING, ["egress"], reports),
         (["query"], ["egress"], controls),
         (["liveliness_token"], ["egress"], _under(own, "arrived/*")),
-        # For all streams: it must hear of every subscriber, otherwise it would send nothing.
+        # For all streams: without declarations of all subscribers the vehicle would send nothing.
         (["declare_subscriber"], ["egress"], _under(ANY, "frame", "status")),
     )
 
 
 def _looking() -> tuple[tuple[list[str], list[str], list[str]], ...]:
-    """What everybody who receives may do on all streams."""
+    """Rules of every receiver, for all streams."""
     return (
         (["declare_subscriber"], ["ingress"], _under(ANY, "frame", "status")),
         (PUTTING, ["egress"], _under(ANY, "frame", "status")),
@@ -157,7 +157,7 @@ def _asking(controls: list[str]) -> tuple[tuple[list[str], list[str], list[str]]
 
 
 def _reporting(name: str) -> tuple[tuple[list[str], list[str], list[str]], ...]:
-    """What one receiver may say, and only under its own name."""
+    """Rules for the reports of a receiver, under its own name."""
     return (
         (PUTTING, ["ingress"], _under(ANY, f"arrived/{name}", f"report/{name}")),
         (["liveliness_token"], ["ingress"], _under(ANY, f"arrived/{name}")),

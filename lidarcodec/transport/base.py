@@ -1,7 +1,7 @@
-"""What every transport gives. Frames go by `Sender` and `Inbox`, newest only; all else is small and goes by callback.
+"""The interface of a transport. Frames use `Sender` and `Inbox`, newest only; small events and queries use callbacks.
 
-A transport never receives what it put itself. Handlers run in threads of the transport, must be quick and must not
-raise; one that does is logged once per cause and goes on.
+A transport never receives its own messages. Handlers run in threads of the transport, must be fast and must not raise;
+an error in a handler is logged once for each kind, and the transport continues.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ EventHandler = Callable[[str, bytes], None]
 QueryHandler = Callable[[bytes], bytes]
 """Takes the bytes of a query, gives those of the answer."""
 AliveHandler = Callable[[str, bool], None]
-"""Takes a token's key, and whether it came (True) or went (False)."""
+"""Takes a token's key, and whether it appeared (True) or disappeared (False)."""
 MatchHandler = Callable[[bool], None]
-"""Told when the first receiver came (True) and when the last one went (False)."""
+"""Called when the first receiver connects (True) and when the last one disconnects (False)."""
 
 
 class Priority(Enum):
-    """What goes first when the path is narrow. Each has a queue of its own on every link."""
+    """Order of sending on a slow link. Each priority has its own queue on every link."""
 
     REAL_TIME = "real_time"
     """Arrival reports: a few bytes, sent at once, never behind a frame. Of two within a millisecond on one link a busy
     machine may drop the second without notice: a program that waits for a report must go on without it."""
     FRAMES = "frames"
-    """Messages: never block the sender; one that the link cannot take while another waits is dropped there."""
+    """Messages: they never block the sender. If one already waits for the link, the next is dropped."""
     EVERY_FRAME = "every_frame"
-    """Messages none of which is to be dropped: `put` waits for a full link; after 5 s Zenoh begins the link anew."""
+    """Messages that must not be dropped: `put` waits for a full link; after 5 s Zenoh opens the link again."""
     STATUS = "status"
     """Once a second; dropped when the link is full."""
     BESIDE = "beside"
-    """As large as frames and behind everything else: never blocks the sender, and never takes a frame's place."""
+    """As large as frames and after everything else: never blocks the sender, and never delays a frame."""
 
 
 class Closeable(Protocol):
-    """Something to give back; `close` is harmless when called twice."""
+    """Something that must be closed; `close` is harmless when called twice."""
 
     def close(self) -> None: ...
 
@@ -58,13 +58,13 @@ class Sender(Closeable, Protocol):
     def put(self, data: bytes, attachment: bytes | None = None) -> None:
         """Hand the bytes to the network; never waits for a receiver, and for a full link only with EVERY_FRAME.
 
-        attachment: what other programs want to find beside them; receivers of ours do not see it
+        attachment: metadata for other programs; receivers of lidarcodec ignore it
         Raises TransportError when the transport is closed.
         """
 
 
 class Inbox(Closeable, Protocol):
-    """Receives one key, keeping only the newest message: what is not taken in time is replaced, never queued."""
+    """Receives one key and keeps only the newest message: older ones are replaced, never queued."""
 
     def receive(self) -> bytes | None:
         """The newest message, as soon as there is one; None once the inbox or its transport is closed."""
@@ -78,28 +78,28 @@ class Transport(Closeable, Protocol):
 
     @property
     def identity(self) -> str:
-        """What this session is called on its network: hexadecimal digits, never the same twice."""
+        """Unique id of this session on its network, in hexadecimal digits."""
 
     def sender(self, key: str, priority: Priority, on_match: MatchHandler | None = None) -> Sender:
-        """A sender on one key; `on_match` hears when receivers come and when the last one goes."""
+        """A sender on one key; `on_match` is called when the first receiver connects and the last one disconnects."""
 
     def inbox(self, key: str) -> Inbox:
         """A newest-only receiver of one key."""
 
     def listen(self, key: str, handler: EventHandler) -> Closeable:
-        """Hand every small event on a key, or key expression (`*` one part, `**` any), to the handler."""
+        """Call the handler for every small event on a key, or key expression (`*` one part, `**` any)."""
 
     def answer(self, key: str, handler: QueryHandler) -> Closeable:
         """Answer queries on one key."""
 
     def ask(self, key: str, data: bytes = b"", timeout_s: float = 1.0) -> bytes | None:
-        """The first answer to a query; None when nobody answers in time, or nobody is there."""
+        """The first answer to a query; None if there is none in time."""
 
     def token(self, key: str) -> Closeable:
         """Show that this process is alive, until closed, killed or cut off."""
 
     def watch(self, key: str, handler: AliveHandler) -> Closeable:
-        """Hand tokens on a key or key expression to the handler: those that are there, own ones too, then changes."""
+        """Call the handler for tokens on a key or key expression: existing ones, own ones too, then changes."""
 
     def __enter__(self) -> Self: ...
 
@@ -107,7 +107,7 @@ class Transport(Closeable, Protocol):
 
 
 class Guard:
-    """Calls handlers so that one that raises is logged, once per kind of error, and never hurts the transport."""
+    """Calls handlers, and logs their errors, once for each kind, instead of raising them."""
 
     def __init__(self) -> None:
         self._seen: set[tuple[str, type[BaseException]]] = set()
@@ -123,7 +123,7 @@ class Guard:
             return None
 
     def fits(self, what: str, size: int) -> bool:
-        """Whether an event of this size may be handed on; a longer one is logged once per key."""
+        """Whether an event of this size may be delivered; a longer one is logged once per key."""
         if size <= MAX_EVENT_BYTES:
             return True
         if (what, OverflowError) not in self._seen:

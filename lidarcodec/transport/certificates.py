@@ -1,7 +1,7 @@
-"""When the certificates of a Zenoh configuration end. A party that refuses one says so only in its own log.
+"""Expiry of the certificates of a Zenoh configuration. A party that refuses one reports that only in its own log.
 
-Only the validity is read, from the DER of X.509 (RFC 5280, 4.1). The code is our own, because `cryptography` comes with
-the server and a vehicle may lack it. Nothing here decides who is believed.
+Only the validity is read, from the DER of X.509 (RFC 5280, 4.1), without `cryptography`, which a vehicle may lack. This
+module does not decide which certificates are trusted.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ logger = logging.getLogger(__name__)
 
 SOON: Final = timedelta(days=30)
 LOOK_S: Final = 60.0
-"""How often the clock is looked at: it may be set."""
+"""Interval of checks; the clock may be set in between."""
 AGAIN: Final = timedelta(days=1)
-"""After what time the same is said once more."""
+"""Time after which a warning is repeated."""
 TLS: Final = "transport/link/tls"
 OWN: Final = ("connect_certificate", "listen_certificate")
 AUTHORITY: Final = "root_ca_certificate"
@@ -32,27 +32,27 @@ _SEQUENCE, _VERSION, _INTEGER, _UTC_TIME, _TIME = 0x30, 0xA0, 0x02, 0x17, 0x18
 
 
 class Validity(NamedTuple):
-    """From when on, and until when, a certificate is valid."""
+    """Begin and end of a certificate's validity."""
 
     begins: datetime
     ends: datetime
 
 
 class State(NamedTuple):
-    """How certificates stand: `valid`, `ends soon` (within 30 days), `ended`, or `not yet valid`; and until when."""
+    """State of certificates: `valid`, `ends soon` (within 30 days), `ended`, or `not yet valid`; and the end."""
 
     name: str
     until: datetime
 
 
 class Certificates:
-    """Certificates by what they are, such as `certificate` and `certificate authority`. At least one."""
+    """Certificates by kind, such as `certificate` and `certificate authority`. At least one."""
 
     def __init__(self, found: dict[str, Validity]) -> None:
         self._found = found
 
     def state(self, now: datetime | None = None) -> State:
-        """How that stands which ends first."""
+        """State of the certificate that ends first."""
         now = datetime.now(UTC) if now is None else now
         first = min(self._found.values(), key=lambda one: one.ends)
         if first.ends <= now:
@@ -67,7 +67,7 @@ class Certificates:
         return {"state": state.name, "until": state.until.isoformat()}
 
     def complaint(self, source: str, now: datetime) -> str | None:
-        """What has to be said of the certificates of a file; None while all is well."""
+        """A warning about the certificates of a file; None if they are valid for long enough."""
         state = self.state(now)
         what = min(self._found, key=lambda one: self._found[one].ends)
         when, here = f"{state.until:%Y-%m-%d %H:%M} UTC", f"the clock of this machine says {now:%Y-%m-%d %H:%M} UTC"
@@ -82,7 +82,7 @@ class Certificates:
 
 
 class CertificateWatch:
-    """Says how the certificates of a session stand: at `start`, when that changes, and once a day while it is bad."""
+    """Logs the state of a session's certificates: at `start`, at changes, and once a day while there is a problem."""
 
     def __init__(
         self, certificates: Certificates | None, source: str, now: Callable[[], datetime] = lambda: datetime.now(UTC)
@@ -94,7 +94,7 @@ class CertificateWatch:
         self._thread = threading.Thread(target=self._run, name="lidarcodec certificates", daemon=True)
 
     def start(self) -> None:
-        """Begin, if there are any."""
+        """Start watching, if there are certificates."""
         if self._certificates is not None:
             self._look(self._certificates)
             self._thread.start()
@@ -104,7 +104,7 @@ class CertificateWatch:
         self._stop.set()
 
     def _look(self, certificates: Certificates) -> float:
-        """Say what has to be said now; in how many seconds to look again."""
+        """Log a warning if needed; returns the seconds until the next check."""
         now = self._now()
         state = certificates.state(now)
         due = self._said is None or self._said[0] != state.name or not timedelta() <= now - self._said[1] < AGAIN
@@ -123,12 +123,12 @@ class CertificateWatch:
 
 
 def certificates_in(option: Callable[[str], Any]) -> Certificates | None:
-    """The certificates of a configuration; None if it has none that can be read, of which the session will complain.
+    """The certificates of a configuration; None if none can be read, which the session will report.
 
     option: gives the value at a path of the configuration
     """
     found: dict[str, Validity] = {}
-    own = [one for name in OWN for one in _validities(option, name)[:1]]  # behind it may be those who signed it
+    own = [one for name in OWN for one in _validities(option, name)[:1]]  # the authorities that signed it may follow
     if own:
         found["certificate"] = min(own, key=lambda one: one.ends)
     authorities = _validities(option, AUTHORITY)

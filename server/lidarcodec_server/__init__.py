@@ -1,1 +1,1 @@
-"""The server of a fleet: streams found on Zenoh, changed and watched over REST. `app.create_app` makes it."""
+"""The server of a fleet: it finds streams on Zenoh, and controls and shows them over REST. See `app.create_app`."""

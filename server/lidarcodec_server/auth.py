@@ -1,4 +1,4 @@
-"""Who asks, and what they may do: bearer tokens with a role. A viewer reads, an operator also changes.
+"""Authentication with bearer tokens, each with a role. A viewer may read, an operator may also change settings.
 
 `Viewer` is what routes take, sockets too: it holds the `Client` that asks, or the request is refused. Routes that
 change something take an `operations.Operation`.
@@ -53,8 +53,8 @@ def require_operator(connection: HTTPConnection) -> Client:
 
 
 async def check(connection: HTTPConnection) -> None:
-    """Whether the client may ask at all, before its body comes and before it gets a turn. Cheap for those without a
-    token, and for tokens that were known already.
+    """Check the token before the body is read and before the request gets a turn. Cheap without a token, and for tokens
+    that are already known.
 
     Raises ProblemError as `require_operator` and `require_viewer`.
     """
@@ -65,20 +65,20 @@ async def check(connection: HTTPConnection) -> None:
     if token is None:
         raise _missing(service)
     client = service.tokens.seen_client(token)
-    if client is None:  # unless it was made a moment ago
+    if client is None:  # it may be a new token
         client = await run_in_threadpool(require_viewer, connection)
     if connection.scope["type"] == "http" and connection.scope["method"] not in SAFE:
         _check_role(connection, client)
 
 
 def asks(connection: HTTPConnection) -> str:
-    """The name of the client, if its token works as far as is known; asks and waits for nobody."""
+    """The name of the client, if its token is known to be valid. Does not read the store, never blocks."""
     token = _token(connection)
     return (None if token is None else cast(Service, connection.app.state.service).tokens.owner(token)) or ""
 
 
 def known_operator(connection: HTTPConnection) -> bool:
-    """Whether the token of a request was an operator's when tokens were last looked at; asks and waits for nobody."""
+    """Whether the token of a request is known to be an operator's. Does not read the store, never blocks."""
     service = cast(Service, connection.app.state.service)
     token = _token(connection)
     client = None if token is None else service.tokens.seen_client(token)
@@ -86,12 +86,12 @@ def known_operator(connection: HTTPConnection) -> bool:
 
 
 def offers_token(connection: HTTPConnection) -> bool:
-    """Whether the client gave a token, of whatever kind."""
+    """Whether the client sent a token, valid or not."""
     return _token(connection) is not None
 
 
 def subprotocol_of(connection: HTTPConnection) -> str | None:
-    """The subprotocol to accept a WebSocket with: one that is no token if there is one, for it stands in the answer."""
+    """The subprotocol to accept a WebSocket with. It is sent back, so one that is not a token is preferred."""
     offered = _protocols(connection)
     return next((name for name in offered if not name.startswith(TOKEN_PROTOCOL)), offered[0] if offered else None)
 
@@ -126,7 +126,7 @@ def _protocols(connection: HTTPConnection) -> list[str]:
 
 
 def host(connection: HTTPConnection) -> str:
-    """The address that a client has."""
+    """The address of a client."""
     return connection.client.host if connection.client is not None else "local"
 
 

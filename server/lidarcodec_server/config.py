@@ -1,4 +1,4 @@
-"""ServerConfig: everything that can be chosen about a server. The command line gives it, or `LIDARCODEC_` variables.
+"""ServerConfig: the options of a server, from the command line or from `LIDARCODEC_` variables.
 
 >>> ServerConfig().host, ServerConfig(host="0.0.0.0").loopback
 ('127.0.0.1', False)
@@ -17,7 +17,7 @@ from lidarcodec.transport import Endpoints
 
 
 def state_folder() -> Path:
-    """Where the server keeps its database unless told otherwise: `lidarcodec` in the user's state folder."""
+    """Default folder of the server's database: `lidarcodec` in the user's state folder."""
     base = os.environ.get("XDG_STATE_HOME", "")
     return (Path(base) if base else Path.home() / ".local" / "state") / "lidarcodec"
 
@@ -28,32 +28,32 @@ def default_database_url() -> str:
 
 
 class ServerConfig(BaseModel):
-    """What a server is started with. Frozen; unknown names are refused.
+    """Options of a server. Frozen; unknown names are refused.
 
-    host, port:          where to listen for HTTP; nothing but this machine by default
+    host, port:          where to listen for HTTP; by default only for this machine
     database_url:        any SQLAlchemy URL
     endpoints:           where the Zenoh session listens and connects
     tls_certificate:     PEM file to serve HTTPS with, and tls_key its key
-    insecure:            listen beyond this machine although no token is needed
-    open:                let everybody in again, although tokens were needed before and none works now
+    insecure:            listen for other machines although no token is needed
+    open:                allow access without a token again, although tokens were needed before and none is valid now
     metrics_open:        answer `/metrics` without a token
-    max_streams:         streams that are known at once; further ones are counted and left out
-    max_sensors:         streams of one vehicle that are known at once
+    max_streams:         most streams at once; further ones are counted and left out
+    max_sensors:         most streams of one vehicle at once
     max_body_bytes:      longest body of a request
     max_message_bytes:   longest WebSocket message of a client
     max_connections:     connections at once, of all hosts;  max_connections_a_host: of one
-    reserved_connections: further ones, for health checks and operators when there is no room for others
-    max_requests_a_host: requests of one host that are worked on at once; others wait
+    reserved_connections: further ones, for health checks and operators when all others are in use
+    max_requests_a_host: requests of one host that are processed at once; others wait
     proxies:             addresses of proxies, whose connections are those of many clients
-    request_s:           how long a connection may be without a whole request, and keep_alive_s after an answer
-    read_s:              how long a client may leave an answer unread
+    request_s:           longest time without a complete request on a connection, and keep_alive_s after an answer
+    read_s:              longest time for which a client may leave an answer unread
     changes_per_second:  requests that change something, for each client, and `burst` of them at once
-    body_s:              how long a client may take to send a body
-    answer_s:            how long a vehicle may take to answer
-    audit_rows:          entries of the audit log that are kept; the oldest go
+    body_s:              longest time for a client to send a body
+    answer_s:            longest time for a vehicle to answer
+    audit_rows:          entries kept in the audit log; older ones are deleted
     max_viewers:         live sockets at once;  max_viewers_a_client, max_viewers_a_host: of one
-    ack_limit_s:         how long a viewer may leave a frame without an acknowledgement
-    recordings:          folder of the recordings that are made here
+    ack_limit_s:         longest time for a viewer to acknowledge a frame
+    recordings:          folder of the server's recordings
     max_recordings_bytes: size of that folder;  max_recording_bytes, max_recording_s: of one of them
     """
 

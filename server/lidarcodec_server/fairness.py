@@ -1,9 +1,9 @@
-"""Fair: so many requests of one client are worked on at once; the others wait their turn.
+"""Fair: limits the requests of a client that are processed at once; others wait for their turn.
 
-Otherwise a client that asks all the time, over as many connections as it may have, would slow everybody else down. A
-client is a host, or a token on a host: tokens on one host do not wait for each other.
-Health checks and live sockets do not count: a socket has limits of its own. Nor does the time until a body has come,
-and until an answer is read: `middleware.BodyLimit` stands in front.
+Otherwise a client that sends requests all the time over many connections would slow down all others. A client is a
+host, or a token on a host: tokens on one host do not wait for each other.
+Health checks and live sockets do not count; sockets have their own limits. Nor does the time to receive a body or to
+send an answer count: `middleware.BodyLimit` comes before this.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lidarcodec_server.problems import ProblemError
 
 
 class Fair:
-    """Lets `most` requests of a client through at once; one that waits longer than `wait_s` is refused."""
+    """Processes `most` requests of a client at once; a request that waits longer than `wait_s` is refused."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class Fair:
         proxies: Iterable[str] = (),
         who: Callable[[HTTPConnection], str] = lambda _: "",
     ) -> None:
-        """who: the name of a client whose token works, else nothing"""
+        """who: gives the name of a client with a valid token, otherwise nothing"""
         self._app, self._most, self._wait_s, self._who = app, most, wait_s, who
         self._proxies = frozenset(host_of(one) for one in proxies)
         self._turns: dict[tuple[str, str], tuple[asyncio.Semaphore, int]] = {}
@@ -72,7 +72,7 @@ class Fair:
                 turn.release()
 
         async def answer(message: Message) -> None:
-            if message["type"] == "http.response.start":  # the work is done: how long the client reads is its matter
+            if message["type"] == "http.response.start":  # processing is over: reading the answer does not count
                 done()
             await send(message)
 

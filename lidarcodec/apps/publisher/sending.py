@@ -34,7 +34,7 @@ class Told(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """Other consumers: `originals` gets frames before coding, `recorder` sent messages, to decode some of them again."""
+    """Other consumers: `originals` gets frames before coding, `recorder` sent messages, to decode some again."""
 
     originals: Originals | None = None
     recorder: BackgroundRecorder | None = None

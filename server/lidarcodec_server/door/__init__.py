@@ -1,1 +1,1 @@
-"""The door: how connections come in, which are kept, and what they meet before HTTP."""
+"""The door: accepts connections, limits their number, and sets up TLS, before HTTP."""

@@ -1,9 +1,9 @@
-"""The acceptor: takes connections from the system's queue as fast as anybody can make them.
+"""The acceptor: accepts connections from the system's queue faster than clients can make them.
 
-A host may connect so many times a second. Beyond that a connection is looked at before anything is made for it: a
-client whose token works gets in, `/healthz` is answered at once, everybody else gets a fixed answer, or none when even
-those are too many. That takes a tenth of what a refused request takes, and the system's queue is short. Otherwise a
-client that connects again and again fills that queue, and everybody else waits behind it.
+The connections of a host have a rate limit. Above it the request is examined before a protocol object is made: a client
+with a valid token gets in, `/healthz` is answered at once, and all others get a fixed answer, or none if there are too
+many of those. That costs a tenth of refusing a request in HTTP, and the system's queue is kept short. Otherwise a
+client that connects again and again fills that queue and delays all other clients.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from lidarcodec_server.limits import SparseLog
 logger = logging.getLogger(__name__)
 
 A_TURN, TURN_S = 512, 0.01
-"""Connections that are taken in one turn of the event loop, and for how long."""
+"""Most connections accepted in one turn of the event loop, and the longest time for that."""
 QUEUE = 256
-"""Connections that wait in the system's queue. A client that connects most would fill a long queue, and all others
-would wait behind it. Where a short queue is full, the system of the client tries again by itself."""
+"""Length of the system's queue. A client that connects very often would fill a long queue and delay all others. If a
+short queue is full, the client's system tries again by itself."""
 LOOK_S, PATIENCE_S, WAITING = 0.01, 2.0, 64
-"""How often connections that have sent nothing yet are looked at again, for how long, and how many there may be."""
+"""Connections that have not sent anything yet: interval of checks, longest wait, and largest number."""
 PAUSE_S = 0.5
-"""How long nothing is taken when there are no file handles left."""
+"""Pause when there are no file handles left."""
 LOOKED_AT: Final = 8192
-"""How many bytes of a request are looked at; its head has 16 KiB at most."""
+"""Bytes of a request that are examined; its head has at most 16 KiB."""
 _WELL: Final = b"GET /healthz "
 WELL: Final = (
     b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nX-Content-Type-Options: nosniff\r\n"
@@ -70,8 +70,8 @@ class Acceptor:
         encrypted: bool,
     ) -> None:
         """protocol: makes the protocol of a connection that gets in
-        owner: the name of a token that works, as far as is known without asking anybody
-        encrypted: nothing can be read of a request yet, and a client that is turned away gets no answer
+        owner: gives the name of a token if it is known to be valid, without reading the store
+        encrypted: requests cannot be read yet, and a refused client gets no answer
         """
         self._listener, self._protocol, self._held, self._owner = listener, protocol, held, owner
         self._encrypted = encrypted
@@ -87,7 +87,7 @@ class Acceptor:
         self._loop.add_reader(listener.fileno(), self._accept)
 
     def close(self) -> None:
-        """Take no more; the listening socket stays the caller's."""
+        """Accept no more connections. The caller closes the listening socket."""
         self._closed = True
         self._loop.remove_reader(self._listener.fileno())
         if self._timer is not None:
@@ -129,7 +129,7 @@ class Acceptor:
     async def _connect(self, one: socket.socket) -> None:
         try:
             await self._loop.connect_accepted_socket(self._protocol, one)
-        except OSError:  # it has gone meanwhile
+        except OSError:  # closed meanwhile
             one.close()
 
     # --- connections beyond the rate --------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ class Acceptor:
         self._timer = self._loop.call_later(LOOK_S, self._look_again) if self._waiting else None
 
     def _decide(self, one: socket.socket, host: str) -> bool:
-        """Let a client in, answer it, or turn it away, by what it asks. False while that is not known."""
+        """Accept, answer or refuse a client by its request. False while the request is incomplete."""
         try:
             data = one.recv(LOOKED_AT, socket.MSG_PEEK)
         except BlockingIOError:
@@ -176,7 +176,7 @@ class Acceptor:
         return True
 
     def _decide_handshake(self, one: socket.socket, host: str, data: bytes) -> bool:
-        """The same where nothing can be read of a request yet: as many as begin a handshake may connect besides."""
+        """The same with TLS, where requests cannot be read yet: handshakes have a rate limit of their own."""
         if len(data) < _RECORD or len(data) < min(LOOKED_AT, _RECORD + int.from_bytes(data[3:_RECORD], "big")):
             return False
         if data[0] == _HANDSHAKE and not self._held.hasty_client(f"of handshakes, on {host}"):
@@ -186,7 +186,7 @@ class Acceptor:
         return True
 
     def _may_enter(self, data: bytes, host: str, found: re.Match[bytes] | None) -> bool:
-        """Whether a client asks if the server is ready, or has a valid token; neither too often."""
+        """Whether a client asks if the server is ready, or has a valid token, and not too often."""
         if data.startswith(_READY):
             return not self._held.hasty_client(f"of those who ask if it is ready, on {host}")
         return found is not None and not self._held.hasty_client(self._owner(found[1].decode("latin-1")) or "")
@@ -199,7 +199,7 @@ class Acceptor:
     def _answer(self, one: socket.socket, answer: bytes) -> None:
         """Answer, if there is an answer, and close."""
         if answer:
-            with contextlib.suppress(OSError):  # closed with something unread, it is reset, and the answer is lost
+            with contextlib.suppress(OSError):  # closing with unread data would reset it and lose the answer
                 one.recv_into(self._read)
             with contextlib.suppress(OSError):
                 one.send(answer)

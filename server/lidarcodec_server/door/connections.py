@@ -1,8 +1,8 @@
-"""Connections: which ones a server keeps, so that a client with many does not keep others out.
+"""Connections: limits of connections, so that a client with many does not keep others out.
 
-A host has so many, and all together have so many. One more takes the place of a connection that waits for nothing, the
-one that has waited longest, of the same host or of the host that has most. Where none waits, a few more places are
-reserved: they serve health checks and operators only (`middleware.Reserved`).
+Each host has a limit, and all hosts together have one. A connection beyond it replaces an idle one, the one that has
+been idle longest, of the same host or of the host with the most connections. If none is idle, a few reserved places are
+left for health checks and operators (`middleware.Reserved`).
 
 >>> ledger = Connections(most=3, most_a_host=2)
 >>> [ledger.admit(number, "10.0.0.1", lambda: print("the first gives way")) for number in range(3)]
@@ -32,19 +32,19 @@ Place = Literal["ordinary", "reserved", "refused"]
 LOG_S = 60.0
 """A host that is at its limit is logged once a minute, with a count."""
 REASONS = ("gave way", "refused", "slow", "flood", "hasty")
-"""Why connections are ended."""
+"""Reasons for ending connections."""
 BURST_S = 2.0
-"""What may be done in so many seconds may also be done at once."""
+"""A burst may use the allowance of this many seconds."""
 HOSTS_AT_RATE = 4
-"""All hosts together may connect as often as so many of them."""
+"""Rate limit of all hosts together, as a multiple of that of one host."""
 REQUESTS_A_CONNECTION = 2.0
-"""Further requests of a host on connections that are open, for each new connection that it may make."""
+"""Rate limit of requests on open connections of a host, as a multiple of that of its new connections."""
 NEW_TOKENS = 0.05
 """Connections with a token that is not known, for each that a host may make."""
 MAX_METERS = 8192
-"""Rates that are remembered; the one that was looked at longest ago gives way."""
+"""Most rates that are remembered; the one used longest ago is dropped."""
 V6_NETWORK = 64
-"""Bits of an IPv6 address that one customer of a provider has: a host is all addresses that share them."""
+"""Bits of an IPv6 network that providers give one customer. All addresses in it count as one host."""
 
 
 @dataclass
@@ -80,7 +80,7 @@ class Connections:
         self._proxies = frozenset(host_of(one) for one in proxies)
         self._held: dict[Hashable, _Held] = {}
         self._waiting: dict[str, dict[Hashable, None]] = {}
-        """Of each host those that wait for nothing, the longest first."""
+        """Idle connections of each host, longest idle first."""
         self._counts: dict[Place, Counter[str]] = {"ordinary": Counter(), "reserved": Counter()}
         self._log = SparseLog(logger, LOG_S)
         self._logs = {reason: SparseLog(logger, LOG_S) for reason in REASONS}
@@ -89,7 +89,7 @@ class Connections:
         return len(self._held)
 
     def admit(self, key: Hashable, address: str, end: Callable[[], object]) -> Place:
-        """The place that a new connection has; it waits for a request. end: closes it at once
+        """The place of a new connection, which is idle at first. end: closes it at once
 
         A refused connection is not kept here; the caller closes it.
         """
@@ -104,7 +104,7 @@ class Connections:
         return place
 
     def waits(self, key: Hashable) -> None:
-        """A connection has nothing to do: it is the last of its host to give way."""
+        """A connection becomes idle."""
         held = self._held.get(key)
         if held is not None:
             waiting = self._waiting.setdefault(held.host, {})
@@ -112,7 +112,7 @@ class Connections:
             waiting[key] = None
 
     def works(self, key: Hashable) -> None:
-        """A connection has a request, or is a WebSocket: it does not give way."""
+        """A connection has a request, or is a WebSocket: it is not ended for others."""
         held = self._held.get(key)
         if held is not None:
             self._unwait(held.host, key)
@@ -129,7 +129,7 @@ class Connections:
             del counts[held.host]
 
     def renamed(self, key: Hashable, new: Hashable, end: Callable[[], object]) -> bool:
-        """A connection is encrypted now, and closed by `end`. False if it has ended, or given way, meanwhile."""
+        """A connection has a new key and a new `end` after the TLS handshake. False if it was ended meanwhile."""
         held = self._held.pop(key, None)
         if held is None:
             return False
@@ -140,7 +140,7 @@ class Connections:
         return True
 
     def hasty(self, address: str) -> bool:
-        """Whether the host of a new connection has connected too often just now, or all hosts together have."""
+        """Whether the host of a new connection, or all hosts together, exceed the rate limit."""
         host, now_s = host_of(address), time.monotonic()
         if host in self._proxies:
             return False
@@ -162,7 +162,7 @@ class Connections:
         return False
 
     def pause_s(self, address: str) -> float:
-        """How long the next request on a connection has to wait, because its host asks too often; counts it."""
+        """Count a request, and return the seconds that it must wait because its host sends too many."""
         host, now_s = host_of(address), time.monotonic()
         if host in self._proxies:
             return 0.0
@@ -182,7 +182,7 @@ class Connections:
         return meter
 
     def end(self, reason: str, address: str, why: str) -> None:
-        """Count a connection that its own protocol ends for what its client does, and say so; reason: one of REASONS"""
+        """Count and log a connection that its protocol ends because of its client. reason: one of REASONS"""
         self.ended[reason] += 1
         self._logs[reason].warning("a connection of %s was closed: %s", host_of(address), why)
 
@@ -198,7 +198,7 @@ class Connections:
         return "refused"
 
     def _give_way(self, hosts: Iterable[str], place: Place) -> bool:
-        """End the connection of such a place that has waited longest, of the first of these hosts that has any."""
+        """End the longest idle connection with this place, of the first of these hosts that has one."""
         for host in hosts:
             for key in self._waiting.get(host, ()):
                 held = self._held[key]
@@ -241,7 +241,7 @@ class ConnectionMetrics(Collector):
 
 @lru_cache(4096)
 def host_of(address: str) -> str:
-    """What counts as one host: an IPv4 address, or the network of an IPv6 address.
+    """The host of an address: an IPv4 address, or the network of an IPv6 address.
 
     >>> host_of("::ffff:10.0.0.1"), host_of("2001:db8::7:1"), host_of("local")
     ('10.0.0.1', '2001:db8::/64', 'local')

@@ -1,6 +1,6 @@
-"""The door: what a connection meets that has got in. It has a place, and is encrypted where that is wanted.
+"""The door: the first protocol of an accepted connection. It takes a place, and sets up TLS if that is configured.
 
-With TLS a connection counts from its first packet on, and its handshake has a limit of time.
+With TLS a connection counts from its first packet on, and the handshake has a time limit.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ HANDSHAKE_S: Final = 5.0
 
 
 class Door(asyncio.Protocol):
-    """Admits a connection, encrypts it where that is wanted, and hands it over to the HTTP protocol.
+    """Admits a connection, sets up TLS if that is configured, and passes it to the HTTP protocol.
 
-    held: all connections of the server;  inside: the HTTP protocol;  tls: what to encrypt with
+    held: all connections of the server;  inside: the HTTP protocol;  tls: the TLS context, or None
     """
 
     held = Connections()
@@ -97,7 +97,7 @@ class Door(asyncio.Protocol):
         loop.call_soon(loop.call_soon, self._pass_on, plain)
         try:
             made = await shaking
-        except (OSError, ValueError) as error:  # none of its, or none in time
+        except (OSError, ValueError) as error:  # invalid, or not in time
             self._errors.warning("a client failed to set up TLS: %s", str(error) or type(error).__name__)
             made = None
         finally:
@@ -109,7 +109,7 @@ class Door(asyncio.Protocol):
         self._hand_over(made, bytes(first.data))
 
     def _pass_on(self, plain: asyncio.Transport) -> None:
-        """Give TLS what came before it had taken the connection over."""
+        """Pass data received before the switch to the TLS protocol."""
         protocol: Any = plain.get_protocol()  # an asyncio.BufferedProtocol, though uvloop's does not say so
         while self._early and not plain.is_closing():
             buffer = memoryview(protocol.get_buffer(len(self._early)))
@@ -126,7 +126,7 @@ class Door(asyncio.Protocol):
 
 
 class _First(asyncio.Protocol):
-    """Keeps what a client sends right behind its handshake, until the HTTP protocol takes it."""
+    """Buffers data that a client sends right after its handshake, until the HTTP protocol takes over."""
 
     def __init__(self) -> None:
         self.data = bytearray()

@@ -1,4 +1,4 @@
-"""The server's address, before there is a server: taken while all else is being loaded, which takes a second.
+"""The server's listening socket. It is opened first, while the rest of the server is loaded, which takes a second.
 
 A client that connects meanwhile waits in the system's queue. Nothing heavy is imported here.
 """
@@ -15,7 +15,7 @@ from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec_server.config import ServerConfig
 
 for needed in ("fastapi", "sqlalchemy", "uvicorn"):
-    if find_spec(needed) is None:  # said before an address is
+    if find_spec(needed) is None:  # report it before an address is printed
         raise ModuleNotFoundError(f"No module named '{needed}'", name=needed)
 
 
@@ -29,7 +29,7 @@ def begin(config: ServerConfig) -> socket.socket:
 
 
 def address_of(listener: socket.socket, config: ServerConfig) -> str:
-    """What to give a browser, for example http://127.0.0.1:8080."""
+    """The URL for a browser, for example http://127.0.0.1:8080."""
     host, port = listener.getsockname()[:2]
     scheme = "http" if config.tls_certificate is None else "https"
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
@@ -38,7 +38,7 @@ def address_of(listener: socket.socket, config: ServerConfig) -> str:
 def check_tls(config: ServerConfig) -> None:
     """Try the certificate and the key before anything is opened.
 
-    Raises SettingsError for one without the other, or files that are not what they should be.
+    Raises SettingsError for one without the other, or invalid files.
     """
     if (config.tls_certificate is None) != (config.tls_key is None):
         raise SettingsError("TLS needs both --tls-certificate and --tls-key", "tls_key")
@@ -61,7 +61,7 @@ def check_tls(config: ServerConfig) -> None:
 
 
 def tls_of(config: ServerConfig) -> ssl.SSLContext | None:
-    """What to encrypt connections with; None for plain HTTP. The files are those that `check_tls` has tried."""
+    """The TLS context; None for plain HTTP. `check_tls` must have checked the files."""
     if config.tls_certificate is None:
         return None
     made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -1,7 +1,7 @@
-"""The HTTP protocol of the server: one that lets no client that asks nothing keep a connection for ever.
+"""The HTTP protocol of the server. It closes connections of clients that send no request.
 
-A server has so many connections and no more. If a client could hold them all without a request, it would need no token
-to keep everybody else out.
+The number of connections is limited. If a client could keep all of them without a request, it could block the server
+without a token.
 """
 
 from __future__ import annotations
@@ -25,16 +25,15 @@ MAX_HEADERS = 100
 """Header fields of a request; a browser sends twenty."""
 TOO_LARGE = 431
 CHUNKS, CHUNK_BYTES = 64, 64
-"""Chunks that a body may have, and one more for each so many bytes: to parse one takes as long as to take 10 kB."""
+"""Most chunks of a body, and bytes that allow one more: parsing a chunk takes as long as receiving 10 kB."""
 LATE_BYTES = 1024 * 1024
-"""How much of a body may still come when its request was answered; what it holds is thrown away."""
+"""Most bytes of a body that are read and discarded after its request was answered."""
 
 
 class Parser(h11.Connection):
-    """Refuses requests that are made of many small parts, which take long to parse, and such of which a proxy in front
-    may read another end.
+    """Refuses requests of many small parts, which are slow to parse, and requests whose end a proxy may see elsewhere.
 
-    refused: with which status it did
+    refused: status of the refusal
     """
 
     def __init__(self) -> None:
@@ -74,7 +73,7 @@ class Parser(h11.Connection):
 
 
 class Times(NamedTuple):
-    """How long a client may take, in seconds.
+    """Time limits of a client, in seconds.
 
     request_s: until a connection's first request is there, up to its body, and the next one after an answer
     read_s:    to read what is sent, before more of it can be sent
@@ -85,7 +84,7 @@ class Times(NamedTuple):
 
 
 class RequestProtocol(H11Protocol):
-    """Ends a connection when its next request does not come whole in time, or its client does not read.
+    """Ends a connection when its next request is not complete in time, or its client does not read.
 
     held:  all connections of the server;  times: how long each thing may take
     place: of this connection, once it is admitted
@@ -122,14 +121,14 @@ class RequestProtocol(H11Protocol):
         self._expect()
 
     def handle_events(self) -> None:
-        """Take what came: once it is a request, how long its body may take is the application's matter."""
+        """Process received data. The application limits the time for the body of a request."""
         super().handle_events()
         if self.cycle is not None and not self.cycle.response_complete:
             self._forget()
             self.held.works(self.transport)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request, which may be there already; a host that asks too often has to wait with it."""
+        """Wait for the next request, which may be there already. Hosts with too many requests are slowed down."""
         self._expect()
         self.held.waits(self.transport)
         pause_s = self.held.pause_s(self.client[0] if self.client else "local")
@@ -140,13 +139,13 @@ class RequestProtocol(H11Protocol):
             super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """It is a WebSocket from now on, whose protocol says when it is gone."""
+        """The connection becomes a WebSocket, whose protocol reports its end."""
         self._forget()
         self.held.works(self.transport)
         super().handle_websocket_upgrade(event)
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse what is no request, or too large a one, unless an answer is under way."""
+        """Refuse an invalid or too large request, unless an answer is being sent."""
         if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
             self.transport.abort()
             return
@@ -170,7 +169,7 @@ class RequestProtocol(H11Protocol):
             self.transport.write(self.conn.send(part))
         self.transport.close()
         if self.cycle is not None:
-            self.cycle.disconnected = True  # the application, if it is at work, has no client any more
+            self.cycle.disconnected = True  # tells a running application that its client is gone
             self.cycle.message_event.set()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -181,7 +180,7 @@ class RequestProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def pause_writing(self) -> None:
-        """So much is unread that no more is sent: the client has a while to read it."""
+        """The send buffer is full: the client has a limited time to read."""
         super().pause_writing()
         if self._unread is None:
             self._unread = self.loop.call_later(self.times.read_s, self._slow)
@@ -204,7 +203,7 @@ class RequestProtocol(H11Protocol):
             self._due = None
 
     def _end(self) -> None:
-        """Close the connection; what the client has not read of the last answer so long afterwards is thrown away."""
+        """Close the connection. The client has a limited time to read the rest of the last answer."""
         self.transport.close()
         self._due = self.loop.call_later(self.times.request_s, self.transport.abort)
 

@@ -1,1 +1,1 @@
-"""The fleet: which streams there are, and what operators want of them."""
+"""The fleet: the known streams, and the settings that operators want for them."""

@@ -1,7 +1,7 @@
-"""Control: changes of streams, by operators, kept and sent to vehicles; and sent again to vehicles that come back.
+"""Control: stores changes of settings by operators, sends them to vehicles, and again to vehicles that come back.
 
-What is wanted is in the store before it is sent: whatever is killed in between, the vehicle gets it in the end. Changes
-of one stream go one after the other. A few threads look after vehicles that came, or did not answer.
+A change is stored before it is sent, so that the vehicle gets it in the end even if the server is killed. Changes of
+one stream are sent one by one. A few threads send settings to vehicles that came back or did not answer.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from lidarcodec_server.told import check_names, check_settings_size, first_frame
 logger = logging.getLogger(__name__)
 
 OTHERS = "somebody else"
-"""Who the audit log says it was when a vehicle has other settings than this server sent."""
+"""Name in the audit log for changes of a vehicle's settings that this server did not send."""
 SERVER = "server"
-"""Who the audit log says it was when a vehicle that came back was told what operators want."""
+"""Name in the audit log when this server sent the operators' settings to a vehicle that came back."""
 TURN_S = 10.0
-"""How long a change waits for those before it."""
+"""Longest wait of a change for earlier ones."""
 GET_S = 1.0
 AGAIN_S = 2.0
 RARELY_S = 60.0
-"""When a vehicle that is there and does not answer is asked again: at first, and after it never did."""
+"""Wait before a connected vehicle that did not answer is asked again: the first one, and the longest."""
 WORKERS = 4
 CLOSE_S = 2.0
-"""How long the end waits for vehicles that are being asked; what is wanted is in the store anyway."""
+"""Longest wait at the end for answers of vehicles; the settings are in the store anyway."""
 MAX_REASON, MAX_FIELD = 500, 100
 
 
@@ -49,7 +49,7 @@ class RefusedError(SettingsError):
 
 
 class AwayError(LidarCodecError):
-    """The vehicle is not there, or does not answer."""
+    """The vehicle is away, or does not answer."""
 
 
 class BusyError(LidarCodecError):
@@ -64,11 +64,11 @@ class Applied(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where a stream's settings stand.
+    """The settings of a stream.
 
-    applied:  in force, None when the vehicle is away
-    desired:  all of them once the vehicle follows what operators set, None when they set nothing
-    operator: what they set;  refused: why the vehicle does not follow
+    applied:  current settings, None when the vehicle is away
+    desired:  complete settings with those of operators applied, None if operators set nothing
+    operator: settings that operators set;  refused: why the vehicle does not use them
     """
 
     applied: StreamSettings | None
@@ -99,12 +99,12 @@ class Control:
         ]
 
     def start(self) -> None:
-        """Begin to look after vehicles that come."""
+        """Start the threads that send settings to vehicles."""
         for thread in self._threads:
             thread.start()
 
     def close(self) -> None:
-        """Stop looking after vehicles; harmless when called twice."""
+        """Stop the threads; harmless when called twice."""
         with self._wake:
             self._stopped = True
             self._wake.notify_all()
@@ -129,9 +129,9 @@ class Control:
     def change(
         self, keys: StreamKeys, changes: dict[str, Any], who: str, entered: Callable[[], object] = lambda: None
     ) -> State:
-        """Change settings as a whole or not at all; `applied` is None when the vehicle will get them later.
+        """Change settings, all of them or none; `applied` is None when the vehicle will get them later.
 
-        entered: called once it stands in the audit log; what is refused before is not entered here
+        entered: called when the change is in the audit log; changes refused before that are not entered here
 
         Raises SettingsError or UnknownNameError when they are not allowed, RefusedError when the vehicle refuses them,
         StoreError, BusyError. Nothing changed then.
@@ -168,9 +168,9 @@ class Control:
             return State(applied.settings, overlaid(wanted, applied.settings), wanted, applied.first_frame)
 
     def forget(self, keys: StreamKeys, who: str, entered: Callable[[], object] = lambda: None) -> State:
-        """Forget what operators set: a vehicle keeps what it has; when it starts again, its command line decides.
+        """Delete the settings of operators. The vehicle keeps its settings until it starts again with its command line.
 
-        entered: called once it stands in the audit log; where nothing was set nothing is entered here
+        entered: called when this is in the audit log; without settings of operators nothing is entered
         """
         with self._turn(keys):
             before = self._store.desired(keys)
@@ -182,7 +182,7 @@ class Control:
         return self.state(keys)
 
     def key_frame(self, keys: StreamKeys) -> dict[str, Any]:
-        """Have the next message be a key frame; the vehicle's answer.
+        """Ask for a key frame; returns the vehicle's answer.
 
         Raises AwayError.
         """
@@ -196,14 +196,14 @@ class Control:
     # --- vehicles that come back ------------------------------------------------------------------------------------
 
     def look_after(self, keys: StreamKeys, in_s: float = 0.0) -> None:
-        """See soon whether a vehicle follows what is wanted, and send it if not."""
+        """Check soon whether a vehicle has the wanted settings, and send them if not."""
         if not in_s:
             self._tries.pop(keys, None)
             self._rivals.returned(keys)
         self._look_soon(keys, in_s)
 
     def told(self, keys: StreamKeys) -> None:
-        """A vehicle told a status: see whether somebody else changed what was sent to it."""
+        """A status of a vehicle came: check whether another program changed its settings."""
         stream = self._fleet.get(keys)
         if stream is not None and stream.settings is not None and self._rivals.told(keys, stream.settings):
             self._look_soon(keys)
@@ -242,7 +242,7 @@ class Control:
             return None
 
     def _settle(self, keys: StreamKeys) -> bool:
-        """Whether nothing is left to do for a stream."""
+        """Send settings to a stream if needed; returns whether it is done."""
         with self._turn(keys):
             stream = self._fleet.get(keys)
             wanted = self._store.desired(keys)
@@ -267,7 +267,7 @@ class Control:
                 self._refusals[keys] = str(error)
                 self._store.note(keys, SERVER, "settings", wanted, old, result="refused", reason=str(error))
                 return True
-            if applied is None:  # nothing for the audit log: it would be filled by a vehicle that may not be changed
+            if applied is None:  # no entry: a vehicle that cannot be changed would fill the audit log
                 return False
             self._refusals.pop(keys, None)
             new = applied.settings.model_dump()
@@ -278,7 +278,7 @@ class Control:
             return True
 
     def _leave_to_others(self, keys: StreamKeys, wanted: dict[str, Any], changed: Override | None) -> None:
-        """Say that somebody else sets a vehicle. Nothing is sent: two servers would go on for ever."""
+        """Report that another program changes a vehicle's settings, and send nothing: two servers would never stop."""
         why = "another server or program also changes the settings of this vehicle"
         if changed is not None:
             why += f": {changed.text}"
@@ -292,7 +292,7 @@ class Control:
             self._refusals[keys] = why  # now: what can be seen stands in the audit log
 
     def _finish(self, keys: StreamKeys, entry: int, applied: Applied | None) -> None:
-        """Enter what came of a change. What the vehicle did stays done, should the store fail now."""
+        """Enter the result of a change in the audit log. If the store fails, the vehicle keeps the change."""
         try:
             if applied is None:
                 self._store.finish(entry, "stored")
@@ -342,7 +342,7 @@ class Control:
 
     @contextmanager
     def _turn(self, keys: StreamKeys) -> Iterator[None]:
-        """Alone with a stream.
+        """A lock on a stream.
 
         Raises BusyError when that takes too long.
         """
@@ -366,5 +366,5 @@ class Control:
 
 
 def _told(reason: object) -> str:
-    """A vehicle's words, in a length that fits a log."""
+    """The reason that a vehicle gave, shortened for the log."""
     return reason[:MAX_REASON] if isinstance(reason, str) and reason else "the vehicle gave no reason"
