@@ -1,1 +1,1 @@
-"""What each subcommand does; `lidarcodec.cli` imports a module only when its command is called."""
+"""The work of each subcommand; `lidarcodec.cli` imports a module only when its command is called."""

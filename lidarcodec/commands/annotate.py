@@ -1,4 +1,4 @@
-"""`lidarcodec annotate`: which returns of a drive matter for localisation, as labels to train networks on."""
+"""`lidarcodec annotate`: labels the returns of a drive that matter for localisation, to train networks."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def run(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Annotate, and print what was found."""
+    """Annotate, and print a summary."""
     check_finite(spec, frames)
-    if given["refine"] is None:  # what a file says is seldom true to a centimetre; what the simulator says is
+    if given["refine"] is None:  # poses of files are rarely exact to a centimetre; those of the simulator are
         given["refine"] = poses is not None
     chained = given["odometry"] is not None
     given["odometry"] = given["odometry"] or "auto"

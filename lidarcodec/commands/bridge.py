@@ -1,4 +1,4 @@
-"""`lidarcodec bridge`: live streams handed on to programs that know nothing of lidarcodec."""
+"""`lidarcodec bridge`: passes live streams to programs without support for lidarcodec."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UntilEnd = Annotated[bool, Option("--until-end", help="Stop when all publishers 
 
 
 class Bridge(Protocol):
-    """What both bridges are."""
+    """The interface of both bridges."""
 
     def __enter__(self) -> Bridge: ...
 
@@ -144,7 +144,7 @@ def _domain(given: int | None) -> int:
 
 
 def _run(bridge: Bridge, as_json: bool) -> None:
-    """Bridge until a signal comes or all streams have ended, and say how it went."""
+    """Run a bridge until a signal comes or all streams have ended, and print a summary."""
     keep_standard_output()
     show = sys.stderr.isatty()
     with stoppable(bridge.interrupt) as stopped, bridge:
@@ -163,7 +163,7 @@ def _run(bridge: Bridge, as_json: bool) -> None:
 
 
 def _line(summary: dict[str, Any]) -> str:
-    """Where a bridge stands, in one line."""
+    """The counts of a bridge, in one line."""
     streams = ", ".join(f"{name} {one.get('frames', 0)} frames" for name, one in summary["streams"].items())
     refused = f", {summary['refused']} viewers refused" if summary.get("refused") else ""
     return f"{summary.get('clouds', 0)} clouds, {summary.get('unwatched', 0)} unwatched{refused}; {streams}"

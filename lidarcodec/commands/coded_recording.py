@@ -1,6 +1,6 @@
-"""CodedRecording: frames into a recording, as messages of one encoder, with the points they decode to if wanted.
+"""CodedRecording: writes frames to a recording as messages of one encoder, optionally with decoded points.
 
-Each message is decoded again before it is written, and compared with the frames that it was made from.
+Each message is decoded again before it is written, and compared with the original frames.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ VEHICLE, SENSOR = "vehicle", "lidar"
 class CodedRecording:
     """Encodes frame by frame; `close` writes what the codec holds back, and the index.
 
-    `write` and `close` raise RoundTripError when something else comes out than the settings promise.
+    `write` and `close` raise RoundTripError when a message does not decode within the bounds of the settings.
 
-    frames, packets, positions: taken so far, the last of these position packets
-    left_out: frames that the target did not carry;  seconds: that the sensor took for them
+    frames, packets, positions: numbers taken so far; positions are position packets
+    left_out: frames left out to keep the target;  seconds: duration of all frames
     coded: bytes of the messages;  clouds: whether points are written
     """
 
@@ -59,7 +59,7 @@ class CodedRecording:
         self._writer.close()
 
     def summary(self) -> str:
-        """What went in and what came out, in a line."""
+        """Numbers of frames and bytes, in a line."""
         size = self.packets * PACKET_BYTES
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
@@ -74,5 +74,5 @@ class CodedRecording:
             self._show(frames)
 
     def _show(self, frames: list[Frame]) -> None:
-        for frame in frames if self.clouds else []:  # what was lost in coding is to be seen, too
+        for frame in frames if self.clouds else []:  # decoded frames, so that viewers show losses
             self._writer.write_cloud(frame)

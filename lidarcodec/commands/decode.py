@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool = False) -> None:
-    """Decode frame by frame; of a cut or damaged recording, all that is whole."""
+    """Decode frame by frame; of a cut or damaged recording, all complete frames."""
     check_not_input(out, recording)
     check_output(out, force=force)
     recorded = RecordedFrames(recording)
@@ -60,7 +60,7 @@ def run(recording: Path, out: Path, frames: int | None, skip: int, force: bool =
 
 @contextmanager
 def _opened(out: Path, beside: Path) -> Iterator[Output]:
-    """The output, closed whole at the end; after an error just closed, so that nothing of it stays open."""
+    """The output. It is completed at the end; after an error its files are only closed."""
     writer = open_output(out, beside)
     try:
         yield writer

@@ -18,13 +18,13 @@ def run(
     port: int | None,
     browser: bool,
 ) -> None:
-    """Show it, and end with a summary."""
+    """Run the demonstration, and print a summary."""
     meeting_port = free_port()
-    with PageServer(port, meeting_port) as server:  # first of all: it takes longest, and loads while we do
+    with PageServer(port, meeting_port) as server:  # started first, because it loads longest
         from lidarcodec.apps.demo.demo import Demo
         from lidarcodec.commands.settings import one_setting
 
-        settings = one_setting(codec, pairs)  # refused here, in one line, and not by the publisher's process
+        settings = one_setting(codec, pairs)  # checked here, for an error of one line
         words = [*(["--codec", codec] if codec else []), *(word for pair in pairs for word in ("--set", pair))]
         words += ["--calibration", str(calibration)] if calibration else []
         demo = Demo(source, seconds, settings, words, browser=browser)

@@ -36,7 +36,7 @@ def run(
     force: bool = False,
     allow_missed: bool = False,
 ) -> None:
-    """Encode frame by frame. OUT is there whole at the end; after a signal what is done is kept under another name."""
+    """Encode frame by frame. OUT appears when it is complete; after a signal the finished part has another name."""
     if out.suffix.lower() != ".mcap":
         raise SettingsError(f"encode writes a recording: {out} must end in .mcap")
     encoder = StreamEncoder(check_offline(one_setting(codec, pairs)))
@@ -55,7 +55,7 @@ def run(
             frames_of(source.packets(), source.sensor, encoder.settings.framing, source.counts),
             source.poses if poses else None,
         )
-        # A signal ends a live source behind what has come: that is the last frame, and belongs to it.
+        # A signal ends a live source after the packets received so far, which are the last frame.
         watched = Watched(cut, (lambda: False) if source.live else stopped)
         chosen = islice(watched, skip, None if frames is None else skip + frames)
         first = next(chosen, None)
@@ -71,7 +71,7 @@ def run(
                     encoder.learn(learn)
                 tick()
             coded.close()
-        # A live source without a number of frames ends with a signal: that was all of it.
+        # A live source without a number of frames is ended by a signal: the recording is complete.
         part = frames is not None and stopped() and coded.frames < frames if source.live else watched.cut
         if part:
             output.only_part()
@@ -86,7 +86,7 @@ def run(
 
 
 def missed_target(settings: StreamSettings, coded: CodedRecording) -> str | None:
-    """What to say of a recording that takes more than its target bitrate; None for any other."""
+    """The error text for a recording above its target bitrate; None otherwise."""
     if not isinstance(settings.target_kbps, int | float) or not coded.seconds:
         return None
     kbps = coded.coded * 8 / coded.seconds / 1e3

@@ -8,13 +8,13 @@ from lidarcodec.errors import SettingsError, TransportError
 from lidarcodec.transport import Endpoints
 
 Given = tuple[list[str], list[str], Path | None]
-"""What stood behind --connect, --listen and --zenoh-config."""
+"""Values of --connect, --listen and --zenoh-config."""
 
 
 def endpoints_of(given: Given) -> Endpoints:
     """Where to listen and connect.
 
-    Raises SettingsError for what is no endpoint, TransportError when the configuration file is missing.
+    Raises SettingsError for an invalid endpoint, TransportError when the configuration file is missing.
     """
     connect, listen, config = given
     if config is not None and not config.is_file():

@@ -1,4 +1,4 @@
-"""`lidarcodec bench`: codecs and settings side by side on one source."""
+"""`lidarcodec bench`: compares codecs and settings on one source."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PLOTS = (".png", ".svg", ".pdf")
 
 
 class Job(NamedTuple):
-    """One result to come. asked_for: whether its codec was named, so that a failure ends the command"""
+    """One measurement. asked_for: whether its codec was named, so that a failure ends the command"""
 
     name: str
     measure: Callable[..., dict[str, Any]]
@@ -53,12 +53,12 @@ def run(
     learn: int = 0,
     force: bool = False,
 ) -> None:
-    """Measure each setting and print the results; when stopped, those that were finished, and that there are more."""
+    """Measure each setting and print the results. After a signal, print the finished ones and an error."""
     if metrics not in METRICS:
         raise SettingsError(f"--metrics must be {' or '.join(METRICS)}, not '{metrics}'", "metrics")
     if plot is not None and plot.suffix.lower() not in PLOTS:
         raise SettingsError(f"cannot draw {plot}: the name must end in {' or '.join(PLOTS)}", "plot")
-    if plot is not None and not plot.parent.is_dir():  # now, and not after an hour of measuring
+    if plot is not None and not plot.parent.is_dir():  # checked before measurements that may take an hour
         raise SettingsError(f"cannot draw {plot}: there is no folder {plot.parent}", "plot")
     if plot is not None:
         check_plot()
@@ -95,7 +95,7 @@ def run(
 def _codec_jobs(
     codecs: str | None, pairs: list[str], as_curve: bool, poses: Path | None, learn: int, metrics: str
 ) -> list[Job]:
-    """What to measure of our own codecs: all that `--codec` names beside peers."""
+    """The measurements of codecs of lidarcodec: all in `--codec` except peers."""
     own = codecs
     if codecs:
         own = ",".join(name for name in codecs.split(",") if not table.is_peer(name.strip()))
@@ -115,9 +115,9 @@ def _jobs(settings: list[StreamSettings], measure: Callable[..., dict[str, Any]]
 
 
 def _peer_jobs(codecs: str | None, all_of_them: bool) -> list[Job]:
-    """Peers that are named, and with `all_of_them` every one that can run here; those that cannot are told.
+    """The measurements of named peers, or with `all_of_them` of every peer installed here; missing ones are reported.
 
-    Raises UnknownNameError or MissingExtraError for a peer that is named and cannot.
+    Raises UnknownNameError or MissingExtraError for a named peer that cannot run.
     """
     named = [name.strip() for name in (codecs or "").split(",") if table.is_peer(name.strip())]
     jobs: list[Job] = []

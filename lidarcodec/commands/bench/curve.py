@@ -1,8 +1,8 @@
-"""`bench --curve`: every codec at the points of its own knob, so that one command gives curves that can be compared;
-with `--metrics all` at the points of its operating curve, where a target bitrate turns everything.
+"""`bench --curve`: measures every codec at several values of its quality setting, for comparable curves. With
+`--metrics all` it measures operating curves instead: several target bitrates, at which rate control sets everything.
 
-The knob is what trades bits for error: the bound where a codec keeps one, else its `quality` or `crf`. A codec without
-any (`raw`) has a single point.
+The quality setting ("knob") trades bits for error: the error bound if the codec has one, otherwise `quality` or `crf`.
+A codec without any (`raw`) has a single point.
 
 >>> [settings.max_error_m for settings in curve("zstd", ["intensity=off"])][:3]
 [0.0, 0.004, 0.01]
@@ -31,7 +31,7 @@ TARGETS_KBPS: Final = (250, 450, 700, 1000, 1500, 2500, 4000, 8000)
 
 
 def knob_of(codec: str) -> str | None:
-    """The setting that trades a codec's bits for error; None where nothing does.
+    """The setting that trades a codec's bits for error; None if there is none.
 
     Raises UnknownNameError.
     """
@@ -43,7 +43,7 @@ def knob_of(codec: str) -> str | None:
 def curve(codecs: str | None, pairs: Sequence[str]) -> list[StreamSettings]:
     """Settings for each codec at each point of its knob, for each combination of the other values.
 
-    Raises SettingsError, also for a value that would fix the knob or hand it to a target bitrate; UnknownNameError.
+    Raises SettingsError, also if the knob or a target bitrate is given; UnknownNameError.
     """
     names, given = _names(codecs), _given(pairs)
     found = []

@@ -1,6 +1,6 @@
-"""`bench --curve --metrics all`: points of operating curves, with how well a car finds its place with each.
+"""`bench --curve --metrics all`: points of operating curves, with the accuracy of localisation at each.
 
-The drive is read once, and its reference found once, however many points there are.
+The drive is read once, and its reference is computed once for all points.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FIELDS = ("mate_m", "mate_m_error", "bad", "of")
 
 
 class OperatingPoints:
-    """Measures settings on one source, one after the other. poses: where the sensor was, if a file says so"""
+    """Measures settings on one source. poses: file of poses, if given"""
 
     def __init__(self, poses: Path | None) -> None:
         self._poses = poses
@@ -28,9 +28,9 @@ class OperatingPoints:
         self._failed = False
 
     def bench(self, source: str, *, settings: StreamSettings, **given: Any) -> dict[str, Any]:
-        """As `bench`, and `localisation`: from near, the mean distance from where the car was (`mate_m`), with its
-        standard error, how many scans were looked for (`of`), and how many of them were not found (`bad`); None where
-        the drive is too short, or says nothing of where it went."""
+        """As `bench`, and `localisation` for the protocol `near`: the mean position error (`mate_m`) with its standard
+        error, the number of scans (`of`), and the number of scans that were not located (`bad`); None if the drive is
+        too short or has no reference trajectory."""
         result = bench(source, settings, **given)
         tick = given.pop("tick")
         return {**result, "localisation": self._localisation(source, settings, tick=tick, **given)}

@@ -1,1 +1,1 @@
-"""`lidarcodec certs`: a certificate authority and what it keeps."""
+"""`lidarcodec certs`: a certificate authority and its files."""

@@ -1,7 +1,7 @@
-"""A certificate authority of one's own, and certificates from it. Needs the package `cryptography` (extra `server`).
+"""A private certificate authority, and certificates from it. Needs the package `cryptography` (extra `server`).
 
-Keys are on the curve P-256. A certificate of those who listen is for both ends of a connection, because routers also
-connect. Its common name is what access control knows, its alternative names are what those who connect ask for.
+Keys are on the curve P-256. Certificates of parties that listen are valid for both ends of a connection, because
+routers also connect. Access control uses the common name; clients check the alternative names.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 CA_DAYS = 3650
 EARLIER = timedelta(hours=1)
-"""A certificate is valid from an hour ago, for machines whose clock is a little behind."""
+"""Certificates are valid from an hour ago on, for machines whose clock is slow."""
 
 
 def write_private(path: Path, data: bytes) -> None:
-    """Put a secret into a file that only its owner reads, from its first byte on."""
+    """Write a secret to a new file that only its owner can read at any time."""
     with written_whole(path, private=True) as beside:
         beside.write_bytes(data)
 
 
 @dataclass(frozen=True)
 class Issued:
-    """A certificate and its key, in PEM, and the last moment at which it is valid."""
+    """A certificate and its key, in PEM, and the end of its validity."""
 
     certificate: bytes
     key: bytes
@@ -42,16 +42,16 @@ class Issued:
 
 
 class Authority:
-    """Signs certificates; its own one and its key lie in a folder as `ca.pem` and `ca.key`."""
+    """Signs certificates. Its own certificate and key are in a folder as `ca.pem` and `ca.key`."""
 
     def __init__(self, certificate: x509.Certificate, key: EllipticCurvePrivateKey) -> None:
         self._certificate, self._key = certificate, key
 
     @classmethod
     def open(cls, folder: Path) -> Self:
-        """The authority in a folder, made if there is none.
+        """The authority in a folder; a new one if there is none.
 
-        Raises SettingsError when what lies there is none or has expired, MissingExtraError without `cryptography`.
+        Raises SettingsError when its files are invalid or expired, MissingExtraError without `cryptography`.
         """
         x509, ec, serialization = _cryptography()
         pem, key_file = folder / "ca.pem", folder / "ca.key"
@@ -74,13 +74,13 @@ class Authority:
 
     @property
     def pem(self) -> bytes:
-        """What everybody needs in order to believe the certificates."""
+        """The authority's certificate in PEM, which every party needs to check certificates."""
         _, _, serialization = _cryptography()
         return bytes(self._certificate.public_bytes(serialization.Encoding.PEM))
 
     def issue(self, name: str, hosts: tuple[str, ...], days: int) -> Issued:
-        """A new key and certificate; hosts: names and addresses under which it listens. Without any it is for those who
-        connect only: whatever a vehicle or viewer is called, it cannot pass for a router of that name."""
+        """A new key and certificate. hosts: names and addresses under which it listens. Without hosts it is valid only
+        for clients, so that a vehicle or viewer cannot pretend to be a router of the same name."""
         x509, ec, _ = _cryptography()
         from cryptography.x509.oid import ExtendedKeyUsageOID
 

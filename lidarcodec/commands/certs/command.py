@@ -1,7 +1,7 @@
 """`lidarcodec certs`: a certificate authority, and a Zenoh configuration for every machine and person of a deployment.
 
-Who belongs to it stands in `deployment.json`; who is named on the command line gets a new certificate or password.
-Those who accept connections hold the rules, so their files are written each time.
+`deployment.json` lists all parties. Parties on the command line get a new certificate or password. The files of parties
+that accept connections contain the access rules, so they are written each time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
 
 
 class Party(BaseModel):
-    """A vehicle, viewer or operator; hosts: where a vehicle is reached that listens itself."""
+    """A vehicle, viewer or operator. hosts: addresses of a vehicle that listens itself."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -43,7 +43,7 @@ class Party(BaseModel):
 
 
 class Deployment(BaseModel):
-    """What `deployment.json` holds."""
+    """Contents of `deployment.json`."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -54,12 +54,12 @@ class Deployment(BaseModel):
     parties: dict[str, Party] = {}
 
     def names(self, role: str) -> tuple[str, ...]:
-        """Who has a role."""
+        """Names of the parties with a role."""
         return tuple(sorted(name for name, party in self.parties.items() if party.role == role))
 
     @property
     def people(self) -> People:
-        """Everybody, by role."""
+        """Names of all parties by role."""
         return People(self.names("vehicle"), self.names("viewer"), self.names("operator"))
 
 
@@ -75,7 +75,7 @@ def run(
     days: int,
     installed: Path | None,
 ) -> None:
-    """Make or extend a deployment, and say what was written. Calls for one folder take turns."""
+    """Make or extend a deployment, and print the files written. Only one call at a time changes a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
         people = {"vehicle": vehicles, "viewer": viewers, "operator": operators}
@@ -107,7 +107,7 @@ def _change(
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
-    # First of all, so that nobody has a certificate and is not in the list, even if this call is killed on its way.
+    # Saved first, so that every party with a certificate is in the list even if this process is killed.
     _save(folder / STATE, deployment.model_copy(update={"parties": gone | deployment.parties}))
     written = maker.write(named)
     gone_files = {file_of(party.role, name) for name, party in gone.items()}
@@ -142,7 +142,7 @@ def _read(path: Path, auth: str | None, port: int | None) -> Deployment:
 
 
 def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str]]) -> set[str]:
-    """Take in who was named on the command line; their names."""
+    """Add the parties on the command line; returns their names."""
     for host in map(_host, routers):
         if host not in deployment.routers:
             deployment.routers.append(host)
@@ -223,7 +223,7 @@ class _Maker:
         return _files(self._deployment)
 
     def write(self, named: set[str]) -> list[str]:
-        """Write who listens, and those who were named; the names of the files."""
+        """Write the files of all parties that listen, and of those in `named`; returns the names of the files."""
         deployment = self._deployment
         for name in named | ({ROUTER} if deployment.routers else set()):
             if deployment.auth == "password" and (name != ROUTER or ROUTER not in self._passwords):
@@ -280,7 +280,7 @@ class _Maker:
         return name
 
     def _read_users(self) -> dict[str, str]:
-        """Passwords of those who are still in the deployment."""
+        """Passwords of the parties in the deployment."""
         try:
             lines = read_file(self._folder / USERS, "certificates").decode().splitlines()
         except FileNotFoundError:

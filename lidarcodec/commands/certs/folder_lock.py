@@ -17,15 +17,15 @@ from lidarcodec.errors import SourceError
 log = logging.getLogger(__name__)
 
 WAIT_S: Final = 30.0
-"""A call of `certs` takes a second or two."""
+"""Longest wait for another call; a call of `certs` takes a second or two."""
 _LOOK_S: Final = 0.05
 _UNKNOWN: Final = frozenset({errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP})
-"""What file systems answer whose folders cannot be locked, such as some on a network."""
+"""Error codes of file systems whose folders cannot be locked, such as some network ones."""
 
 
 @contextmanager
 def locked(folder: Path, wait_s: float = WAIT_S) -> Iterator[None]:
-    """Nobody else is within this block for the same folder. The lock is the system's: it ends with the process.
+    """Hold a lock on a folder within the block. The operating system releases it if the process ends.
 
     Raises SourceError when another process holds it for longer than `wait_s`, or the folder cannot be opened.
     """

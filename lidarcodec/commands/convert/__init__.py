@@ -1,1 +1,1 @@
-"""`lidarcodec convert`: options, work, and what it writes."""
+"""`lidarcodec convert`: options, conversion, and output formats."""

@@ -29,9 +29,9 @@ from lidarcodec.units import FRAME_PACKETS
 
 METADATA, CALIBRATION = "metadata.yaml", "db.xml"
 BAG_FILES: Final = re.compile(r".*_\d+\.mcap|metadata\.yaml|db\.xml")
-"""What a rosbag2 of ours holds."""
+"""Files in a rosbag2 that this command writes."""
 IN_THE_STREAM = ("generic", "stream")
-"""Where a calibration came from that needs no file: nobody's, or in the packets themselves."""
+"""Origins of calibrations that are not written to a file: generic ones, and those inside the packets."""
 
 
 def run(
@@ -50,9 +50,9 @@ def run(
     force: bool,
     allow_missed: bool = False,
 ) -> None:
-    """Convert packet by packet. OUT is there whole at the end; after a signal what is done has another name.
+    """Convert packet by packet. OUT appears when it is complete; after a signal the finished part has another name.
 
-    A recording is what `encode` makes, in frames of its own framing; for all else a frame is 348 packets.
+    A recording is like one of `encode`, with its framing; for other formats a frame is 348 packets.
     """
     wanted = _wanted(out, form_of(out, to), codec, pairs, clouds, topic, frame_id)
     check_finite(spec, frames)
@@ -110,7 +110,7 @@ def run(
 def _wanted(
     out: Path, form: Form, codec: str | None, pairs: list[str], clouds: bool, topic: str | None, frame_id: str | None
 ) -> Wanted:
-    """Raises SettingsError for options that this form has no use for."""
+    """Raises SettingsError for options that do not apply to the output format."""
     if form != "recording" and (codec or pairs):
         raise SettingsError(f"--codec and --set are for recordings: {out} holds the original packets", "codec")
     if form not in ("recording", "rosbag") and clouds:
@@ -131,7 +131,7 @@ def _needs_file(form: Form, sensor: SensorModel) -> bool:
 def _calibration_file(
     out: Path, form: Form, sensor: SensorModel, force: bool, beside_input: Path | None
 ) -> Path | None:
-    """Where the calibration is kept so that it is found again with OUT; None if that is not needed, or done already.
+    """Path for the calibration beside OUT, where readers find it; None if it is not needed or already there.
 
     beside_input: where that of what is read lies, if it has one; it is never replaced
     Raises SettingsError if another one is in the way.

@@ -1,4 +1,4 @@
-"""What `convert` writes itself: captures, recordings of bare packets, and bags of ROS 2. All take packets."""
+"""Output formats of `convert`: captures, recordings of packets, and bags of ROS 2. All take packets."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FORMS: Final[tuple[Form, ...]] = ("pcap", "recording", "packets", "rosbag")
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be written: its form, and what only some of them have.
+    """Options of the output: its format, and options of some formats.
 
     clouds: points beside the packets, of a recording or a bag;  topic, frame_id: of a bag
     """
@@ -40,19 +40,19 @@ class Wanted:
 
 
 class Output(Protocol):
-    """Takes packets; `close` makes it whole."""
+    """Takes packets; `close` completes the output."""
 
     def write(self, packet: Packet) -> None:
         """Append one packet."""
 
     def close(self) -> str:
-        """End it, not the file; what it has to say of itself."""
+        """Complete the output without closing the file; returns a remark for the summary, or an empty text."""
 
 
 def form_of(out: Path, given: str | None) -> Form:
-    """The form that is given, else the one that the name asks for: a name without an ending is a folder, a bag.
+    """The given format, or the one of the name's ending; a name without an ending is the folder of a bag.
 
-    Raises SettingsError where neither says it, or the name says another.
+    Raises SettingsError if there is none, or the name does not fit the format.
     """
     ending = out.suffix.lower()
     by_name: dict[str, tuple[Form, ...]] = {
@@ -82,7 +82,7 @@ def open_output(
     about: Mapping[str, str],
     poses: Poses | None,
 ) -> Output:
-    """The output for a binary file that was opened for it; coded recordings are made by `encode`."""
+    """The output for an open binary file. Coded recordings are made by CodedRecording."""
     if wanted.form == "pcap":
         return _Capture(handle)
     if wanted.form == "packets":
@@ -135,7 +135,7 @@ class _Packets:
 
 
 class Bag:
-    """Scans, and points if wanted, in a bag. writer: what was written, for its description."""
+    """Scans, and optionally points, in a bag. writer: the writer of the bag, for its metadata."""
 
     def __init__(self, wanted: Wanted, handle: BinaryIO, sensor: SensorModel, poses: Poses | None) -> None:
         self.writer = RosbagWriter(handle, packets_topic=wanted.topic, frame_id=wanted.frame_id)

@@ -1,1 +1,1 @@
-"""`lidarcodec evaluate`: what a stream is good for at its receiver."""
+"""`lidarcodec evaluate`: measures how useful decoded frames are, such as for localisation."""
