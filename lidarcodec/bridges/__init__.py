@@ -1,1 +1,1 @@
-"""Live streams handed on to programs that know nothing of lidarcodec: ROS 2 and Foxglove."""
+"""Bridges: they pass live streams to programs without support for lidarcodec, ROS 2 and Foxglove."""

@@ -4,8 +4,8 @@
     its pose, if any  -> foxglove.FrameTransform -> /VEHICLE/SENSOR/pose
     once a second     -> JSON                    -> /VEHICLE/SENSOR/statistics
 
-Nothing is made of a stream that nobody looks at. What a slow viewer does not take gives way, oldest first. Viewers
-come by a gate (gate.py), because Foxglove's server takes any number of them.
+Streams without viewers are not converted. If a viewer is slow, its oldest messages are dropped. Viewers connect through
+a gate (gate.py), because Foxglove's server does not limit their number.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"
 PORT: Final = 8765
 INSIDE: Final = "127.0.0.1"
-"""Where the server listens, for the gate."""
+"""Address on which Foxglove's server listens for the gate."""
 WAITING: Final = 4
-"""Messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
+"""Most messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
 EVERY_S: Final = 1.0
 
 STATISTICS: Final = "lidarcodec.Statistics"
@@ -70,7 +70,7 @@ STATISTICS_SCHEMA: Final = {
 
 
 class _Channels:
-    """What a viewer finds of one stream."""
+    """The channels of one stream."""
 
     def __init__(self, key: StreamKeys, context: Any) -> None:
         from foxglove import Channel, Schema
@@ -92,7 +92,7 @@ class _Channels:
         self.measured_s = time.monotonic()
 
     def close(self) -> None:
-        """Go from every viewer's list."""
+        """Remove the channels from all viewers."""
         for one in (self.points, self.pose, self.statistics):
             one.close()
 
@@ -102,7 +102,7 @@ class FoxgloveBridge:
 
     port: where it listens, once it is open;  counts: `clouds` and `transforms` given, `unwatched` frames,
     `complaints` of the server about viewers: connections that broke, messages that were wrong
-    gate: takes viewers and counts them
+    gate: accepts viewers and counts them
     """
 
     def __init__(
@@ -120,8 +120,8 @@ class FoxgloveBridge:
         """host, port: where to listen; port 0 takes a free one
         max_viewers: at once; half of them, rounded up, may be of one address
 
-        fill: whether returns are made up between the columns of thinned frames, and marked; None: where a stream's
-        purpose is not for programs
+        fill: whether to interpolate returns between the columns of thinned frames, and mark them; None: except in
+        streams with the purpose `localise` or `detect`
         Raises SettingsError, MissingExtraError.
         """
         try:
@@ -172,15 +172,18 @@ class FoxgloveBridge:
 
     @property
     def url(self) -> str:
-        """What to open in Foxglove."""
+        """The URL to open in Foxglove."""
         return f"ws://{self.host}:{self.port}"
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether all streams have ended; waits for it, at most `timeout_s`. Raises what ended them."""
+        """Wait until all streams have ended, at most `timeout_s`; returns whether they have.
+
+        Raises the error that ended one.
+        """
         return self._streams.wait(timeout_s)
 
     def interrupt(self) -> None:
-        """Have it end soon; for signal handlers."""
+        """Make `wait` return soon; for signal handlers."""
         self._streams.interrupt()
 
     def summary(self) -> dict[str, Any]:
@@ -231,7 +234,7 @@ class FoxgloveBridge:
 
 
 def _statistics(key: StreamKeys, streams: Streams, channels: _Channels) -> dict[str, Any]:
-    """What STATISTICS_SCHEMA describes, of this moment."""
+    """The current statistics, as STATISTICS_SCHEMA describes."""
     live = streams.live[key]
     here, there = streams.summary_of(key), live.status or {}
     now_s, received = time.monotonic(), here.get("bytes", 0)

@@ -1,7 +1,7 @@
-"""Gate: where viewers connect. It counts them, and hands bytes on between each of them and a server on this machine.
+"""Gate: accepts and counts viewers, and forwards bytes between each of them and a server on this machine.
 
-Foxglove's server takes any number of viewers, and keeps some frames for each that does not read. Here their number has
-a limit, and one that takes nothing is ended, so memory is bounded.
+Foxglove's server accepts any number of viewers, and buffers some frames for each. The gate limits their number and ends
+viewers that do not read, so that memory is bounded.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ logger = logging.getLogger(__name__)
 
 MAX_VIEWERS: Final = 16
 BEGIN_S: Final = 10.0
-"""How long it may take until a viewer has asked for something and the server has answered."""
+"""Longest time until a viewer has sent a request and the server has answered."""
 LAG_S: Final = 20.0
-"""How long a viewer may leave what waits for it: half a megabyte here, and what the system keeps besides."""
+"""Longest time without reading, while half a megabyte waits here and the system's buffer is full."""
 SENDS_AT_ONCE, SENDS_A_SECOND = 2**20, 1024
-"""Bytes that a viewer may send. What viewers ask for takes a few kB; the server keeps halves of messages of 64 MB."""
+"""Most bytes that a viewer may send. Requests take a few kB; the server would buffer messages of 64 MB."""
 _GONE_S: Final = 40.0
-"""After what time the system ends a connection of a viewer whose machine is gone."""
+"""Time after which the system ends the connection of a viewer whose machine is gone."""
 _NOTHING_MORE: Final = struct.pack("ii", 1, 0)
-"""What makes the system forget what it keeps of a connection when that is closed."""
+"""Socket option: discard buffered bytes when the connection is closed."""
 END_S: Final = 1.0
-"""How long the last bytes of a connection may take."""
+"""Time for the last bytes of a connection."""
 _TICK_S: Final = 0.2
 _QUEUE: Final = 64
 _AT_ONCE: Final = 256 * 1024
-"""Bytes that are handed on at once."""
+"""Bytes that are forwarded at once."""
 _FROM_SERVER, _TO_VIEWER = 256 * 1024, 1024 * 1024
-"""Bytes that the system keeps of a connection. Few from the server: in there old frames give way to new ones."""
+"""Sizes of the system's buffers. The one from the server is small: the server drops old frames, the system does not."""
 _FULL: Final = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 _V6_NETWORK: Final = 64
 """Bits of an IPv6 address that tell one network from another. A host may take any address in its network."""
 
 
 class Gate:
-    """Takes viewers from `open` to `close`, in a thread of its own.
+    """Accepts viewers between `open` and `close`, in its own thread.
 
     port: where it listens, once it does
     counts: `viewers` that were let in, `refused` ones, and those that were `ended`, because they read too slowly, asked
@@ -84,14 +84,14 @@ class Gate:
         self.port = self._listener.getsockname()[1]
 
     def open(self, server: tuple[str, int]) -> None:
-        """Let viewers in. server: its address and port"""
+        """Accept viewers. server: its address and port"""
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._serve(server)), name="bridge gate", daemon=True
         )
         self._thread.start()
 
     def close(self) -> None:
-        """Cut off all viewers and take no more; harmless when called twice."""
+        """Disconnect all viewers and accept no more; harmless when called twice."""
         self._stop.set()
         thread, self._thread = self._thread, None
         if thread is not None:
@@ -110,7 +110,7 @@ class Gate:
         taking.close()  # and the loop ends the tasks of all viewers
 
     async def _take(self, server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """A viewer, from its coming to its going."""
+        """Serve one viewer until it disconnects."""
         address = (writer.get_extra_info("peername") or ("?",))[0]
         network = network_of(address)
         try:
