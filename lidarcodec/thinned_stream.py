@@ -130,7 +130,7 @@ def _read_columns(kind: int, width: int, data: bytes) -> Columns:
     if kind == _REGULAR and len(data) == _STEP.size:
         step, phase = _STEP.unpack(data)
         if not phase < step:
-            raise SectionError(f"a lattice with step {step} and phase {phase}: the phase must be below the step")
+            raise SectionError(f"a lattice of every {step}. column from {phase} on")
         return columns_of(width, step, phase)
     if kind != _LISTED:
         raise SectionError(f"a lattice section of kind {kind} with {len(data)} bytes of columns")
