@@ -36,17 +36,26 @@ for harness in native/fuzz/fuzz_*.cpp; do
   name=$(basename "$harness" .cpp)
   case " ${ONLY:-$name} " in *" $name "*) ;; *) continue ;; esac
   echo "== $name"
+  libraries='' longest=4096
+  if [ "$name" = fuzz_session ]; then
+    libraries="-Inative/include -lzstd -lz" longest=24000
+    if ! echo '#include <zlib.h>
+#include <zstd.h>' | "${clang:-${CXX:-c++}}" -x c++ -fsyntax-only - 2>/dev/null; then
+      echo "(left out: it needs the headers of zstd and zlib)"
+      continue
+    fi
+  fi
   if [ -n "$clang" ]; then
     mkdir -p "build/fuzz/corpus-$name"
     # Little memory kept back and short traces of where it came from: a case takes half the time. A crash is best run again without.
     ASAN_OPTIONS=${ASAN_OPTIONS:-quarantine_size_mb=8:malloc_context_size=1:allocator_release_to_os_interval_ms=-1} \
-    "build/fuzz/$name" -max_total_time="$SECONDS_EACH" ${RUNS:+-runs="$RUNS"} -max_len="${MAX_LEN:-4096}" -entropic=0 \
+    "build/fuzz/$name" -max_total_time="$SECONDS_EACH" ${RUNS:+-runs="$RUNS"} -max_len="${MAX_LEN:-$longest}" -entropic=0 \
       -rss_limit_mb=2048 -timeout=10 -print_final_stats=1 \
       -artifact_prefix="crash-$name-" "build/fuzz/corpus-$name" "build/fuzz/seeds/$name" 2>"build/fuzz/$name.log" || { tail -60 "build/fuzz/$name.log"; exit 1; }
     grep -E "number_of_executed_units|peak_rss" "build/fuzz/$name.log"
   else
     # shellcheck disable=SC2086
-    "${CXX:-c++}" $FLAGS -fsanitize=address,undefined "$harness" native/fuzz/driver.cpp $(find native/src -name '*.cpp') -o "build/fuzz/$name"
+    "${CXX:-c++}" $FLAGS -fsanitize=address,undefined "$harness" native/fuzz/driver.cpp $(find native/src -name '*.cpp') $libraries -o "build/fuzz/$name"
     "build/fuzz/$name" "$SECONDS_EACH" "$SEED"
   fi
 done

@@ -145,7 +145,7 @@ lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* me
     given.laser = found.sensor->laser.data();
     given.pose = found.pose ? found.pose->data() : nullptr;
     given.sensor = found.sensor->name.c_str();
-    *frame = given;
+    if (frame != nullptr) *frame = given;
   });
 }
 

@@ -18,6 +18,12 @@ for source in $(find "$here/../src" -name '*.cpp'); do
   fi
 done | xargs -r -P "$(nproc)" -n 2 sh -c '"$0" '"$flags"' -fsanitize=fuzzer-no-link,address,undefined '"$checks"' -c "$1" -o "$2"' "$clangxx"
 for harness in "$here"/fuzz_*.cpp; do
-  case " ${ONLY:-$(basename "$harness" .cpp)} " in *" $(basename "$harness" .cpp) "*) ;; *) continue ;; esac
-  "$clangxx" $flags -fsanitize=fuzzer,address,undefined $checks "$harness" "$out"/core/*.o -o "$out/$(basename "$harness" .cpp)"
+  name=$(basename "$harness" .cpp) libraries=
+  case " ${ONLY:-$name} " in *" $name "*) ;; *) continue ;; esac
+  if [ "$name" = fuzz_session ]; then
+    libraries="-I$here/../include -lzstd -lz"
+    echo '#include <zlib.h>
+#include <zstd.h>' | "$clangxx" -x c++ -fsyntax-only - 2>/dev/null || { echo "$name needs the headers of zstd and zlib: it is left out" >&2; continue; }
+  fi
+  "$clangxx" $flags -fsanitize=fuzzer,address,undefined $checks "$harness" "$out"/core/*.o $libraries -o "$out/$name"
 done

@@ -63,7 +63,8 @@ typedef struct lidarcodec_point {
   uint8_t intensity, laser, ring, reserved;
 } lidarcodec_point;
 
-/* A new session; NULL without memory. */
+/* A new session; NULL without memory, which no other function but `lidarcodec_close` takes. Bytes and points may be NULL where
+ * their size is 0. */
 LIDARCODEC_API lidarcodec_session* lidarcodec_open(void);
 LIDARCODEC_API void lidarcodec_close(lidarcodec_session* session);
 
@@ -71,7 +72,8 @@ LIDARCODEC_API void lidarcodec_close(lidarcodec_session* session);
  * share/lidarcodec/weights. Its name is the hash of its bytes. */
 LIDARCODEC_API lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uint8_t* data, size_t size);
 
-/* Decodes one whole message. `frame` is set where the status is LIDARCODEC_OK, else left as it was. */
+/* Decodes one whole message. `frame` is set where the status is LIDARCODEC_OK, else left as it was; NULL where only points are
+ * wanted. */
 LIDARCODEC_API lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size, lidarcodec_frame* frame);
 
 /* Points of the frame that was pushed last, column by column: up to `capacity` of them are written. Returns how many there

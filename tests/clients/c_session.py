@@ -84,14 +84,23 @@ class CSession:
         """Frees it."""
         self._c.lidarcodec_close(self._session)
 
-    def give_weights(self, data: bytes) -> None:
-        """A weight file that messages may name."""
-        self._check(self._c.lidarcodec_give_weights(self._session, data, ctypes.c_size_t(len(data))))
+    def give_weights(self, data: bytes | None) -> None:
+        """A weight file that messages may name; None: a null pointer."""
+        self._check(self._c.lidarcodec_give_weights(self._session, data, ctypes.c_size_t(len(data or b""))))
 
-    def push(self, data: bytes) -> Decoded:
-        """The frame of a message."""
+    def push_unseen(self, data: bytes) -> None:
+        """Decodes a message without taking its frame."""
+        self._check(self._c.lidarcodec_push(self._session, data, ctypes.c_size_t(len(data)), None))
+
+    def points(self) -> int:
+        """How many points the frame that was pushed last has."""
+        return int(self._c.lidarcodec_points(self._session, None, ctypes.c_size_t(0)))
+
+    def push(self, data: bytes | None) -> Decoded:
+        """The frame of a message; None: a null pointer."""
         frame = _Frame()
-        self._check(self._c.lidarcodec_push(self._session, data, ctypes.c_size_t(len(data)), ctypes.byref(frame)))
+        size = ctypes.c_size_t(len(data or b""))
+        self._check(self._c.lidarcodec_push(self._session, data, size, ctypes.byref(frame)))
         points = np.zeros(frame.points, POINT)
         given = (points.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(len(points)))
         assert self._c.lidarcodec_points(self._session, *given) == frame.points

@@ -19,7 +19,14 @@ from mcap.writer import CompressionType, Writer
 from lidarcodec import wire
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder
-from lidarcodec.errors import DecodeError, MissingReferenceError, UnsupportedVersionError
+from lidarcodec.errors import (
+    ChecksumError,
+    DecodeError,
+    HeaderError,
+    MissingReferenceError,
+    TruncatedError,
+    UnsupportedVersionError,
+)
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.network.shelf import shipped
@@ -36,6 +43,7 @@ NUMBERS = {table.codec_id(name) for name in CODECS}
 GOLDEN = sorted(path for path in (ROOT / "tests/golden").glob("v1_*.bin") if path.stem.split("_")[1] in CODECS)
 VECTORS = sorted((ROOT / "tests/vectors").glob("*.bin"))
 BUILD = ROOT / "build" / "native"
+KEY_MESSAGE = next(iter(split((ROOT / "tests/golden/v1_pcodec_lossless.bin").read_bytes())))
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +167,22 @@ def test_damaged_messages_end_as_in_the_package(plan: Plan, session: CSession) -
                 feed(damaged(message, others, rng))
             if rng.random() < 0.8:
                 feed(wire.pack(message))
+
+
+def test_calls_in_any_order_and_without_what_is_not_wanted(session: CSession) -> None:
+    """Points before the first frame, no bytes at all, and a frame of which only the points are wanted."""
+    assert session.points() == 0
+    for data in (None, b""):
+        with pytest.raises(TruncatedError):
+            session.push(data)
+        with pytest.raises(HeaderError):
+            session.give_weights(data)
+    (frame,) = StreamDecoder().decode(wire.unpack(KEY_MESSAGE))
+    session.push_unseen(KEY_MESSAGE)
+    assert session.points() == frame.points
+    with pytest.raises(ChecksumError):
+        session.push_unseen(KEY_MESSAGE[:-1] + bytes([KEY_MESSAGE[-1] ^ 1]))
+    assert session.points() == 0
 
 
 def test_other_codecs_are_refused_by_name(session: CSession) -> None:

@@ -17,7 +17,7 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.entropy import fast
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
-from tests.fuzz import extremes
+from tests.fuzz import extremes, session_seeds
 
 Mask = npt.NDArray[np.bool_]
 _WHOLE = -1
@@ -263,6 +263,11 @@ def streams_of_masks(rng: np.random.Generator) -> Iterator[bytes]:
             yield struct.pack(">H4B", width, pattern, turned, kind | mixed, 40) + damage
 
 
+def streams(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_session: messages of every codec that a session decodes."""
+    return session_seeds.sessions(int(rng.integers(0, 100)))
+
+
 HARNESSES = {
     "fuzz_mask": masks,
     "fuzz_keep": keeps,
@@ -279,6 +284,7 @@ HARNESSES = {
     "fuzz_riddle_train": plain,
     "fuzz_warp": plain,
     "fuzz_mask_stream": streams_of_masks,
+    "fuzz_session": streams,
 }
 """Where the inputs of each harness come from."""
 

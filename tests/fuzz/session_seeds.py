@@ -1,0 +1,133 @@
+"""Inputs for native/fuzz/fuzz_session.cpp: streams of messages of every codec that a session of the core decodes.
+
+A byte says how they are decoded; then comes each message behind its length. Calibrations are not compressed, and
+networks are small ones that the stream brings, so that a fuzzer can change both (native/fuzz/fuzz_messages.hpp).
+"""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcodec.codecs import table
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.network.learner import Offer
+from lidarcodec.network.networks import CASES, Net, quantised
+from lidarcodec.network.shelf import native_nets, networks_of
+from lidarcodec.network.update import Update, update_of
+from lidarcodec.network.weight_file import pack_weights, unpack_weights
+from lidarcodec.pipeline import StreamEncoder
+from lidarcodec.planes.calibrations import encode_calibration
+from lidarcodec.settings import settings_from
+from lidarcodec.wire import pack, unpack
+from tests.fuzz import configurations, extremes
+from tests.vectors.make import split
+
+CODECS = ("raw", "zstd", "pcodec", "riddle", "predictive")
+_NAMED = ("PLAIN", "MORE", "FEW", "FREE", "ROUNDED", "REDUCED", "THINNED")
+_GOLDEN = Path(__file__).parents[1] / "golden"
+_MESSAGES = 4
+_MOST_BYTES = 24_000
+
+
+class _Taught:
+    """Stands for a learner that has something to offer after the first frame, and then no more."""
+
+    def __init__(self, update: Update, of: str) -> None:
+        self.of, self._frames = (of, 0, True), 0
+        self._offer = Offer(update.weights, native_nets(networks_of(update.weights, 2)), update, 0.0)
+
+    def offered(self) -> Offer | None:
+        self._frames += 1
+        return self._offer if self._frames == 2 else None
+
+    def samples_of(self, frame: Frame, *, expects: bool) -> None:
+        """Nothing: it learns no more."""
+
+
+def _nets(seed: int) -> list[Net]:
+    """The smallest networks there can be, of any weights: alone, expecting; the first layers with biases of cases."""
+    numbers, nets = np.random.default_rng(seed), []
+    for expects, dims in ((False, (72, 8, 8, 32)), (True, (112, 8, 8, 32))):
+        shapes = zip(dims[1:], dims[:-1], strict=True)
+        net = quantised(expects, 0, [(numbers.normal(0, 0.2, shape), np.zeros(shape[0])) for shape in shapes])
+        cases = numbers.integers(-60, 60, (CASES, 8)).astype(np.int8)
+        nets.append(replace(net, layers=(replace(net.layers[0], cases=cases), *net.layers[1:])))
+    return nets
+
+
+@cache
+def _weights() -> bytes:
+    return pack_weights(_nets(3), {})
+
+
+def _plain(message: Message, frame: Frame) -> Message:
+    """The message with its calibration as it is, not compressed."""
+    table_of = Section(SectionType.CALIBRATION, encode_calibration(frame.sensor, key=True, plain=True))
+    sections = (table_of if s.type == SectionType.CALIBRATION and s.data[0] else s for s in message.sections)
+    return replace(message, sections=tuple(sections))
+
+
+def _coded(settings: dict[str, Any], made: list[Frame], *, learns: bool = False) -> list[Message]:
+    with tempfile.TemporaryDirectory(prefix="lidarcodec-fuzz-") as folder:
+        own = settings.get("codec_settings", {})
+        if settings["codec"] == "riddle" and own.get("effort") != 1:
+            path = Path(folder) / "own.lcrw"
+            path.write_bytes(_weights())
+            settings = {**settings, "codec_settings": {**own, "weights": str(path)}}
+        encoder = StreamEncoder(settings_from({"key_interval": 100_000, **settings}), stream_id=1)
+        if learns:
+            base = unpack_weights(_weights())
+            learner = _Taught(update_of(base, _nets(4), (5, 6, 6, 5)), base.name)
+            encoder._encoder._ranges._learner = learner  # type: ignore[attr-defined]
+        coded = ((encoder.encode(frame, key=frame is made[0]), frame) for frame in made)
+        return [_plain(message, frame) for messages, frame in coded for message in messages]
+
+
+def _golden(path: Path) -> list[Message]:
+    """The messages of a file; those of riddle with networks of their own."""
+    messages = list(map(unpack, split(path.read_bytes())))
+    if messages[0].codec == table.codec_id("riddle"):
+        own = Section(SectionType.WEIGHTS, _weights())
+        messages[0] = replace(messages[0], sections=(own, *messages[0].sections))
+    return messages
+
+
+def _streams(seed: int) -> Iterator[list[Message]]:
+    tiny, small = extremes.SIZES["tiny"](seed), extremes.small(seed)
+    of = [settings for name in _NAMED for settings in getattr(configurations, name).values()]
+    for settings in of:
+        if settings["codec"] in CODECS:
+            yield _coded(settings, tiny)
+    for settings in ({"codec": "riddle"}, {"codec": "riddle", "max_error_m": 0.05}):
+        yield _coded(settings, tiny, learns=True)
+    for codec in CODECS:
+        for at in range(0, len(small), _MESSAGES):
+            yield _coded({"codec": codec}, small[at : at + _MESSAGES])
+    for path in sorted(_GOLDEN.glob("v1_*.bin")):
+        if path.stem.split("_")[1] in CODECS:
+            yield _golden(path)
+
+
+def _input(way: int, messages: Iterable[Message]) -> bytes:
+    packed = map(pack, messages)
+    return bytes([way]) + b"".join(struct.pack("<I", len(data)) + data for data in packed)
+
+
+def sessions(seed: int) -> Iterator[bytes]:
+    """Streams by the class and by the C interface, with and without calls between messages."""
+    for number, messages in enumerate(_streams(seed)):
+        for way in (0, 1, 2 * number + 1 & 255):
+            data = _input(way, messages[:_MESSAGES])
+            if len(data) < _MOST_BYTES:
+                yield data
+            elif way < 2:
+                yield _input(way, messages[:1])[:_MOST_BYTES]
