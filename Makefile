@@ -24,6 +24,7 @@ WEB := $(STAMPS)/web
 NPM_INSTALL := npm install --no-save --ignore-scripts --silent
 NPM_CI := npm ci --ignore-scripts --silent
 NATIVE_SOURCES := CMakeLists.txt tools/build-native.sh $(shell find native/src native/bindings native/c native/include -type f)
+CXX_FILES = $(shell find native clients/cpp -name '*.[ch]pp' -o -name '*.[ch]')
 # Tests wait for each other's processes more than they compute: on two cores four at a time are done sooner than two.
 # Each process gets its share of them as they stand, so that what a module sets up is seldom set up twice, and takes from others
 # when it has done its own.
@@ -52,9 +53,10 @@ demo: ## drive through a simulated town, live on a page in the browser (ARGS="--
 test: lint $(WEB) ## everything that must hold: lint, types, imports and all tests
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
 
-lint: $(STAMPS)/dev $(NATIVE) ## ruff, format, mypy --strict and the import contracts
+lint: $(STAMPS)/dev $(NATIVE) ## ruff, formats of Python and C++, mypy --strict and the import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror $(CXX_FILES)
 	$(BIN)/mypy --strict
 	$(BIN)/lint-imports --no-logo
 
@@ -92,6 +94,7 @@ images-check: $(STAMPS)/dev ## build both images step by step in a chroot and ru
 format: $(STAMPS)/dev ## put every file into the house's form
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(CXX_FILES)
 
 native: $(NATIVE) ## build the native core into lidarcodec/
 

@@ -1,4 +1,5 @@
-// Decodes a recording: a line for each frame, and its points as KITTI has them (x, y, z, intensity; f32) if a folder is given.
+// Decodes a recording: a line for each frame, and its points as KITTI has them (x, y, z, intensity; f32) if a folder is
+// given.
 //   decode_recording FILE.mcap [OUT] [--weights FOLDER]
 #include <filesystem>
 #include <iostream>
@@ -30,8 +31,10 @@ int run(const std::string& recording, const std::string& out, const std::string&
       ++refused;
       return;
     }
-    std::cout << topic << " frame " << frame.index << " at " << frame.stamp_ns << " ns: " << frame.points << " points\n";
-    if (!out.empty()) write_points(std::filesystem::path(out) / (std::to_string(frames) + ".bin"), points_of(session, frame));
+    std::cout << topic << " frame " << frame.index << " at " << frame.stamp_ns << " ns: " << frame.points
+              << " points\n";
+    if (!out.empty())
+      write_points(std::filesystem::path(out) / (std::to_string(frames) + ".bin"), points_of(session, frame));
     ++frames;
   });
   std::cout << frames << " frames, " << refused << " messages refused\n";
@@ -44,8 +47,10 @@ int main(int count, char** words) {
   std::string recording, out, weights;
   for (int i = 1; i < count; ++i) {
     const std::string word = words[i];
-    if (word == "--weights" && i + 1 < count) weights = words[++i];
-    else (recording.empty() ? recording : out) = word;
+    if (word == "--weights" && i + 1 < count)
+      weights = words[++i];
+    else
+      (recording.empty() ? recording : out) = word;
   }
   if (recording.empty()) {
     std::cerr << "usage: decode_recording FILE.mcap [OUT] [--weights FOLDER]\n";

@@ -1,5 +1,5 @@
-// Prints the points of a live stream's messages, which come on the standard input: for each its size, u32 little endian, and then
-// its bytes. README.md says how a subscription gives them.
+// Prints the points of a live stream's messages, which come on the standard input: for each its size, u32 little
+// endian, and then its bytes. README.md says how a subscription gives them.
 //   print_points [--weights FOLDER]
 #include <iostream>
 
@@ -28,7 +28,8 @@ int run(const std::string& weights) {
     if (status == LIDARCODEC_MISSING_REFERENCE) {
       std::cerr << lidarcodec_error_text(session.get()) << "\n";  // a program on the network asks for a key frame here
     } else if (status != LIDARCODEC_OK) {
-      std::cerr << "byte " << lidarcodec_error_offset(session.get()) << ": " << lidarcodec_error_text(session.get()) << "\n";
+      std::cerr << "byte " << lidarcodec_error_offset(session.get()) << ": " << lidarcodec_error_text(session.get())
+                << "\n";
     } else {
       const std::vector<lidarcodec_point> points = points_of(session, frame);
       std::cout << "frame " << frame.index << " of a " << frame.sensor << ": " << points.size() << " points";

@@ -1,5 +1,5 @@
-// Messages of lidarcodec out of an MCAP file (mcap.dev/spec), chunks uncompressed or compressed by zstd. A file without its
-// end is read as far as it goes.
+// Messages of lidarcodec out of an MCAP file (mcap.dev/spec), chunks uncompressed or compressed by zstd. A file without
+// its end is read as far as it goes.
 #pragma once
 #include <zstd.h>
 
@@ -93,7 +93,8 @@ class Recording {
       if (compression == "zstd") {
         if (plain > kMostChunk) throw std::runtime_error("a chunk of more than 1 GiB");
         std::vector<uint8_t> opened(plain);
-        if (ZSTD_decompress(opened.data(), plain, records, packed) != plain) throw std::runtime_error("a damaged chunk");
+        if (ZSTD_decompress(opened.data(), plain, records, packed) != plain)
+          throw std::runtime_error("a damaged chunk");
         chunk(opened.data(), plain, take);
       } else if (compression.empty()) {
         chunk(records, packed, take);
@@ -108,8 +109,10 @@ class Recording {
     for (Fields fields(data, size); fields.left() > 0;) {
       const auto kind = static_cast<uint8_t>(fields.number(1));
       const uint64_t length = fields.number(8);
-      if (kind != kChunk) one(kind, fields.bytes(length), length, take);
-      else fields.bytes(length);
+      if (kind != kChunk)
+        one(kind, fields.bytes(length), length, take);
+      else
+        fields.bytes(length);
     }
   }
 

@@ -24,7 +24,8 @@ inline Session open_session(const std::string& weights) {
     if (entry.path().extension() != ".lcrw") continue;
     std::ifstream file(entry.path(), std::ios::binary);
     const std::vector<char> data((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-    if (lidarcodec_give_weights(session.get(), reinterpret_cast<const uint8_t*>(data.data()), data.size()) != LIDARCODEC_OK)
+    if (lidarcodec_give_weights(session.get(), reinterpret_cast<const uint8_t*>(data.data()), data.size()) !=
+        LIDARCODEC_OK)
       throw std::runtime_error(entry.path().string() + ": " + lidarcodec_error_text(session.get()));
   }
   return session;

@@ -1,10 +1,10 @@
 #include <nanobind/stl/pair.h>
 
+#include "base/error.hpp"
 #include "bindings.hpp"
 #include "pco/groups.hpp"
 #include "pco/pco.hpp"
 #include "ranges/activity.hpp"
-#include "base/error.hpp"
 
 namespace {
 
@@ -46,7 +46,8 @@ void bind_activity(nb::module_& m) {
         return give(std::move(differences), {values.shape(0)});
       },
       nb::arg("values").noconvert(), nb::arg("group_of").noconvert(),
-      "(N,) uint16, differences of `values` modulo 65536, group by group; group_of: (19,) uint8, group of each activity.");
+      "(N,) uint16, differences of `values` modulo 65536, group by group; group_of: (19,) uint8, group of each "
+      "activity.");
   m.def(
       "decode_pco_groups",
       [](nb::bytes data, std::size_t returns) {
@@ -58,7 +59,8 @@ void bind_activity(nb::module_& m) {
         return give(std::move(values), {returns});
       },
       nb::arg("data"), nb::arg("returns"),
-      "(returns,) uint16, what a group table and its pco data hold; raises SectionError or TruncatedError unless it is that many.");
+      "(returns,) uint16, what a group table and its pco data hold; raises SectionError or TruncatedError unless it is "
+      "that many.");
   m.def(
       "read_pco_chunk",
       [](nb::bytes data, std::size_t count) {
@@ -73,5 +75,6 @@ void bind_activity(nb::module_& m) {
         return std::pair(give(std::move(numbers), {count}), read);
       },
       nb::arg("data"), nb::arg("count"),
-      "(count,) int16 of a pco header, chunk metadata and page, and how many bytes they take; raises SectionError or TruncatedError.");
+      "(count,) int16 of a pco header, chunk metadata and page, and how many bytes they take; raises SectionError or "
+      "TruncatedError.");
 }

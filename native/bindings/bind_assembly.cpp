@@ -1,8 +1,8 @@
 #include <algorithm>
 
-#include "packets/assembly.hpp"
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
+#include "packets/assembly.hpp"
 
 namespace lc = lidarcodec;
 
@@ -25,8 +25,9 @@ void bind_assembly(nb::module_& m) {
   m.def(
       "assemble",
       [](nb::bytes payloads, In<std::uint8_t, 1> ring_of_laser)
-          -> Tuple<Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint8_t>,
-                   Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint8_t>, Array<std::uint32_t>, Array<std::uint8_t>> {
+          -> Tuple<Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint16_t>, Array<std::uint8_t>,
+                   Array<std::uint8_t>, Array<std::uint16_t>, Array<std::uint8_t>, Array<std::uint8_t>,
+                   Array<std::uint32_t>, Array<std::uint8_t>> {
         const lc::RingOfLaser ring = rings(ring_of_laser);
         const std::uint8_t* data = data_of(payloads);
         const std::size_t size = payloads.size();

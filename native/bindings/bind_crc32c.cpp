@@ -1,5 +1,5 @@
-#include "bindings.hpp"
 #include "base/crc32c.hpp"
+#include "bindings.hpp"
 
 void bind_crc32c(nb::module_& m) {
   m.def(

@@ -1,8 +1,8 @@
-#include "planes/azimuth_coder.hpp"
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "bits/number_series.hpp"
 #include "bits/numbers.hpp"
+#include "planes/azimuth_coder.hpp"
 
 namespace {
 
@@ -55,17 +55,19 @@ void bind_entropy(nb::module_& m) {
       nb::arg("data"), nb::arg("counts").noconvert(), "uint64 numbers of all streams; at most 2^20.");
   m.def(
       "best_form",
-      [](In<std::int64_t, 1> values, std::int64_t modulus)
-          -> Tuple<int, std::int64_t, std::int64_t, Array<std::int64_t>, std::uint64_t> {
+      [](In<std::int64_t, 1> values,
+         std::int64_t modulus) -> Tuple<int, std::int64_t, std::int64_t, Array<std::int64_t>, std::uint64_t> {
         if (modulus < 0) throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "a modulus below 0");
         lidarcodec::SeriesFit fit;
         {
           nb::gil_scoped_release release;
           fit = lidarcodec::best_form({values.data(), values.data() + values.shape(0)}, modulus);
         }
-        return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate, give(std::move(fit.residuals), {values.shape(0)}), fit.cost);
+        return nb::make_tuple(static_cast<int>(fit.form), fit.level, fit.rate,
+                              give(std::move(fit.residuals), {values.shape(0)}), fit.cost);
       },
-      nb::arg("values").noconvert(), nb::arg("modulus"), "The number of the form, level and rate of its line, the residuals (N,) int64, and their cost in 1/256 bit.");
+      nb::arg("values").noconvert(), nb::arg("modulus"),
+      "The number of the form, level and rate of its line, the residuals (N,) int64, and their cost in 1/256 bit.");
   m.def(
       "best_period",
       [](In<std::uint8_t, 1> types, std::size_t longest) {
@@ -109,5 +111,6 @@ void bind_entropy(nb::module_& m) {
         nb::gil_scoped_release release;
         return lidarcodec::columns_in_turn(rotations.data(), rotations.shape(0));
       },
-      nb::arg("rotations").noconvert(), "Columns in a full turn, from the mean step of azimuths (W,); 0: the sensor does not rotate.");
+      nb::arg("rotations").noconvert(),
+      "Columns in a full turn, from the mean step of azimuths (W,); 0: the sensor does not rotate.");
 }

@@ -1,7 +1,7 @@
 #include <algorithm>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "ranges/holes.hpp"
 #include "ranges/jpeg_writer.hpp"
 
@@ -40,7 +40,8 @@ void bind_images(nb::module_& m) {
         return give(std::move(image), {rows, width});
       },
       nb::arg("samples").noconvert(), nb::arg("known").noconvert(), nb::arg("steps").noconvert(), nb::arg("rounds"),
-      "(H, W) float32, `samples` with the cells where `known`, (H, W) uint8, is 0 filled for JPEG with these 64 steps.");
+      "(H, W) float32, `samples` with the cells where `known`, (H, W) uint8, is 0 filled for JPEG with these 64 "
+      "steps.");
   m.def(
       "fill_predicted",
       [](In<std::uint16_t, 2> values, In<std::uint8_t, 2> known) {

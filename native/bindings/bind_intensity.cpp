@@ -1,8 +1,8 @@
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "geometry.hpp"
-#include "planes/intensity_coder.hpp"
 #include "planes/intensity_choice.hpp"
+#include "planes/intensity_coder.hpp"
 
 namespace {
 
@@ -11,7 +11,8 @@ using lidarcodec::MaskGeometry;
 
 void expect_image(const In<std::uint8_t, 2>& image, const MaskGeometry& geometry) {
   if (image.shape(0) != kMaskRows || image.shape(1) != geometry.width)
-    throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "intensities and returns are (64, W), as wide as the columns");
+    throw lidarcodec::Error(lidarcodec::ErrorCode::Section,
+                            "intensities and returns are (64, W), as wide as the columns");
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "geometry.hpp"
-#include "planes/keep_coder.hpp"
 #include "mask/coder.hpp"
+#include "planes/keep_coder.hpp"
 
 namespace {
 

@@ -1,5 +1,5 @@
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "frame_arrays.hpp"
 #include "mask/stream.hpp"
 
@@ -12,8 +12,9 @@ using lidarcodec::MaskStream;
 using lidarcodec::MaskView;
 
 // The view points into the arrays.
-MaskView view_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>& fired, const In<std::int32_t, 2>& beams,
-                 const In<std::uint16_t, 2>& expected, const In<std::int32_t, 1>& motion) {
+MaskView view_of(const In<std::uint16_t, 2>& azimuth, const In<std::uint8_t, 2>& fired,
+                 const In<std::int32_t, 2>& beams, const In<std::uint16_t, 2>& expected,
+                 const In<std::int32_t, 1>& motion) {
   const lidarcodec::Columns columns = columns_of(azimuth, fired);
   const lidarcodec::BeamTable table = table_of(beams);
   if (expected.shape(0) != kMaskRows || (expected.shape(1) != 0 && expected.shape(1) != columns.width))

@@ -1,9 +1,9 @@
-#include "motion/beams.hpp"
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "frame_arrays.hpp"
-#include "motion/registration.hpp"
+#include "motion/beams.hpp"
 #include "motion/range_history.hpp"
+#include "motion/registration.hpp"
 #include "motion/warp.hpp"
 
 namespace {
@@ -81,6 +81,7 @@ void bind_motion(nb::module_& m) {
           },
           nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
           nb::arg("rows").noconvert(), nb::arg("start").noconvert(), nb::arg("near_start") = false,
-          "Motion since a turn ago: its 12 numbers, whether it was found, points tried, points matched, iterations, and the median "
+          "Motion since a turn ago: its 12 numbers, whether it was found, points tried, points matched, iterations, "
+          "and the median "
           "distance of matched points in metres. near_start: a prior holds it near `start`.");
 }

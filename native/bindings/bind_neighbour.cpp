@@ -1,7 +1,7 @@
 #include <algorithm>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "planes/neighbour.hpp"
 
 namespace {

@@ -1,7 +1,7 @@
 #include <memory>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "geometry.hpp"
 #include "predictive/coder.hpp"
 #include "range_images.hpp"
@@ -23,8 +23,8 @@ struct Release {
   }
 };
 
-// Networks shared with Python. nanobind's own caster (nanobind/stl/shared_ptr.h) makes a shared_ptr in a noexcept function, and so
-// ends the process when memory is short.
+// Networks shared with Python. nanobind's own caster (nanobind/stl/shared_ptr.h) makes a shared_ptr in a noexcept
+// function, and so ends the process when memory is short.
 std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
   if (nets.is_none()) return nullptr;
   const auto* const found = nb::cast<const RiddleNets*>(nets);
@@ -32,7 +32,8 @@ std::shared_ptr<const RiddleNets> shared(nb::handle nets) {
 }
 
 // Where the sent ranges go, (64, W); nullptr for (64, 0).
-std::uint16_t* sent_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent, const MaskGeometry& geometry) {
+std::uint16_t* sent_of(const nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>& sent,
+                       const MaskGeometry& geometry) {
   if (sent.shape(1) == 0) return nullptr;
   if (sent.shape(0) != kMaskRows || sent.shape(1) != geometry.width)
     throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "what is sent is (64, W), as wide as the columns");
@@ -51,24 +52,29 @@ void bind_predictive(nb::module_& m) {
       },
       "The paths that this processor can run, the fastest last.");
   m.def(
-      "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); }, nb::arg("data"),
+      "known_columns", [](nb::bytes data) { return lidarcodec::known_columns(data_of(data), data.size()); },
+      nb::arg("data"),
       "The number of known columns that the bytes of a slab need; -1 for a whole frame, or without returns.");
   nb::class_<PredictiveCoder>(m, "PredictiveCoder")
-      .def("__init__",
-           [](PredictiveCoder* coder, const char* path, nb::handle nets) {
-             new (coder) PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), shared(nets));
-           },
-           nb::arg("path") = "", nb::arg("nets").none() = nb::none(), "path: one of `coding_paths`, by default the fastest; all give the same bytes. nets: RiddleNets, or None.")
       .def(
-          "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); },
-          nb::arg("nets"), "Replaces the networks; the state of the contexts stays.")
+          "__init__",
+          [](PredictiveCoder* coder, const char* path, nb::handle nets) {
+            new (coder)
+                PredictiveCoder(*path == 0 ? lidarcodec::quickest_path() : lidarcodec::path_named(path), shared(nets));
+          },
+          nb::arg("path") = "", nb::arg("nets").none() = nb::none(),
+          "path: one of `coding_paths`, by default the fastest; all give the same bytes. nets: RiddleNets, or None.")
+      .def(
+          "change", [](PredictiveCoder& coder, nb::handle nets) { coder.change(shared(nets)); }, nb::arg("nets"),
+          "Replaces the networks; the state of the contexts stays.")
       .def("reset", &PredictiveCoder::reset, "Returns all models to their initial state.")
       .def(
           "encode",
           [](PredictiveCoder& coder, In<std::uint16_t, 2> ranges, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
              In<std::int32_t, 1> rotation, std::uint32_t turn, std::uint32_t firing, In<std::uint16_t, 2> expected,
-             std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick, nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu> sent) {
+             std::int64_t known, lidarcodec::RiddleSamples* samples, bool quick,
+             nb::ndarray<std::uint16_t, nb::ndim<2>, nb::c_contig, nb::device::cpu> sent) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(ranges, geometry);
             expect_image(returns, geometry);
@@ -78,27 +84,31 @@ void bind_predictive(nb::module_& m) {
             std::vector<std::uint8_t> data;
             {
               nb::gil_scoped_release release;
-              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples, quick, to);
+              data = coder.encode(ranges.data(), returns.data(), cells, geometry, turn, firing, seen, known, samples,
+                                  quick, to);
             }
             return give_bytes(data);
           },
-          nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"),
-          nb::arg("level").noconvert(), nb::arg("fired").noconvert(), nb::arg("half").noconvert(),
-          nb::arg("rotation").noconvert(), nb::arg("turn"), nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"),
-          nb::arg("samples").none(), nb::arg("quick"), nb::arg("sent").noconvert(),
-          "Bytes of the ranges of the returns. turn: columns in a full turn, 0 to find it from the returns; firing: of the first "
-          "column; quick: with fewer contexts; sent: (64, W) gets free ranges as they are decoded, (64, 0): ranges are rounded.")
+          nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
+          nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
+          nb::arg("firing"), nb::arg("expected").noconvert(), nb::arg("known"), nb::arg("samples").none(),
+          nb::arg("quick"), nb::arg("sent").noconvert(),
+          "Bytes of the ranges of the returns. turn: columns in a full turn, 0 to find it from the returns; firing: of "
+          "the first "
+          "column; quick: with fewer contexts; sent: (64, W) gets free ranges as they are decoded, (64, 0): ranges are "
+          "rounded.")
       .def(
           "decode",
           [](PredictiveCoder& coder, nb::bytes data, In<std::uint8_t, 2> returns, std::uint32_t step,
              In<std::int32_t, 1> level, In<std::uint8_t, 2> fired, In<std::uint8_t, 1> half,
-             In<std::int32_t, 1> rotation, In<std::uint16_t, 2> expected,
-             std::int64_t known, In<std::uint16_t, 2> before) {
+             In<std::int32_t, 1> rotation, In<std::uint16_t, 2> expected, std::int64_t known,
+             In<std::uint16_t, 2> before) {
             const MaskGeometry geometry = geometry_of(fired, half, rotation);
             expect_image(returns, geometry);
             const lidarcodec::RangeCells cells = cells_of(step, level);
             const std::uint16_t* const seen = expectation(expected, geometry);
-            if (before.shape(0) != kMaskRows || static_cast<std::int64_t>(before.shape(1)) != std::max<std::int64_t>(known, 0))
+            if (before.shape(0) != kMaskRows ||
+                static_cast<std::int64_t>(before.shape(1)) != std::max<std::int64_t>(known, 0))
               throw lidarcodec::Error(lidarcodec::ErrorCode::Section, "known ranges are (64, known)");
             const std::uint8_t* bytes = data_of(data);
             const std::size_t size = data.size();
@@ -111,5 +121,6 @@ void bind_predictive(nb::module_& m) {
           },
           nb::arg("data"), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
           nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(),
-          nb::arg("expected").noconvert(), nb::arg("known"), nb::arg("before").noconvert(), "(64, W) uint16, 0 outside of the returns.");
+          nb::arg("expected").noconvert(), nb::arg("known"), nb::arg("before").noconvert(),
+          "(64, W) uint16, 0 outside of the returns.");
 }

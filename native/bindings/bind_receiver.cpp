@@ -2,8 +2,8 @@
 #include <cmath>
 #include <span>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "packets/udp_receiver.hpp"
 
 namespace lc = lidarcodec;
@@ -23,13 +23,16 @@ std::span<const std::uint8_t> bytes_of(const nb::bytes& b) {
 }  // namespace
 
 void bind_receiver(nb::module_& m) {
-  // Integers instead of nb::enum_, which runs Python code while the module is loaded: a signal would then end the process.
-  nb::class_<lc::SenderJudge>(m, "SenderJudge", "Decides which sender is the sensor, from the packets that each sent lately.")
-      .def("__init__",
-           [](lc::SenderJudge* self, const nb::bytes& pinned, bool all) {
-             new (self) lc::SenderJudge(bytes_of(pinned), all);
-           },
-           nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
+  // Integers instead of nb::enum_, which runs Python code while the module is loaded: a signal would then end the
+  // process.
+  nb::class_<lc::SenderJudge>(m, "SenderJudge",
+                              "Decides which sender is the sensor, from the packets that each sent lately.")
+      .def(
+          "__init__",
+          [](lc::SenderJudge* self, const nb::bytes& pinned, bool all) {
+            new (self) lc::SenderJudge(bytes_of(pinned), all);
+          },
+          nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
       .def(
           "judge",
           [](lc::SenderJudge& judge, const nb::bytes& payload, const nb::bytes& address, std::uint16_t port,
@@ -44,33 +47,39 @@ void bind_receiver(nb::module_& m) {
             std::uint32_t id = 0;
             return static_cast<int>(judge.judge(bytes_of(payload).data(), from, now_ns, id));
           },
-          nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"), "The verdict on a packet, a SenderVerdict.")
+          nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"),
+          "The verdict on a packet, a SenderVerdict.")
       .def("settle", &lc::SenderJudge::settle, nb::arg("now_ns"), "Chooses a sender, if it is time.")
       .def_prop_ro("chosen", &lc::SenderJudge::chosen, "Id of the sender, 0 while there is none.")
-      .def_prop_ro("reason", [](const lc::SenderJudge& j) { return static_cast<int>(j.reason()); },
-                   "The reason of the choice, a SenderReason.")
+      .def_prop_ro(
+          "reason", [](const lc::SenderJudge& j) { return static_cast<int>(j.reason()); },
+          "The reason of the choice, a SenderReason.")
       .def_prop_ro("changes", &lc::SenderJudge::changes, "How often the choice changed.")
       .def_prop_ro("refused", &lc::SenderJudge::refused, "Packets of other senders.")
       .def_prop_ro("other", &lc::SenderJudge::other, "Packets of other sensors, before the choice.")
       .def_prop_ro("not_pinned", &lc::SenderJudge::not_pinned, "Packets from addresses other than the pinned one.")
-      .def_prop_ro("last_not_pinned", [](const lc::SenderJudge& j) { return place_of(j.last_not_pinned()); },
-                   "Address and port of the last packet that did not come from the pinned address.")
-      .def("report",
-           [](const lc::SenderJudge& judge) -> List<Tuple<std::uint32_t, Address, std::uint64_t, std::uint64_t, std::uint32_t>> {
-             nb::list found;
-             for (const lc::SenderReport& r : judge.report()) {
-               found.append(nb::make_tuple(r.id, place_of(r.address), r.kept, r.refused, r.score));
-             }
-             return found;
-           },
-           "For each sender: id, (address, port), packets kept, packets refused, score from 0 to 300.");
+      .def_prop_ro(
+          "last_not_pinned", [](const lc::SenderJudge& j) { return place_of(j.last_not_pinned()); },
+          "Address and port of the last packet that did not come from the pinned address.")
+      .def(
+          "report",
+          [](const lc::SenderJudge& judge)
+              -> List<Tuple<std::uint32_t, Address, std::uint64_t, std::uint64_t, std::uint32_t>> {
+            nb::list found;
+            for (const lc::SenderReport& r : judge.report()) {
+              found.append(nb::make_tuple(r.id, place_of(r.address), r.kept, r.refused, r.score));
+            }
+            return found;
+          },
+          "For each sender: id, (address, port), packets kept, packets refused, score from 0 to 300.");
   nb::class_<lc::UdpReceiver>(m, "UdpReceiver",
                               "A thread that reads 1206-byte datagrams from a socket into a bounded ring.")
-      .def("__init__",
-           [](lc::UdpReceiver* self, int fd, std::size_t capacity, const nb::bytes& pinned, bool all) {
-             new (self) lc::UdpReceiver(fd, capacity, bytes_of(pinned), all);
-           },
-           nb::arg("fd"), nb::arg("capacity"), nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
+      .def(
+          "__init__",
+          [](lc::UdpReceiver* self, int fd, std::size_t capacity, const nb::bytes& pinned, bool all) {
+            new (self) lc::UdpReceiver(fd, capacity, bytes_of(pinned), all);
+          },
+          nb::arg("fd"), nb::arg("capacity"), nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
       .def(
           "take",
           [](lc::UdpReceiver& receiver, std::size_t most,
@@ -90,14 +99,16 @@ void bind_receiver(nb::module_& m) {
           "Payloads (n x 1206 bytes), kernel times int64(n) and ids of the senders uint32(n), in order.")
       .def("senders", &lc::UdpReceiver::senders, "A copy of the judge of senders.")
       .def("holding", &lc::UdpReceiver::holding, "Whether packets wait for a choice of their sender.")
-      .def("foreign", [](const lc::UdpReceiver& r) { return give_bytes(r.foreign()); },
-           "The last packet of another sensor; empty if there was none.")
-      .def("counts",
-           [](const lc::UdpReceiver& r) -> Tuple<std::uint64_t, std::uint64_t, std::uint64_t, std::uint64_t> {
-             const lc::ReceiverCounts c = r.counts();
-             return nb::make_tuple(c.kernel_drops, c.queue_drops, c.wrong_length, c.position);
-           },
-           "Kernel drops, queue drops, wrong lengths, position packets.")
+      .def(
+          "foreign", [](const lc::UdpReceiver& r) { return give_bytes(r.foreign()); },
+          "The last packet of another sensor; empty if there was none.")
+      .def(
+          "counts",
+          [](const lc::UdpReceiver& r) -> Tuple<std::uint64_t, std::uint64_t, std::uint64_t, std::uint64_t> {
+            const lc::ReceiverCounts c = r.counts();
+            return nb::make_tuple(c.kernel_drops, c.queue_drops, c.wrong_length, c.position);
+          },
+          "Kernel drops, queue drops, wrong lengths, position packets.")
       .def("failure", &lc::UdpReceiver::failure, "The errno that ended the thread, or 0.")
       .def("stop", &lc::UdpReceiver::stop, nb::call_guard<nb::gil_scoped_release>(),
            "Ends the thread, and every `take` that waits.");

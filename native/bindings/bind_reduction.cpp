@@ -1,10 +1,10 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
-#include "bindings.hpp"
-#include "reduction/cell_pick.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "frame_arrays.hpp"
+#include "reduction/cell_pick.hpp"
 #include "reduction/returns.hpp"
 #include "reduction/seen_before.hpp"
 
@@ -40,7 +40,8 @@ void bind_reduction(nb::module_& m) {
         return nb::make_tuple(give(std::move(returns.xyz), {count, 3}), give(std::move(returns.cell), {count}));
       },
       nb::arg("ranges").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-      nb::arg("rows").noconvert(), "Points (N, 3) int32 in 1/16 mm, and cells (N,) uint32, of the returns in range-image order.");
+      nb::arg("rows").noconvert(),
+      "Points (N, 3) int32 in 1/16 mm, and cells (N,) uint32, of the returns in range-image order.");
   m.def(
       "lattice_of",
       [](In<std::uint32_t, 1> cells, In<std::uint16_t, 2> azimuth, In<std::uint8_t, 2> fired,
@@ -56,7 +57,9 @@ void bind_reduction(nb::module_& m) {
         return nb::make_tuple(give(std::move(lattice.order), {count}), give(std::move(lattice.level), {count}));
       },
       nb::arg("cells").noconvert(), nb::arg("azimuth").noconvert(), nb::arg("fired").noconvert(),
-      nb::arg("rows").noconvert(), "Places (N,) uint32 in the list of returns, those on the coarsest lattice first; level (N,) uint8 of each return.");
+      nb::arg("rows").noconvert(),
+      "Places (N,) uint32 in the list of returns, those on the coarsest lattice first; level (N,) uint8 of each "
+      "return.");
   m.def(
       "pick_cells",
       [](In<std::int32_t, 2> xyz, In<std::uint32_t, 1> order, std::size_t want,
@@ -73,7 +76,8 @@ void bind_reduction(nb::module_& m) {
         return nb::make_tuple(give(std::move(picked.places), {chosen}), picked.side);
       },
       nb::arg("xyz").noconvert(), nb::arg("order").noconvert(), nb::arg("want"), nb::arg("side"),
-      "(M,) uint32, places of one point in each voxel, `want` of them or up to 2 % more; and the side of the voxels, 1/16 mm.");
+      "(M,) uint32, places of one point in each voxel, `want` of them or up to 2 % more; and the side of the voxels, "
+      "1/16 mm.");
   m.def(
       "deskewed",
       [](In<std::int32_t, 2> xyz, In<std::uint32_t, 1> cells, In<float, 2> moved) {
@@ -88,7 +92,8 @@ void bind_reduction(nb::module_& m) {
         return give(std::move(points), {count, 3});
       },
       nb::arg("xyz").noconvert(), nb::arg("cells").noconvert(), nb::arg("moved").noconvert(),
-      "(N, 3) float32, metres: points in 1/16 mm, transformed by their column. A transform is a rotation row by row, each with its "
+      "(N, 3) float32, metres: points in 1/16 mm, transformed by their column. A transform is a rotation row by row, "
+      "each with its "
       "component of the translation.");
   m.def(
       "ground_of",
@@ -127,5 +132,6 @@ void bind_reduction(nb::module_& m) {
         return give(std::move(found), {scan.size});
       },
       nb::arg("xyz").noconvert(), nb::arg("ground").noconvert(), nb::arg("past"),
-      "(N,) uint8, 1 for returns without a return of a past scan near them. past: (points (N, 3), transform (12,) float32) of each.");
+      "(N,) uint8, 1 for returns without a return of a past scan near them. past: (points (N, 3), transform (12,) "
+      "float32) of each.");
 }

@@ -1,8 +1,8 @@
 #include <memory>
 #include <string>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "geometry.hpp"
 #include "predictive/coder.hpp"
 #include "range_images.hpp"
@@ -34,13 +34,17 @@ void bind_riddle(nb::module_& m) {
           "set",
           [](RiddleNets& nets, In<std::int16_t, 2> w1, In<std::int32_t, 1> b1, std::uint32_t s1, In<std::int8_t, 2> c1,
              In<std::int16_t, 2> w2, In<std::int32_t, 1> b2, std::uint32_t s2, In<std::int8_t, 2> c2,
-             In<std::int16_t, 2> w3, In<std::int32_t, 1> b3, std::uint32_t s3, In<std::int8_t, 2> c3, const char* form) {
-            RiddleNet net({layer_of(w1, b1, s1, c1), layer_of(w2, b2, s2, c2), layer_of(w3, b3, s3, c3)}, lidarcodec::net_form_named(form));
+             In<std::int16_t, 2> w3, In<std::int32_t, 1> b3, std::uint32_t s3, In<std::int8_t, 2> c3,
+             const char* form) {
+            RiddleNet net({layer_of(w1, b1, s1, c1), layer_of(w2, b2, s2, c2), layer_of(w3, b3, s3, c3)},
+                          lidarcodec::net_form_named(form));
             (net.inputs() == lidarcodec::kInputsExpecting ? nets.expecting : nets.alone).emplace(std::move(net));
           },
           nb::arg("w1").noconvert(), nb::arg("b1").noconvert(), nb::arg("s1"), nb::arg("c1").noconvert(),
           nb::arg("w2").noconvert(), nb::arg("b2").noconvert(), nb::arg("s2"), nb::arg("c2").noconvert(),
-          nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(), nb::arg("form") = "", "Sets a network. Its number of inputs tells whether it is for frames with expected ranges.")
+          nb::arg("w3").noconvert(), nb::arg("b3").noconvert(), nb::arg("s3"), nb::arg("c3").noconvert(),
+          nb::arg("form") = "",
+          "Sets a network. Its number of inputs tells whether it is for frames with expected ranges.")
       .def(
           "run",
           [](const RiddleNets& nets, In<std::int8_t, 2> inputs) {
@@ -50,11 +54,14 @@ void bind_riddle(nb::module_& m) {
             const std::size_t count = inputs.shape(0), width = inputs.shape(1);
             NetValues values[4];
             const auto run = [&]<std::size_t N>(std::size_t first, const std::array<NetValues*, N>& at) {
-              for (std::size_t k = 0; k < N; ++k) std::copy_n(inputs.data() + (first + k) * width, width, at[k]->in.begin());
+              for (std::size_t k = 0; k < N; ++k)
+                std::copy_n(inputs.data() + (first + k) * width, width, at[k]->in.begin());
               net->run(at);
               for (std::size_t k = 0; k < N; ++k) {
-                std::int16_t* const of = std::copy(at[k]->out.begin(), at[k]->out.end(), odds.data() + (first + k) * lidarcodec::kNetOutputs);
-                for (std::size_t leaf = 0; leaf < lidarcodec::kLeafOdds; ++leaf) of[leaf] = net->leaf_odds(*at[k], leaf);
+                std::int16_t* const of = std::copy(at[k]->out.begin(), at[k]->out.end(),
+                                                   odds.data() + (first + k) * lidarcodec::kNetOutputs);
+                for (std::size_t leaf = 0; leaf < lidarcodec::kLeafOdds; ++leaf)
+                  of[leaf] = net->leaf_odds(*at[k], leaf);
               }
             };
             std::size_t i = 0;  // four at a time as in frames, two as in slabs, one as at the ends of rows
@@ -89,6 +96,7 @@ void bind_riddle(nb::module_& m) {
       nb::arg("ranges").noconvert(), nb::arg("returns").noconvert(), nb::arg("step"), nb::arg("level").noconvert(),
       nb::arg("fired").noconvert(), nb::arg("half").noconvert(), nb::arg("rotation").noconvert(), nb::arg("turn"),
       nb::arg("expected").noconvert(), nb::arg("share"), nb::arg("seed"),
-      "Samples of `share` of 65536 returns: inputs (n, 72 or 112) int8, leaves (n,), and the first three offset bits (n, 3), "
+      "Samples of `share` of 65536 returns: inputs (n, 72 or 112) int8, leaves (n,), and the first three offset bits "
+      "(n, 3), "
       "255: none.");
 }

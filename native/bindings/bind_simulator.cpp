@@ -3,8 +3,8 @@
 
 #include <cmath>
 
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "simulator/simulator.hpp"
 
 namespace {

@@ -1,5 +1,5 @@
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "reduction/voxel_index.hpp"
 
 namespace {

@@ -1,7 +1,8 @@
 #include "bindings.hpp"
 
 NB_MODULE(_native, m) {
-  m.doc() = "Native core of lidarcodec. Every function checks its sizes, raises lidarcodec.errors and has no global state.";
+  m.doc() =
+      "Native core of lidarcodec. Every function checks its sizes, raises lidarcodec.errors and has no global state.";
   bind_errors(m);
   bind_crc32c(m);
   bind_activity(m);

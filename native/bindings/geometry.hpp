@@ -1,7 +1,8 @@
-// The arrays by which rows of a frame are known to the native coders: which halves fired, and of each row half and rotation.
+// The arrays by which rows of a frame are known to the native coders: which halves fired, and of each row half and
+// rotation.
 #pragma once
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "mask/coder.hpp"
 
 // fired: (2, W); half, rotation: (64,). The geometry points into `fired`.

@@ -1,7 +1,7 @@
 // Range images and their cells, as Python gives them.
 #pragma once
-#include "bindings.hpp"
 #include "base/error.hpp"
+#include "bindings.hpp"
 #include "geometry.hpp"
 #include "predictive/coder.hpp"
 
@@ -12,7 +12,8 @@ void expect_image(const In<T, 2>& image, const lidarcodec::MaskGeometry& geometr
 }
 
 // (64, W), or (64, 0) where nothing is expected.
-inline const std::uint16_t* expectation(const In<std::uint16_t, 2>& expected, const lidarcodec::MaskGeometry& geometry) {
+inline const std::uint16_t* expectation(const In<std::uint16_t, 2>& expected,
+                                        const lidarcodec::MaskGeometry& geometry) {
   if (expected.shape(0) == lidarcodec::kMaskRows && expected.shape(1) == 0) return nullptr;
   expect_image(expected, geometry);
   return expected.data();

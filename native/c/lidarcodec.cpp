@@ -1,14 +1,14 @@
 // The C interface (native/include/lidarcodec.h): a session with the system's zstd and zlib. No exception leaves it.
 #include "lidarcodec.h"
 
+#include <zlib.h>
+#include <zstd.h>
+
 #include <algorithm>
 #include <exception>
 #include <map>
 #include <new>
 #include <string>
-
-#include <zlib.h>
-#include <zstd.h>
 
 #include "session/points.hpp"
 #include "session/session.hpp"
@@ -122,7 +122,8 @@ lidarcodec_status lidarcodec_give_weights(lidarcodec_session* session, const uin
   return session->guarded([&] { session->outside->give({data, data + size}); });
 }
 
-lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size, lidarcodec_frame* frame) {
+lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* message, size_t size,
+                                  lidarcodec_frame* frame) {
   session->frame = nullptr;
   return session->guarded([&] {
     const lidarcodec::SessionFrame& found = session->session.push({message, size});
@@ -136,7 +137,8 @@ lidarcodec_status lidarcodec_push(lidarcodec_session* session, const uint8_t* me
     given.key = found.key;
     given.has_intensity = found.has_intensity;
     given.width = static_cast<std::uint32_t>(planes.width);
-    given.points = static_cast<std::uint32_t>(std::count_if(planes.range.begin(), planes.range.end(), [](std::uint16_t range) { return range != 0; }));
+    given.points = static_cast<std::uint32_t>(
+        std::count_if(planes.range.begin(), planes.range.end(), [](std::uint16_t range) { return range != 0; }));
     given.range_step_m = found.sensor->range_step * 1e-7;
     given.range = planes.range.data();
     given.intensity = planes.intensity.data();

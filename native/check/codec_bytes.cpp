@@ -1,6 +1,6 @@
-// Codes frames made by arithmetic alone, on every path that this processor has, decodes them again, and prints a hash of
-// each kind of bytes: `make identity` and a test build this with compilers, optimisations and processors that are at hand.
-// Usage: codec_bytes [COLUMNS]
+// Codes frames made by arithmetic alone, on every path that this processor has, decodes them again, and prints a hash
+// of each kind of bytes: `make identity` and a test build this with compilers, optimisations and processors that are at
+// hand. Usage: codec_bytes [COLUMNS]
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -12,15 +12,15 @@
 #include <type_traits>
 #include <vector>
 
-#include "planes/intensity_choice.hpp"
-#include "planes/intensity_coder.hpp"
 #include "mask/coder.hpp"
 #include "mask/stream.hpp"
 #include "motion/registration.hpp"
+#include "motion/warp.hpp"
+#include "network/train.hpp"
+#include "planes/intensity_choice.hpp"
+#include "planes/intensity_coder.hpp"
 #include "predictive/coder.hpp"
 #include "random_nets.hpp"
-#include "network/train.hpp"
-#include "motion/warp.hpp"
 
 using namespace lidarcodec;
 
@@ -41,7 +41,9 @@ class Hash {
       for (std::size_t byte = 0; byte < sizeof(T); ++byte) add_byte(static_cast<std::uint8_t>(value >> (8 * byte)));
   }
   void add_number(std::int64_t value) { add(std::vector<std::uint64_t>{static_cast<std::uint64_t>(value)}); }
-  void print(const std::string& name) const { std::printf("%s %016llx\n", name.c_str(), static_cast<unsigned long long>(hash_)); }
+  void print(const std::string& name) const {
+    std::printf("%s %016llx\n", name.c_str(), static_cast<unsigned long long>(hash_));
+  }
 
  private:
   void add_byte(std::uint8_t byte) { hash_ = (hash_ ^ byte) * 1099511628211u; }
@@ -102,10 +104,12 @@ struct Scene {
       const std::uint32_t ground = row < 6 ? 60'000 : 40'000 / (row - 4) + 400;
       for (std::uint32_t c = 0; c < width; ++c) {
         const auto sector = static_cast<std::uint32_t>(c * 24 / width);
-        const std::uint32_t wall = 2'000 + noise(sector, 1, 2) % 12'000 + (c * 48 / static_cast<std::uint32_t>(width)) % 2 * 900;
+        const std::uint32_t wall =
+            2'000 + noise(sector, 1, 2) % 12'000 + (c * 48 / static_cast<std::uint32_t>(width)) % 2 * 900;
         const std::uint32_t post = noise(c * 200 / static_cast<std::uint32_t>(width), 3, 4) % 9 == 0 ? 1'500 : 65'000;
         const std::uint32_t ahead = 150 * frame * (sector < 6 || sector >= 18 ? 1 : 0);
-        std::uint32_t range = std::min(std::min(ground, wall - std::min(wall, ahead)), post) + noise(row, c, 10 + frame) % 9;
+        std::uint32_t range =
+            std::min(std::min(ground, wall - std::min(wall, ahead)), post) + noise(row, c, 10 + frame) % 9;
         if (noise(row, c, 20 + frame) % 300 == 0) range = 1 + noise(row, c, 30) % 65'535;
         const bool lost = range > 45'000 || noise(row / 3, c / 4, 40) % 17 == 0 || noise(row, c, 50 + frame) % 90 == 0;
         const bool shot = fired[table.half[row] * width + c] != 0;
@@ -165,7 +169,8 @@ void check_ranges(const Scene& scene, const Way& way, bool free) {
         const Columns columns{scene.width, azimuth.data(), scene.fired.data()};
         const Ranges seen = expected_ranges(history, scene.table, Motion{}, columns);
         const std::uint16_t* const expected = expects ? seen.data() : nullptr;
-        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected, kWholeFrame, nullptr, way.quick, free ? sent.data() : nullptr);
+        const Bytes data = encoder.encode(image.data(), returns.data(), cells, scene.geometry, 0, 7 * frame, expected,
+                                          kWholeFrame, nullptr, way.quick, free ? sent.data() : nullptr);
         const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), cells, scene.geometry, expected);
         if (free && step > 1 && came != sent) fail("free ranges");
         for (std::size_t i = 0; i < came.size(); ++i)
@@ -191,7 +196,8 @@ void check_slabs(const Scene& scene, const Way& way) {
     const auto cut = [&](const auto& all, std::size_t columns) {
       std::remove_cvref_t<decltype(all)> part;
       for (std::size_t at = from; at < all.size(); at += scene.width)
-        part.insert(part.end(), all.begin() + static_cast<std::ptrdiff_t>(at), all.begin() + static_cast<std::ptrdiff_t>(at + columns));
+        part.insert(part.end(), all.begin() + static_cast<std::ptrdiff_t>(at),
+                    all.begin() + static_cast<std::ptrdiff_t>(at + columns));
       return part;
     };
     const Bytes fired = cut(scene.fired, width);
@@ -200,8 +206,10 @@ void check_slabs(const Scene& scene, const Way& way) {
     geometry.width = width;
     geometry.fired = fired.data();
     const auto past = static_cast<KnownColumns>(known);
-    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000, static_cast<std::uint32_t>(slab * each), nullptr, past, nullptr, way.quick);
-    const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), scene.cells, geometry, nullptr, past, before.data());
+    const Bytes data = encoder.encode(ranges.data(), returns.data(), scene.cells, geometry, 2000,
+                                      static_cast<std::uint32_t>(slab * each), nullptr, past, nullptr, way.quick);
+    const Ranges came =
+        decoder.decode(data.data(), data.size(), returns.data(), scene.cells, geometry, nullptr, past, before.data());
     for (std::size_t i = 0; i < came.size(); ++i)
       if (i % width >= known && came[i] != ranges[i]) fail("slabs");
     hash.add(data);
@@ -241,7 +249,8 @@ void check_training(const Scene& scene) {
   PredictiveCoder coder(paths_here().back(), nets);
   RiddleSamples samples;
   const Ranges image = scene.ranges(0);
-  coder.encode(image.data(), returns_of(image).data(), scene.cells, scene.geometry, 0, 0, nullptr, kWholeFrame, &samples);
+  coder.encode(image.data(), returns_of(image).data(), scene.cells, scene.geometry, 0, 0, nullptr, kWholeFrame,
+               &samples);
   TrainSettings settings;
   settings.batch = 64;
   RiddleTrainer trainer(layers, settings, 1);
@@ -300,7 +309,8 @@ void check_intensities(const Scene& scene) {
     const Bytes returns = returns_of(image);
     Bytes values(image.size());
     for (std::uint32_t i = 0; i < values.size(); ++i) {
-      const std::uint32_t value = (noise(image[i] / 400u, 6, 7) % 200 + noise(i, 8, 9) % 30) * levels / 256 * (256 / levels);
+      const std::uint32_t value =
+          (noise(image[i] / 400u, 6, 7) % 200 + noise(i, 8, 9) % 30) * levels / 256 * (256 / levels);
       values[i] = static_cast<std::uint8_t>(returns[i] != 0 ? value : 0);
     }
     const Bytes data = encode_intensity(values.data(), returns.data(), scene.geometry, 0);

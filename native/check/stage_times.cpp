@@ -1,6 +1,6 @@
 // What each stage of coding the ranges of a frame takes: a program for benchmarks/predictive_stages.py, apart from the
-// module so that its loops are not slowed down by being watched. Reads networks and frames from standard input, prints a
-// line a stage: way, stage, ticks of the processor's counter a return. First line: ticks a nanosecond.
+// module so that its loops are not slowed down by being watched. Reads networks and frames from standard input, prints
+// a line a stage: way, stage, ticks of the processor's counter a return. First line: ticks a nanosecond.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -40,8 +40,9 @@ struct Spent {
   }
 };
 
-// Where the time of a frame went. A network has no form whose functions could be watched: the inputs of a return are found
-// after its contexts and before those of the next one, and the network runs between the last inputs and the first sum.
+// Where the time of a frame went. A network has no form whose functions could be watched: the inputs of a return are
+// found after its contexts and before those of the next one, and the network runs between the last inputs and the first
+// sum.
 struct Watch {
   Spent contexts, inputs, inputs_and_network, sums, learning;
   std::uint64_t found = 0;    // when the last contexts were
@@ -82,8 +83,8 @@ struct Watched : Forms {
     Forms::template learn<kUsed, kNetwork>(cells, slots, chances, walked);
     watch.learning.add(ticks() - begun);
   }
-  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds, const Probabilities& chances,
-                           const Walk& walked) {
+  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds,
+                           const Probabilities& chances, const Walk& walked) {
     const std::uint64_t begun = ticks();
     Forms::learn_mixing(weights, net, context_odds, chances, walked);
     watch.learning.add(ticks() - begun);
@@ -112,8 +113,8 @@ bool read(std::vector<T>& into, std::size_t count) {
   return std::fread(into.data(), sizeof(T), count, stdin) == count;
 }
 
-// A network: of each of its layers inputs, outputs, shift and how many cases have biases u32, weights i16 (out, in), biases
-// i32, those of cases i8.
+// A network: of each of its layers inputs, outputs, shift and how many cases have biases u32, weights i16 (out, in),
+// biases i32, those of cases i8.
 std::optional<RiddleNet> read_net(NetForm form) {
   std::array<GivenLayer, kNetLayers> layers;
   std::array<std::vector<std::int16_t>, kNetLayers> weights;
@@ -124,7 +125,8 @@ std::optional<RiddleNet> read_net(NetForm form) {
     if (std::fread(head.data(), sizeof head, 1, stdin) != 1 || head[0] > kMaxHidden || head[1] > kMaxHidden) return {};
     if (!read(weights[l], std::size_t{head[0]} * head[1]) || !read(biases[l], head[1])) return {};
     if ((head[3] != 0 && head[3] != kConditionalBiases) || !read(cases[l], std::size_t{head[3]} * head[1])) return {};
-    layers[l] = {head[0], head[1], weights[l].data(), biases[l].data(), head[2], head[3] == 0 ? nullptr : cases[l].data()};
+    layers[l] = {head[0],          head[1], weights[l].data(),
+                 biases[l].data(), head[2], head[3] == 0 ? nullptr : cases[l].data()};
   }
   return RiddleNet(layers, form);
 }
@@ -136,7 +138,8 @@ struct Stages {
 
 // Codes all rows of an image as `code_rows` of predictive/paths.hpp does, watched.
 template <class Forms, bool kExpects, bool kNetwork, class Coder, class Image>
-void code_watched(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image, Stages& stages) {
+void code_watched(const ImageCoding& on, const RowSource& source, PredictiveParts<Coder>& parts, Image* image,
+                  Stages& stages) {
   using Rows = PredictiveRows<Coder, Watched<Forms>, kExpects, kNetwork>;
   const auto step = static_cast<std::int32_t>(source.cells.step);
   watch = {};
@@ -188,7 +191,9 @@ void measure(const Task& task) {
   MaskGeometry geometry = task.geometry;
   std::vector<PredictiveModel> models(4, PredictiveModel(kNetwork));
   SlabEnds states;
-  const auto with = [&](std::size_t model) { return ImageCoding{task.path, models[model], network, states, false, !kNetwork}; };
+  const auto with = [&](std::size_t model) {
+    return ImageCoding{task.path, models[model], network, states, false, !kNetwork};
+  };
   for (int round = 0; round < task.rounds; ++round) {
     for (PredictiveModel& model : models) model.reset();
     for (const Frame& frame : task.frames) {
@@ -219,16 +224,25 @@ void measure(const Task& task) {
         for (auto& part : parts) part.coder.finish(part.interval);
         if (image != frame.ranges) throw Error(ErrorCode::Section, "ranges that do not come back as they were");
       };
-      decode([&](auto& parts, std::uint16_t* image) { whole(reading, [&] { read_image(with(2), source, parts, image); }); });
-      decode([&](auto& parts, std::uint16_t* image) { code_watched<Forms, kExpects, kNetwork>(with(3), source, parts, image, reading); });
+      decode([&](auto& parts, std::uint16_t* image) {
+        whole(reading, [&] { read_image(with(2), source, parts, image); });
+      });
+      decode([&](auto& parts, std::uint16_t* image) {
+        code_watched<Forms, kExpects, kNetwork>(with(3), source, parts, image, reading);
+      });
     }
   }
   for (const auto& [way, stages] : {std::pair<const char*, Stages&>{"encode", writing}, {"decode", reading}}) {
     const std::string name = std::string(way) + (kExpects ? " with motion" : "");
     double rest = median(stages.whole);
-    const auto print = [&](const char* stage, double value) { std::printf("%s,%s,%.2f\n", name.c_str(), stage, value); };
-    for (const auto& [stage, values] : {std::pair<const char*, std::vector<double>&>{"canvas", stages.canvas}, {"contexts", stages.contexts},
-                                        {"inputs", stages.inputs}, {"network", stages.network}, {"sums", stages.sums},
+    const auto print = [&](const char* stage, double value) {
+      std::printf("%s,%s,%.2f\n", name.c_str(), stage, value);
+    };
+    for (const auto& [stage, values] : {std::pair<const char*, std::vector<double>&>{"canvas", stages.canvas},
+                                        {"contexts", stages.contexts},
+                                        {"inputs", stages.inputs},
+                                        {"network", stages.network},
+                                        {"sums", stages.sums},
                                         {"learning", stages.learning}}) {
       if (values.empty()) continue;
       print(stage, median(values));
@@ -259,14 +273,16 @@ bool read_task(Task& task, NetForm form) {
     if (!task.alone || !task.expecting) return false;
   }
   if (std::fread(&frames, 4, 1, stdin) != 1 || frames > 1000) return false;
-  if (std::fread(task.geometry.half.data(), 1, 64, stdin) != 64 || std::fread(task.geometry.rotation.data(), 8, 64, stdin) != 64 ||
+  if (std::fread(task.geometry.half.data(), 1, 64, stdin) != 64 ||
+      std::fread(task.geometry.rotation.data(), 8, 64, stdin) != 64 ||
       std::fread(task.cells.level.data(), 4, 64, stdin) != 64)
     return false;
   task.frames.resize(frames);
   for (Frame& frame : task.frames) {
     if (std::fread(&frame.width, 4, 1, stdin) != 1 || frame.width > 24576) return false;
     const std::size_t size = std::size_t{64} * frame.width;
-    if (!read(frame.ranges, size) || !read(frame.returns, size) || !read(frame.fired, 2 * frame.width) || !read(frame.expected, size))
+    if (!read(frame.ranges, size) || !read(frame.returns, size) || !read(frame.fired, 2 * frame.width) ||
+        !read(frame.expected, size))
       return false;
   }
   return true;

@@ -4,8 +4,8 @@
 #include <cstring>
 #include <vector>
 
-#include "packets/assembly.hpp"
 #include "base/error.hpp"
+#include "packets/assembly.hpp"
 
 namespace lc = lidarcodec;
 

@@ -1,9 +1,9 @@
 // Any bytes as an azimuth section, and any rotations there and back.
 #include <cstdlib>
 
-#include "planes/azimuth_coder.hpp"
 #include "base/error.hpp"
 #include "fuzz_input.hpp"
+#include "planes/azimuth_coder.hpp"
 
 namespace {
 

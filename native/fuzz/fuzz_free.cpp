@@ -1,5 +1,6 @@
-// Free ranges alone, in small frames: any bytes behind a sound head of each of their kinds or instead of one, and any ranges there and back over
-// two or three frames, free and rounded ones, of one step and of others. fuzz_predictive has all kinds of ranges and whole sections.
+// Free ranges alone, in small frames: any bytes behind a sound head of each of their kinds or instead of one, and any
+// ranges there and back over two or three frames, free and rounded ones, of one step and of others. fuzz_predictive has
+// all kinds of ranges and whole sections.
 #include <array>
 #include <memory>
 
@@ -29,7 +30,8 @@ PredictiveCoder& fresh(bool writes, std::uint32_t way, bool learned) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   FuzzInput input(data, size);
-  const std::size_t width = 1 + input.byte() % 6u;  // small frames, so that there are many: all rows have returns in few
+  const std::size_t width =
+      1 + input.byte() % 6u;  // small frames, so that there are many: all rows have returns in few
   const std::uint8_t pattern = input.byte(), rows = input.byte(), holes = input.byte(), turned = input.byte();
   const std::uint8_t kind = input.byte(), how = input.byte(), split = input.byte();
   const std::uint32_t turn = input.below(65536);
@@ -42,17 +44,23 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (std::size_t i = 0; i < returns.size(); ++i) returns[i] &= (rows == 0 ? 1 : rows) >> (i / width % 8) & 1;
   const Ranges guesses = guesses_of(returns.size(), kind & 32u ? 0 : 7);
   const bool slab = (kind & 64u) != 0, quick = (kind & 128u) != 0, learned = !quick && (how & 1u) != 0;
-  GivenFrame given{returns, any.image, cells, turn, kind & 16u ? guesses.data() : nullptr,
+  GivenFrame given{returns,
+                   any.image,
+                   cells,
+                   turn,
+                   kind & 16u ? guesses.data() : nullptr,
                    slab ? static_cast<lidarcodec::KnownColumns>(how / 4 % (width + 1)) : lidarcodec::kWholeFrame};
   const Bytes rest = input.rest();
   const std::uint32_t ways = ((turn << 16 | std::uint32_t{holes} << 8 | how) * 2654435761u) >> 16;
 
   if ((kind & 1u) != 0 || (how & 2u) != 0) {
     const std::size_t streams = slab ? 2 : 4, part = rest.size() * split / (256 * (streams - 1));
-    Bytes coded = {lidarcodec::RangeKind{given.expected != nullptr, slab, learned, quick, true}.byte(), static_cast<std::uint8_t>(turn),
-                   static_cast<std::uint8_t>(turn >> 8), static_cast<std::uint8_t>(split % 25)};
+    Bytes coded = {lidarcodec::RangeKind{given.expected != nullptr, slab, learned, quick, true}.byte(),
+                   static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8),
+                   static_cast<std::uint8_t>(split % 25)};
     for (std::size_t i = 0; i + 1 < streams; ++i)
-      for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}}) coded.push_back(static_cast<std::uint8_t>(byte));
+      for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}})
+        coded.push_back(static_cast<std::uint8_t>(byte));
     if (slab) coded.push_back(static_cast<std::uint8_t>(given.known));
     coded.insert(coded.end(), rest.begin(), rest.end());
     if (how & 2u) coded = rest;  // with a head of its own
@@ -60,7 +68,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, given.known);
     try {
-      fresh(false, ways, learned).decode(coded.data(), coded.size(), returns.data(), cells, given.geometry, given.expected, given.known, before.data());
+      fresh(false, ways, learned)
+          .decode(coded.data(), coded.size(), returns.data(), cells, given.geometry, given.expected, given.known,
+                  before.data());
     } catch (const lidarcodec::Error&) {
     }
     return 0;

@@ -11,7 +11,8 @@ struct FuzzGeometry {
   std::vector<std::uint8_t> fired;
   lidarcodec::MaskGeometry image;
 
-  // pattern: of eight columns, 0: all of them;  turned: how much from row to row;  mixed: halves are not upper and lower
+  // pattern: of eight columns, 0: all of them;  turned: how much from row to row;  mixed: halves are not upper and
+  // lower
   FuzzGeometry(std::size_t width, std::uint8_t pattern, std::uint8_t turned, bool mixed) : fired(2 * width) {
     for (std::size_t i = 0; i < fired.size(); ++i) fired[i] = pattern == 0 || (pattern >> (i % 8) & 1u);
     image.width = width;
@@ -28,8 +29,8 @@ struct FuzzGeometry {
   std::vector<std::uint8_t> returns(std::uint8_t holes) const {
     std::vector<std::uint8_t> found(lidarcodec::kMaskRows * image.width);
     for (std::size_t i = 0; i < found.size(); ++i)
-      found[i] = fired[image.half[i / image.width] * image.width + i % image.width] &&
-                 (i * 2654435761u >> 7) % 256 >= holes;
+      found[i] =
+          fired[image.half[i / image.width] * image.width + i % image.width] && (i * 2654435761u >> 7) % 256 >= holes;
     return found;
   }
 };

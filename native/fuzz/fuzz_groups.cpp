@@ -4,9 +4,9 @@
 #include <cstring>
 #include <vector>
 
-#include "ranges/activity.hpp"
 #include "base/error.hpp"
 #include "planes/neighbour.hpp"
+#include "ranges/activity.hpp"
 
 namespace lc = lidarcodec;
 

@@ -4,11 +4,11 @@
 #include <vector>
 
 #include "base/error.hpp"
+#include "bits/rangecoder.hpp"
 #include "fuzz_geometry.hpp"
 #include "fuzz_input.hpp"
 #include "planes/intensity_coder.hpp"
 #include "planes/intensity_symbols.hpp"
-#include "bits/rangecoder.hpp"
 
 using lidarcodec::kMaskRows;
 using lidarcodec::MaskGeometry;
@@ -36,8 +36,17 @@ Bytes with_sound_head(const Bytes& streams, std::uint8_t levels, std::uint32_t t
   lidarcodec::code_symbols(bits, symbols);
   bits.finish();
   const auto first = static_cast<std::uint8_t>(streams.size() * split / 256 % 256);
-  Bytes data = {1, static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8), 0x60, 3,
-                static_cast<std::uint8_t>(head.size()), 0, first, 0, 0, 0};
+  Bytes data = {1,
+                static_cast<std::uint8_t>(turn),
+                static_cast<std::uint8_t>(turn >> 8),
+                0x60,
+                3,
+                static_cast<std::uint8_t>(head.size()),
+                0,
+                first,
+                0,
+                0,
+                0};
   data.insert(data.end(), head.begin(), head.end());
   data.insert(data.end(), streams.begin(), streams.end());
   return data;

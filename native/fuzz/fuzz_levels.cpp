@@ -1,6 +1,7 @@
-// The choice of few intensities: any intensities of any returns, in any number of levels. What is chosen has no more values than that,
-// lies between the least and the greatest intensity and only where there are returns, and is what it was where that has few values.
-// How it is coded is what fuzz_intensity tries. The input's first bytes say width, firings and sensor.
+// The choice of few intensities: any intensities of any returns, in any number of levels. What is chosen has no more
+// values than that, lies between the least and the greatest intensity and only where there are returns, and is what it
+// was where that has few values. How it is coded is what fuzz_intensity tries. The input's first bytes say width,
+// firings and sensor.
 #include <algorithm>
 #include <bitset>
 #include <cstdlib>
@@ -38,7 +39,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
   const FuzzGeometry any(width, pattern, turned, (kind & 4u) != 0);
   Bytes returns = any.returns(holes);
-  if (kind & 8u && !returns.empty()) returns[std::size_t{turned} * 251 % returns.size()] = 1;  // where nothing may have fired
+  if (kind & 8u && !returns.empty())
+    returns[std::size_t{turned} * 251 % returns.size()] = 1;  // where nothing may have fired
   const Bytes rest = input.rest();
   Bytes image(returns.size());
   for (std::size_t i = 0; i < image.size() && !rest.empty(); ++i) {
@@ -53,8 +55,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     while (least < 256 && !had[least]) ++least;
     while (most > 0 && !had[most]) --most;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
-      if (returns[i] == 0) check(chosen[i] == 0);
-      else check(chosen[i] >= least && chosen[i] <= most && (had.count() > levels || chosen[i] == image[i]));
+      if (returns[i] == 0)
+        check(chosen[i] == 0);
+      else
+        check(chosen[i] >= least && chosen[i] <= most && (had.count() > levels || chosen[i] == image[i]));
     }
   } catch (const lidarcodec::Error&) {
   }

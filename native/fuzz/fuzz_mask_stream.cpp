@@ -1,6 +1,6 @@
-// Any bytes as masks of a stream with memory, and any masks there and back. The input's first bytes say how wide frames are,
-// what fired, how the sensor is made and moved; the rest are numbers and, at the end, the section. With one bit the rest is
-// damage to a valid section instead: a place and a byte, again and again.
+// Any bytes as masks of a stream with memory, and any masks there and back. The input's first bytes say how wide frames
+// are, what fired, how the sensor is made and moved; the rest are numbers and, at the end, the section. With one bit
+// the rest is damage to a valid section instead: a place and a byte, again and again.
 #include <cstdlib>
 #include <vector>
 
@@ -25,12 +25,15 @@ struct Frame {
     for (std::size_t c = 0; c < 2 * width; ++c, at += kind & 2u ? 17 : numbers.next(2))
       azimuth[c] = static_cast<std::uint16_t>(at % (numbers.next(1) == 7 ? 36'001u : 36'000u));
     for (std::size_t i = 0; i < expected.size(); ++i)
-      expected[i] = static_cast<std::uint16_t>(kind & 4u ? numbers.next(2) : i % 11 == 0 ? 0 : 2000 + 40 * (i / std::max<std::size_t>(width, 1)));
+      expected[i] = static_cast<std::uint16_t>(kind & 4u     ? numbers.next(2)
+                                               : i % 11 == 0 ? 0
+                                                             : 2000 + 40 * (i / std::max<std::size_t>(width, 1)));
     view.geometry = any.image;
     view.azimuth = azimuth.data();
     if (kind & 8u) view.expected = expected.data();
     for (std::size_t row = 0; row < kMaskRows; ++row)
-      view.vertical[row] = kind & 16u ? static_cast<std::int32_t>(numbers.next(4)) : 4'000'000 - static_cast<std::int32_t>(row) * 700'000;
+      view.vertical[row] = kind & 16u ? static_cast<std::int32_t>(numbers.next(4))
+                                      : 4'000'000 - static_cast<std::int32_t>(row) * 700'000;
     if (kind & 32u) {
       for (std::int32_t& r : view.motion.rotation) r = static_cast<std::int32_t>(numbers.next(4));
       for (std::int32_t& t : view.motion.translation) t = static_cast<std::int32_t>(numbers.next(4));

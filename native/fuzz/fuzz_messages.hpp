@@ -1,5 +1,6 @@
-// Streams of messages as a fuzzer's input: a byte that says how they are decoded, then each message behind its length, u32. How they
-// are changed inside of their sections, and how what a message says of itself is made right again (docs/wire-format.md).
+// Streams of messages as a fuzzer's input: a byte that says how they are decoded, then each message behind its length,
+// u32. How they are changed inside of their sections, and how what a message says of itself is made right again
+// (docs/wire-format.md).
 #pragma once
 #include <algorithm>
 #include <random>
@@ -32,11 +33,13 @@ struct LooseMessage {
   std::vector<Part> parts;
 
   // Takes what can be taken: header and sections as far as they go, the last one as long as there are bytes.
-  explicit LooseMessage(const Bytes8& data) : header(data.begin(), data.begin() + static_cast<std::ptrdiff_t>(std::min(data.size(), kFuzzHeader))) {
+  explicit LooseMessage(const Bytes8& data)
+      : header(data.begin(), data.begin() + static_cast<std::ptrdiff_t>(std::min(data.size(), kFuzzHeader))) {
     header.resize(kFuzzHeader);
     const std::size_t end = data.size() < kFuzzHeader + kFuzzChecksum ? 0 : data.size() - kFuzzChecksum;
     for (std::size_t at = kFuzzHeader; at + kFuzzSectionHead <= end;) {
-      const std::size_t length = std::min<std::size_t>(lidarcodec::little_endian(data, at + 2, 4), end - at - kFuzzSectionHead);
+      const std::size_t length =
+          std::min<std::size_t>(lidarcodec::little_endian(data, at + 2, 4), end - at - kFuzzSectionHead);
       const auto from = data.begin() + static_cast<std::ptrdiff_t>(at + kFuzzSectionHead);
       parts.push_back({data[at], data[at + 1], {from, from + static_cast<std::ptrdiff_t>(length)}});
       at += kFuzzSectionHead + length;
@@ -84,28 +87,34 @@ class MessageRepair {
     joins_late_ = header[5] % 4 == 2;
     for (LooseMessage::Part& part : message.parts) repair_names(part, header[5]);
     for (LooseMessage::Part& part : message.parts)
-      if (part.type == static_cast<std::uint8_t>(lidarcodec::SectionType::Range) && is_riddle(header) && !name_.empty() && part.data.size() >= kNameAt + kNameBytes)
+      if (part.type == static_cast<std::uint8_t>(lidarcodec::SectionType::Range) && is_riddle(header) &&
+          !name_.empty() && part.data.size() >= kNameAt + kNameBytes)
         std::copy(name_.begin(), name_.end(), part.data.begin() + kNameAt);
     put_little_endian(header, 54, message.parts.size(), 2);
     Bytes8 whole = message.joined();
     put_little_endian(whole, 8, whole.size(), 4);
-    put_little_endian(whole, whole.size() - kFuzzChecksum, lidarcodec::crc32c(whole.data(), whole.size() - kFuzzChecksum), kFuzzChecksum);
+    put_little_endian(whole, whole.size() - kFuzzChecksum,
+                      lidarcodec::crc32c(whole.data(), whole.size() - kFuzzChecksum), kFuzzChecksum);
     return whole;
   }
 
   // A frame of this index can be referred to.
   void decoded(std::uint64_t index) { last_ = std::min(index, kMostIndex); }
 
-  // Whether the last message asks for a calibration that is given from outside; the last table, and the last weights, of the stream.
+  // Whether the last message asks for a calibration that is given from outside; the last table, and the last weights,
+  // of the stream.
   bool joins_late() const { return joins_late_; }
   const Bytes8& calibration() const { return calibration_; }
   const Bytes8& weights() const { return weights_; }
 
  private:
-  static constexpr std::size_t kMostWidth = 192, kNameAt = 3, kNameBytes = 8, kTableBytes = 11 * 64 * 4, kTableHead = 15;
+  static constexpr std::size_t kMostWidth = 192, kNameAt = 3, kNameBytes = 8, kTableBytes = 11 * 64 * 4,
+                               kTableHead = 15;
   static constexpr std::uint64_t kMostIndex = (std::uint64_t{1} << 62);
 
-  static bool is_riddle(const Bytes8& header) { return lidarcodec::little_endian(header, 12, 2) == static_cast<std::uint64_t>(lidarcodec::Codec::Riddle); }
+  static bool is_riddle(const Bytes8& header) {
+    return lidarcodec::little_endian(header, 12, 2) == static_cast<std::uint64_t>(lidarcodec::Codec::Riddle);
+  }
 
   void repair_names(LooseMessage::Part& part, std::uint8_t way) {
     Bytes8& data = part.data;
@@ -121,15 +130,20 @@ class MessageRepair {
         const auto hash = lidarcodec::sha256(hashed);
         std::copy_n(hash.begin(), kNameBytes, data.begin() + 1);
       }
-      if (data[0] == 0 && !calibration_.empty() && way % 8 != 7) std::copy_n(calibration_.begin() + 1, kNameBytes, data.begin() + 1);
+      if (data[0] == 0 && !calibration_.empty() && way % 8 != 7)
+        std::copy_n(calibration_.begin() + 1, kNameBytes, data.begin() + 1);
       if (data[0] != 0) calibration_ = data;
     }
-    if (part.type != static_cast<std::uint8_t>(lidarcodec::SectionType::Weights) || data.size() < 5 + kFuzzChecksum) return;
+    if (part.type != static_cast<std::uint8_t>(lidarcodec::SectionType::Weights) || data.size() < 5 + kFuzzChecksum)
+      return;
     const bool update = lidarcodec::is_update(data);
-    if (update && !name_.empty() && data.size() >= 5 + 2 * kNameBytes + kFuzzChecksum) std::copy(name_.begin(), name_.end(), data.begin() + 5);
-    put_little_endian(data, data.size() - kFuzzChecksum, lidarcodec::crc32c(data.data(), data.size() - kFuzzChecksum), kFuzzChecksum);
+    if (update && !name_.empty() && data.size() >= 5 + 2 * kNameBytes + kFuzzChecksum)
+      std::copy(name_.begin(), name_.end(), data.begin() + 5);
+    put_little_endian(data, data.size() - kFuzzChecksum, lidarcodec::crc32c(data.data(), data.size() - kFuzzChecksum),
+                      kFuzzChecksum);
     if (update) {
-      if (data.size() >= 5 + 2 * kNameBytes + kFuzzChecksum) name_.assign(data.begin() + 5 + kNameBytes, data.begin() + 5 + 2 * kNameBytes);
+      if (data.size() >= 5 + 2 * kNameBytes + kFuzzChecksum)
+        name_.assign(data.begin() + 5 + kNameBytes, data.begin() + 5 + 2 * kNameBytes);
     } else {
       const auto hash = lidarcodec::sha256(data);
       name_.assign(hash.begin(), hash.begin() + kNameBytes);

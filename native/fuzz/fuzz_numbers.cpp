@@ -1,12 +1,12 @@
-// Any bytes as streams of numbers. What decodes must be, byte for byte, what the encoder writes for it. The same numbers as a
-// series, of which what suits it best must leave as many.
+// Any bytes as streams of numbers. What decodes must be, byte for byte, what the encoder writes for it. The same
+// numbers as a series, of which what suits it best must leave as many.
 #include <array>
 #include <cstdlib>
 
 #include "base/error.hpp"
-#include "fuzz_input.hpp"
 #include "bits/number_series.hpp"
 #include "bits/numbers.hpp"
+#include "fuzz_input.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   FuzzInput input(data, size);

@@ -1,5 +1,5 @@
-// libFuzzer: any bytes as ranges of codec pcodec, and as a chunk of pco. What is read takes no more memory than its returns
-// do, and bytes are read or refused.
+// libFuzzer: any bytes as ranges of codec pcodec, and as a chunk of pco. What is read takes no more memory than its
+// returns do, and bytes are read or refused.
 #include <cstdlib>
 
 #include "base/error.hpp"

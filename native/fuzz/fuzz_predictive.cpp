@@ -31,8 +31,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
   const FuzzGeometry any(width, pattern, turned, (kind & 4u) != 0);
   const MaskGeometry& geometry = any.image;
-  for (std::size_t row = 0; row < kMaskRows; ++row)
-    cells.level[row] = static_cast<std::int32_t>(turned * row % 1001);
+  for (std::size_t row = 0; row < kMaskRows; ++row) cells.level[row] = static_cast<std::int32_t>(turned * row % 1001);
   const Bytes returns = any.returns(holes);
 
   const Bytes rest = input.rest();
@@ -48,11 +47,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (kind & 1u) {  // a sound head
       const bool slab = known >= 0;
       const bool quick = !learned && (turn & 1024u), free = turn & 4096u;
-      coded = {lidarcodec::RangeKind{expected != nullptr, slab, learned, quick, free}.byte(), static_cast<std::uint8_t>(turn),
-               static_cast<std::uint8_t>(turn >> 8), static_cast<std::uint8_t>(holes % 25u)};
+      coded = {lidarcodec::RangeKind{expected != nullptr, slab, learned, quick, free}.byte(),
+               static_cast<std::uint8_t>(turn), static_cast<std::uint8_t>(turn >> 8),
+               static_cast<std::uint8_t>(holes % 25u)};
       const std::size_t streams = slab ? 2 : 4, part = rest.size() * pattern / (256 * (streams - 1));
       for (std::size_t i = 0; i + 1 < streams; ++i)
-        for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}}) coded.push_back(static_cast<std::uint8_t>(byte));
+        for (const std::size_t byte : {part & 255u, part >> 8, std::size_t{0}, std::size_t{0}})
+          coded.push_back(static_cast<std::uint8_t>(byte));
       if (slab) coded.push_back(static_cast<std::uint8_t>(known));
       coded.insert(coded.end(), rest.begin(), rest.end());
     }
@@ -60,7 +61,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     Ranges seen(guesses.size());  // ranges of what is known, whatever was expected
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] = static_cast<std::uint16_t>((guesses[i] ^ turn) | 1u);
     const Ranges before = columns_of(seen, width, known);
-    const Ranges came = coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data());
+    const Ranges came =
+        coder.decode(coded.data(), coded.size(), returns.data(), cells, geometry, expected, known, before.data());
     if (ways / 4096 % 4 == 0) check_two_frames(came, given, learned, ways);
   } catch (const lidarcodec::Error&) {
   }

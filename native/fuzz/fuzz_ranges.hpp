@@ -20,8 +20,8 @@ inline Ranges columns_of(const Ranges& image, std::size_t width, lidarcodec::Kno
   return before;
 }
 
-// One of the ways to code that this processor has, by any number. The plain one is for few: it takes ten times as long under
-// the sanitizers, and no input decides its course.
+// One of the ways to code that this processor has, by any number. The plain one is for few: it takes ten times as long
+// under the sanitizers, and no input decides its course.
 inline lidarcodec::Path path_of(std::uint32_t number) {
   const std::vector<lidarcodec::Path> paths = lidarcodec::paths_here();
   return paths.size() == 1 || number % 16 == 0 ? paths.front() : paths[1 + number / 16 % (paths.size() - 1)];
@@ -44,13 +44,17 @@ inline void check_round_trip(const Ranges& image, const GivenFrame& given, bool 
   const Bytes& returns = given.returns;
   const Ranges before = columns_of(image, width, given.known);
   Ranges sent(image.size());
-  const Bytes data = encoder.encode(image.data(), returns.data(), given.cells, given.geometry, given.turn, given.turn >> 9, given.expected,
-                                    given.known, nullptr, quick, free ? sent.data() : nullptr);
-  const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), given.cells, given.geometry, given.expected, given.known, before.data());
+  const Bytes data =
+      encoder.encode(image.data(), returns.data(), given.cells, given.geometry, given.turn, given.turn >> 9,
+                     given.expected, given.known, nullptr, quick, free ? sent.data() : nullptr);
+  const Ranges came = decoder.decode(data.data(), data.size(), returns.data(), given.cells, given.geometry,
+                                     given.expected, given.known, before.data());
   for (std::size_t i = 0; i < image.size(); ++i) {
     const int apart = returns[i] != 0 ? std::abs(int{came[i]} - int{image[i]}) : came[i];
     const bool is_known = static_cast<lidarcodec::KnownColumns>(i % width) < given.known;
-    if (is_known ? came[i] != image[i] : apart > static_cast<int>(given.cells.step / 2) || (returns[i] != 0 && came[i] == 0)) std::abort();
+    if (is_known ? came[i] != image[i]
+                 : apart > static_cast<int>(given.cells.step / 2) || (returns[i] != 0 && came[i] == 0))
+      std::abort();
     if (free && given.cells.step > 1 && !is_known && came[i] != sent[i]) std::abort();
   }
 }

@@ -4,9 +4,9 @@
 #include <cstdlib>
 #include <vector>
 
-#include "reduction/cell_pick.hpp"
 #include "base/error.hpp"
 #include "fuzz_input.hpp"
+#include "reduction/cell_pick.hpp"
 #include "reduction/returns.hpp"
 #include "reduction/seen_before.hpp"
 #include "reduction/voxel_index.hpp"
@@ -25,7 +25,8 @@ bool once_each(std::vector<std::uint32_t> places, std::size_t count) {
   return std::adjacent_find(places.begin(), places.end()) == places.end() && (places.empty() || places.back() < count);
 }
 
-void pick(const std::vector<std::int32_t>& xyz, const std::vector<std::uint32_t>& order, std::size_t want, std::int32_t side) {
+void pick(const std::vector<std::int32_t>& xyz, const std::vector<std::uint32_t>& order, std::size_t want,
+          std::int32_t side) {
   const std::size_t count = order.size();
   const Picked picked = pick_cells(xyz.data(), order.data(), count, want, side);
   check(picked.side >= kLeastSide && picked.side <= kMostSide);
@@ -57,7 +58,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     azimuth[c] = static_cast<std::uint16_t>(c * step % (kind & 4u ? 40'000 : 36'000));  // beyond a turn is refused
     azimuth[width + c] = static_cast<std::uint16_t>((c * step + numbers.next(1)) % 36'000);
   }
-  for (std::uint16_t& range : ranges) range = static_cast<std::uint16_t>(numbers.next(1) % 3 == 0 ? 0 : numbers.next(2));
+  for (std::uint16_t& range : ranges)
+    range = static_cast<std::uint16_t>(numbers.next(1) % 3 == 0 ? 0 : numbers.next(2));
   const Columns columns{width, azimuth.data(), fired.data()};
 
   try {

@@ -1,5 +1,5 @@
-// Any bytes as samples that a network is trained on: whatever they say, its weights stay numbers. The input's first bytes
-// say with what settings.
+// Any bytes as samples that a network is trained on: whatever they say, its weights stay numbers. The input's first
+// bytes say with what settings.
 #include <cmath>
 #include <cstdlib>
 #include <vector>
@@ -27,12 +27,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::array<std::vector<std::int32_t>, 3> biases;
   std::array<GivenLayer, 3> layers;
   for (std::size_t l = 0; l < 3; ++l) {
-    for (std::size_t i = 0; i < dims[l] * dims[l + 1]; ++i) weights[l].push_back(static_cast<std::int16_t>((i * 40503u >> 3) % 4001u) - 2000);
+    for (std::size_t i = 0; i < dims[l] * dims[l + 1]; ++i)
+      weights[l].push_back(static_cast<std::int16_t>((i * 40503u >> 3) % 4001u) - 2000);
     biases[l].assign(dims[l + 1], 1000);
     layers[l] = {dims[l], dims[l + 1], weights[l].data(), biases[l].data(), 12};
   }
   std::vector<std::int8_t> cases;
-  for (std::size_t i = 0; i < kConditionalBiases * dims[1]; ++i) cases.push_back(static_cast<std::int8_t>(i * 89u % 255u - 127u));
+  for (std::size_t i = 0; i < kConditionalBiases * dims[1]; ++i)
+    cases.push_back(static_cast<std::int8_t>(i * 89u % 255u - 127u));
   if ((kind & 64u) != 0) layers[0].conditional_bias = cases.data();
   const std::vector<std::uint8_t> rest = input.rest();
   RiddleSamples samples;
@@ -40,7 +42,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   NetValues values;
   std::array<std::int16_t, 16> chances{};
   for (std::size_t at = 0; at + 8 <= rest.size(); at += 8) {
-    for (std::size_t i = 0; i < samples.inputs; ++i) values.in[i] = static_cast<std::int8_t>(rest[(at + i) % rest.size()]);
+    for (std::size_t i = 0; i < samples.inputs; ++i)
+      values.in[i] = static_cast<std::int8_t>(rest[(at + i) % rest.size()]);
     for (std::size_t i = 0; i < 16; ++i) {
       chances[i] = static_cast<std::int16_t>(10 + (rest[at + i % 8] * 257u + i) % 32748u);
       values.out[i] = static_cast<std::int16_t>(rest[at + (i + 3) % 8] << 8);
@@ -49,8 +52,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       const std::uint8_t given = rest[at + i] >> 6;
       return given > 1 ? RiddleSamples::kNone : given;
     };
-    if (samples.next_is_taken()) samples.take(values, rest[at] % 16u, {bit(1), bit(2), bit(3)}, chances.data(),
-                                             {rest[at + 4] * 300 - 38000, rest[at + 5] - 128, 0});
+    if (samples.next_is_taken())
+      samples.take(values, rest[at] % 16u, {bit(1), bit(2), bit(3)}, chances.data(),
+                   {rest[at + 4] * 300 - 38000, rest[at + 5] - 128, 0});
   }
   try {
     RiddleTrainer trainer(layers, settings, kind);

@@ -1,5 +1,6 @@
-// libFuzzer: streams of messages into one decoder session, by the C interface and by the C++ class. Sizes, checksums and names
-// that a message carries are made right first, so that damage lies behind them. Needs the headers of zstd and zlib.
+// libFuzzer: streams of messages into one decoder session, by the C interface and by the C++ class. Sizes, checksums
+// and names that a message carries are made right first, so that damage lies behind them. Needs the headers of zstd and
+// zlib.
 #include <cmath>
 
 #include "../c/lidarcodec.cpp"
@@ -11,8 +12,9 @@ namespace {
 
 void check_planes(const lidarcodec::Planes& planes) {
   const std::size_t cells = lidarcodec::kRows * planes.width;
-  if (planes.width > lidarcodec::kMostColumns || planes.range.size() != cells || planes.intensity.size() != cells || planes.returns.size() != cells ||
-      planes.azimuth.size() != 2 * planes.width || planes.fired.size() != 2 * planes.width)
+  if (planes.width > lidarcodec::kMostColumns || planes.range.size() != cells || planes.intensity.size() != cells ||
+      planes.returns.size() != cells || planes.azimuth.size() != 2 * planes.width ||
+      planes.fired.size() != 2 * planes.width)
     broken();
   for (const std::uint16_t azimuth : planes.azimuth)
     if (azimuth >= 36'000) broken();
@@ -41,7 +43,8 @@ void decode_by_class(const std::vector<Bytes8>& messages) {
 // Everything that a frame points to is read; its points are written into room for too few.
 void check_frame(const lidarcodec_session* session, const lidarcodec_frame& frame) {
   std::uint64_t sum = std::char_traits<char>::length(frame.sensor);
-  for (std::size_t i = 0; i < std::size_t{LIDARCODEC_ROWS} * frame.width; ++i) sum += frame.range[i] + frame.intensity[i];
+  for (std::size_t i = 0; i < std::size_t{LIDARCODEC_ROWS} * frame.width; ++i)
+    sum += frame.range[i] + frame.intensity[i];
   for (std::size_t i = 0; i < std::size_t{2} * frame.width; ++i) sum += frame.azimuth[i] + frame.fired[i];
   for (std::size_t row = 0; row < LIDARCODEC_ROWS; ++row)
     if (frame.laser[row] >= 64) broken();
@@ -58,9 +61,12 @@ void call_anything(lidarcodec_session* session, unsigned which, const Bytes8& so
   if (which & 2u && lidarcodec_push(session, nullptr, 0, &frame) != LIDARCODEC_TRUNCATED) broken();
   if (which & 4u && lidarcodec_give_weights(session, nullptr, 0) == LIDARCODEC_OK) broken();
   if (which & 8u) lidarcodec_give_weights(session, some.data(), some.size());
-  if (which & 16u && lidarcodec_push(session, some.data(), std::min<std::size_t>(some.size(), which), nullptr) == LIDARCODEC_OK) broken();
+  if (which & 16u &&
+      lidarcodec_push(session, some.data(), std::min<std::size_t>(some.size(), which), nullptr) == LIDARCODEC_OK)
+    broken();
   if (which & 32u) lidarcodec_error_needs(session);
-  if (lidarcodec_error_text(session) == nullptr || lidarcodec_error_offset(session) > some.size() + (1u << 30)) broken();
+  if (lidarcodec_error_text(session) == nullptr || lidarcodec_error_offset(session) > some.size() + (1u << 30))
+    broken();
 }
 
 void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
@@ -73,10 +79,13 @@ void decode_by_c(const std::vector<Bytes8>& messages, unsigned calls) {
     if (calls != 0) call_anything(session, calls, repair.weights());
     const bool unwanted = (calls & 64u) != 0;  // points are asked for, the frame is not
     lidarcodec_frame frame{};
-    const lidarcodec_status status = lidarcodec_push(session, message.data(), message.size(), unwanted ? nullptr : &frame);
+    const lidarcodec_status status =
+        lidarcodec_push(session, message.data(), message.size(), unwanted ? nullptr : &frame);
     if (status >= LIDARCODEC_OUT_OF_MEMORY) broken();
     if (status != LIDARCODEC_OK) {
-      if (frame.range != nullptr || lidarcodec_points(session, nullptr, 0) != 0 || *lidarcodec_error_text(session) == '\0') broken();
+      if (frame.range != nullptr || lidarcodec_points(session, nullptr, 0) != 0 ||
+          *lidarcodec_error_text(session) == '\0')
+        broken();
     } else if (!unwanted) {
       repair.decoded(frame.index);
       check_frame(session, frame);

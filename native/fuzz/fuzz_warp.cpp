@@ -24,7 +24,8 @@ struct Frame {
     }
     for (std::uint8_t& f : fired) f = numbers.next(1) != 0;
     for (std::size_t i = 0; i < ranges.size(); ++i)
-      ranges[i] = static_cast<std::uint16_t>(smooth ? 1000 + 40 * (64 - i / width) + numbers.next(1) % 8 : numbers.next(2));
+      ranges[i] =
+          static_cast<std::uint16_t>(smooth ? 1000 + 40 * (64 - i / width) + numbers.next(1) % 8 : numbers.next(2));
   }
 
   Columns columns() const { return {azimuth.size() / 2, azimuth.data(), fired.data()}; }

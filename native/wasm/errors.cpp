@@ -10,7 +10,8 @@
 extern "C" {
 
 // Never returns. code: of ErrorCode, -1 for what the core does not throw; what: UTF-8 that ends with a zero.
-[[noreturn]] __attribute__((import_module("lidarcodec"), import_name("failed"))) void host_failed(std::int32_t code, const char* what);
+[[noreturn]] __attribute__((import_module("lidarcodec"), import_name("failed"))) void host_failed(std::int32_t code,
+                                                                                                  const char* what);
 
 void* __cxa_allocate_exception(std::size_t size) noexcept { return std::malloc(size); }
 void __cxa_free_exception(void*) noexcept {}
@@ -24,5 +25,4 @@ void __cxa_free_exception(void*) noexcept {}
 }
 
 _Noreturn void abort() { host_failed(-1, "the decoder gave up"); }
-
 }

@@ -28,7 +28,8 @@ class ByteReader {
 
   // Raises Truncated if there are fewer.
   Bytes take(std::size_t count) {
-    if (count > left()) throw Error(ErrorCode::Truncated, std::string(what_) + " end before what they announce", data_.size());
+    if (count > left())
+      throw Error(ErrorCode::Truncated, std::string(what_) + " end before what they announce", data_.size());
     at_ += count;
     return data_.subspan(at_ - count, count);
   }

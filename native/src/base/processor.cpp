@@ -10,8 +10,8 @@ namespace lidarcodec {
 namespace {
 
 #if defined(__x86_64__)
-// All that the AVX2 forms are compiled for. Counting leading zeros has a question of its own: where it is missing, the same
-// instruction means something else.
+// All that the AVX2 forms are compiled for. Counting leading zeros has a question of its own: where it is missing, the
+// same instruction means something else.
 bool has_avx2() {
   unsigned a = 0, b = 0, c = 0, d = 0;
   const bool counts = __get_cpuid(0x80000001u, &a, &b, &c, &d) != 0 && (c & bit_LZCNT) != 0;

@@ -1,5 +1,5 @@
-// An adaptive probability of a bit, and logistic mixing of two of them. In integers, so every machine gives the same bytes.
-// README.md in this folder has the derivation.
+// An adaptive probability of a bit, and logistic mixing of two of them. In integers, so every machine gives the same
+// bytes. README.md in this folder has the derivation.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -7,8 +7,8 @@
 
 namespace lidarcodec {
 
-// After n decisions the next one moves the probability by 1 / (n + 2) of the error (Krichevsky and Trofimov 1981), and by
-// 1 / 255 from n = 253 on.
+// After n decisions the next one moves the probability by 1 / (n + 2) of the error (Krichevsky and Trofimov 1981), and
+// by 1 / 255 from n = 253 on.
 inline constexpr std::uint32_t kCountLimit = 253;
 inline constexpr auto kRates = [] {
   std::array<std::uint32_t, kCountLimit + 1> rates{};
@@ -43,8 +43,8 @@ class BitModel {
   std::uint32_t state_ = 1u << 31;
 };
 
-// kSquash[i]: the probability, of 65536, whose log odds are (i - 2048) / 256: the logistic function, from powers of e^(-1/256)
-// with 31 fractional bits.
+// kSquash[i]: the probability, of 65536, whose log odds are (i - 2048) / 256: the logistic function, from powers of
+// e^(-1/256) with 31 fractional bits.
 inline constexpr auto kSquash = [] {
   std::array<std::uint16_t, 4096> squash{};
   constexpr std::uint64_t one = 1u << 31;
@@ -59,7 +59,8 @@ inline constexpr auto kSquash = [] {
   return squash;
 }();
 
-// kStretch[i]: log odds, in steps of 1/256, of the probability (i + 1/2) / 4096: the least whose kSquash is not below it.
+// kStretch[i]: log odds, in steps of 1/256, of the probability (i + 1/2) / 4096: the least whose kSquash is not below
+// it.
 inline constexpr auto kStretch = [] {
   std::array<std::int16_t, 4096> stretch{};
   std::size_t at = 0;
@@ -70,7 +71,8 @@ inline constexpr auto kStretch = [] {
   return stretch;
 }();
 
-// Logistic mixing (Mahoney 2005) of two models: a weighted sum of their log odds. The weights follow the gradient of the cost.
+// Logistic mixing (Mahoney 2005) of two models: a weighted sum of their log odds. The weights follow the gradient of
+// the cost.
 class Mixer {
  public:
   // The mixed probability, of 65536.
@@ -91,7 +93,7 @@ class Mixer {
 
  private:
   static constexpr std::int32_t kMaxWeight = 1 << 20;  // 16.0
-  std::int32_t weight_a_ = 39322, weight_b_ = 39322;  // 0.6
+  std::int32_t weight_a_ = 39322, weight_b_ = 39322;   // 0.6
   std::int32_t a_ = 0, b_ = 0;
   std::uint32_t mixed_ = 0;
 };

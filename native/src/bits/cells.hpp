@@ -1,9 +1,9 @@
 // Eight log odds at a time: context mixing by logistic regression.
 //
-// A *cell* is an int16: the log odds of a one, where 32768 is six natural units. Each context of a decision names a cell, and
-// their sum is the decision's log odds. A cubic in place of the logistic function gives the probability (README.md). Each of the
-// cells then moves by rate times error, the gradient of the coding cost. The eight decisions of a tree are adjacent and are
-// computed together.
+// A *cell* is an int16: the log odds of a one, where 32768 is six natural units. Each context of a decision names a
+// cell, and their sum is the decision's log odds. A cubic in place of the logistic function gives the probability
+// (README.md). Each of the cells then moves by rate times error, the gradient of the coding cost. The eight decisions
+// of a tree are adjacent and are computed together.
 //
 // The plain form defines the results. The forms for SSE2 and NEON, `Cells`, give the same ones fifteen times as fast.
 #pragma once
@@ -27,8 +27,9 @@ namespace lidarcodec {
 inline constexpr std::int16_t kRarest = 10;  // smallest probability, of 32768
 inline constexpr std::int16_t kOne = 32767;  // stands for the probability 1
 
-// Eight cells. a + b saturates at -32768 and 32767. probabilities: those of a one, 10 to 32757 of 32768, from sums of log odds.
-// moves: the updates of cells, (wanted - p) * rate / 65536, rounded, where `taken` is -1, and 0 where `taken` is 0.
+// Eight cells. a + b saturates at -32768 and 32767. probabilities: those of a one, 10 to 32757 of 32768, from sums of
+// log odds. moves: the updates of cells, (wanted - p) * rate / 65536, rounded, where `taken` is -1, and 0 where `taken`
+// is 0.
 template <class Form>
 struct alignas(16) CellsOf {
   typename Form::Lanes lanes;
@@ -148,7 +149,8 @@ inline Cells by_rate(const Cells& a, std::int16_t rate) {
 }
 
 inline Cells product(const Cells& a, const Cells& b) {
-  const int32x4_t low = vmull_s16(vget_low_s16(a.lanes), vget_low_s16(b.lanes)), high = vmull_high_s16(a.lanes, b.lanes);
+  const int32x4_t low = vmull_s16(vget_low_s16(a.lanes), vget_low_s16(b.lanes)),
+                  high = vmull_high_s16(a.lanes, b.lanes);
   return {vshrn_high_n_s32(vshrn_n_s32(low, 16), high, 16)};
 }
 
@@ -160,12 +162,14 @@ using Cells = PlainCells;
 
 // The updates of cells.
 template <class Form>
-CellsOf<Form> moves(const CellsOf<Form>& wanted, const CellsOf<Form>& taken, const CellsOf<Form>& p, std::int16_t rate) {
+CellsOf<Form> moves(const CellsOf<Form>& wanted, const CellsOf<Form>& taken, const CellsOf<Form>& p,
+                    std::int16_t rate) {
   return by_rate(errors(wanted, taken, p), rate);
 }
 
-// The decisions on the path to a node of a binary tree of up to four levels. Nodes are numbered from 1; the children of n are
-// 2 n and 2 n + 1. `taken` is -1 for the nodes on the path, and `wanted` is kOne for those where it goes on to the odd child.
+// The decisions on the path to a node of a binary tree of up to four levels. Nodes are numbered from 1; the children of
+// n are 2 n and 2 n + 1. `taken` is -1 for the nodes on the path, and `wanted` is kOne for those where it goes on to
+// the odd child.
 struct alignas(16) Walk {
   std::array<std::int16_t, 16> taken{}, wanted{};
 };

@@ -53,7 +53,8 @@ Line line_of(const Series& values, const Series& steps, SeriesForm form) {
   if (form != SeriesForm::Level) return {values[0], bounded(Wide{1024} * median(steps), kMostRate)};
   Series path = {0};
   for (const std::int64_t step : steps) path.push_back(sum(path.back(), step));
-  const std::size_t half = path.size() / 2;  // the rate is the rise from the mean of the first half to that of the second
+  const std::size_t half =
+      path.size() / 2;  // the rate is the rise from the mean of the first half to that of the second
   std::int64_t first = 0, last = 0;
   for (std::size_t i = 0; i < half; ++i) {
     first = sum(first, path[i]);
@@ -108,7 +109,8 @@ SeriesFit best_form(const std::vector<std::int64_t>& values, std::int64_t modulu
 }
 
 std::size_t best_period(const std::uint8_t* types, std::size_t count, std::size_t longest) {
-  if (longest < 1 || longest > kLongestPeriod) throw Error(ErrorCode::Section, "a period of types is 1 to 32 packets long");
+  if (longest < 1 || longest > kLongestPeriod)
+    throw Error(ErrorCode::Section, "a period of types is 1 to 32 packets long");
   std::size_t best = 1, least = ~std::size_t{0};
   for (std::size_t period = 1; period <= longest; ++period) {
     std::size_t cost = period;

@@ -1,4 +1,5 @@
-// The best predictor of a series of whole numbers, such as time stamps. lidarcodec/entropy/number_series.py defines the forms.
+// The best predictor of a series of whole numbers, such as time stamps. lidarcodec/entropy/number_series.py defines the
+// forms.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -21,8 +22,8 @@ SeriesFit best_form(const std::vector<std::int64_t>& values, std::int64_t modulu
 
 inline constexpr std::size_t kLongestPeriod = 32;  // docs/wire-format-sections.md
 
-// The period, 1 to `longest`, with the fewest types that differ from the one a period before. Raises Section unless `longest`
-// is 1 to kLongestPeriod.
+// The period, 1 to `longest`, with the fewest types that differ from the one a period before. Raises Section unless
+// `longest` is 1 to kLongestPeriod.
 std::size_t best_period(const std::uint8_t* types, std::size_t count, std::size_t longest);
 
 }  // namespace lidarcodec

@@ -1,5 +1,5 @@
-// Adaptive coder of whole numbers, after the gamma code of Elias (1975): the length of a number in unary and its two bits after
-// the first by adaptive models, the other bits with the probability 1/2.
+// Adaptive coder of whole numbers, after the gamma code of Elias (1975): the length of a number in unary and its two
+// bits after the first by adaptive models, the other bits with the probability 1/2.
 #pragma once
 #include <algorithm>
 #include <array>

@@ -1,8 +1,9 @@
-// Binary range coder with a range of 32 bits and probabilities of 16 bits. Carries are added to the bytes already written.
+// Binary range coder with a range of 32 bits and probabilities of 16 bits. Carries are added to the bytes already
+// written.
 //
-// README.md in this folder derives the invariants, why no carry is lost, and what a decision costs. The encoder ends with the
-// fewest bytes that name a number of the last interval when zeros follow them. The decoder therefore knows how a stream must
-// end, and refuses one that is cut, longer, or has another end: most damage is found at no cost.
+// README.md in this folder derives the invariants, why no carry is lost, and what a decision costs. The encoder ends
+// with the fewest bytes that name a number of the last interval when zeros follow them. The decoder therefore knows how
+// a stream must end, and refuses one that is cut, longer, or has another end: most damage is found at no cost.
 //
 // tests/reference/range_coder.py has the same names in the same order, and gives the same bytes.
 #pragma once
@@ -56,7 +57,8 @@ class RangeEncoder {
   }
 
  private:
-  // Adds the carry, if any, to the bytes; gives the rest of `low`. The interval lies below 1, so a byte below 255 exists.
+  // Adds the carry, if any, to the bytes; gives the rest of `low`. The interval lies below 1, so a byte below 255
+  // exists.
   static std::uint64_t with_carry(std::vector<std::uint8_t>& out, std::uint64_t low) {
     if (low >> 32 == 0) return low;
     std::size_t at = out.size();
@@ -65,7 +67,8 @@ class RangeEncoder {
     return low & 0xFFFFFFFFu;
   }
 
-  // Writes the upper byte of `low`; gives `low` in the moved window. Not inlined, so that coding loops have more registers.
+  // Writes the upper byte of `low`; gives `low` in the moved window. Not inlined, so that coding loops have more
+  // registers.
   [[gnu::noinline]] static std::uint64_t renormalised(std::vector<std::uint8_t>& out, std::uint64_t low) {
     low = with_carry(out, low);
     out.push_back(static_cast<std::uint8_t>(low >> 24));
@@ -115,7 +118,8 @@ class RangeDecoder {
   void finish() const {
     const std::size_t moved = read_ - 4;
     if (size_ > moved + 1) throw Error(ErrorCode::Section, "bytes after the end of a range coded stream", moved + 1);
-    if (size_ == moved) return;  // the four bytes of the window are zeros after the end: any interval with a 0 in it may end so
+    if (size_ == moved)
+      return;  // the four bytes of the window are zeros after the end: any interval with a 0 in it may end so
     const std::uint32_t low = window_ - code_;
     const bool needed = low != 0 && static_cast<std::uint64_t>(low) + range_ <= 0x100000000u;
     if (!needed || code_ >= kRangeTop) {
@@ -148,7 +152,8 @@ class RangeDecoder {
   std::uint32_t range_ = kRangeStart;
 };
 
-// A model is written once for both directions: `bit(value, p)` encodes the value and returns it, or returns a decoded one.
+// A model is written once for both directions: `bit(value, p)` encodes the value and returns it, or returns a decoded
+// one.
 class BitWriter {
  public:
   static constexpr bool kReads = false;

@@ -1,9 +1,9 @@
 // Binary range coder for hot loops, with a window of 64 bits that moves by four bytes, and probabilities of 15 bits.
 //
-// A decision takes a multiplication, a comparison and two conditional moves. The window moves once in about forty decisions. So
-// one core can run several of these coders at once, one for each stream, and they do not wait for each other or for mispredicted
-// branches. README.md in this folder derives the invariants. The end of a stream is as in bits/rangecoder.hpp, of up to four
-// bytes.
+// A decision takes a multiplication, a comparison and two conditional moves. The window moves once in about forty
+// decisions. So one core can run several of these coders at once, one for each stream, and they do not wait for each
+// other or for mispredicted branches. README.md in this folder derives the invariants. The end of a stream is as in
+// bits/rangecoder.hpp, of up to four bytes.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -17,7 +17,8 @@ namespace lidarcodec {
 inline constexpr int kWideProbabilityBits = 15;
 inline constexpr std::uint64_t kWideMove = std::uint64_t{1} << 32;  // the window moves when the range falls below
 
-// The end of a stream whose last interval is [low, low + range), modulo 2^64: the number with the fewest bytes, highest first.
+// The end of a stream whose last interval is [low, low + range), modulo 2^64: the number with the fewest bytes, highest
+// first.
 struct WideEnd {
   std::uint64_t value;
   std::size_t bytes;  // 0 to 4 are written, the others are 0
@@ -47,7 +48,8 @@ class WideEncoder {
     const std::uint64_t zero = std::uint64_t{bit} - 1;  // a mask, because a branch would often be mispredicted
     const std::uint64_t skipped = bound & zero;
     interval.at += skipped;
-    if (interval.at < skipped) [[unlikely]] carry();
+    if (interval.at < skipped) [[unlikely]]
+      carry();
     interval.range = bound + ((interval.range - 2 * bound) & zero);
     if (interval.range < kWideMove) [[unlikely]] {
       push(interval.at, 4);
@@ -61,7 +63,8 @@ class WideEncoder {
     interval.range >>= bits;
     const std::uint64_t skipped = interval.range * value;
     interval.at += skipped;
-    if (interval.at < skipped) [[unlikely]] carry();
+    if (interval.at < skipped) [[unlikely]]
+      carry();
     if (interval.range < kWideMove) {
       push(interval.at, 4);
       interval.at <<= 32;
@@ -147,8 +150,8 @@ class WideDecoder {
   }
 
  private:
-  // Keeps the part of the interval that holds the code, below `bound` or from it on; true: the lower part. In assembly, because
-  // compilers use a branch, which would often be mispredicted, or twice as many instructions.
+  // Keeps the part of the interval that holds the code, below `bound` or from it on; true: the lower part. In assembly,
+  // because compilers use a branch, which would often be mispredicted, or twice as many instructions.
   static bool split(WideInterval& interval, std::uint64_t bound) {
 #if defined(__x86_64__)
     std::uint64_t at = interval.at, range = interval.range;

@@ -25,7 +25,7 @@ std::size_t hamming_distance(const std::uint8_t* a, const std::uint8_t* b, std::
 
 // The Hamming distance of a[k] from b[k + shift] where both exist. Of the other cells every eighth counts as different.
 std::size_t shifted_distance(const std::uint8_t* a, std::ptrdiff_t na, const std::uint8_t* b, std::ptrdiff_t nb,
-                         std::ptrdiff_t shift) {
+                             std::ptrdiff_t shift) {
   const std::ptrdiff_t begin = std::clamp<std::ptrdiff_t>(-shift, 0, na);
   const std::ptrdiff_t end = std::clamp<std::ptrdiff_t>(nb - shift, begin, na);
   const std::size_t outside = static_cast<std::size_t>(na - (end - begin)) / 8;
@@ -65,8 +65,8 @@ std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std:
   const auto cost = [&](std::int64_t turn) {
     return unlike_above(layout, rows, width, static_cast<std::uint32_t>(turn));
   };
-  // Near the true turn the distance depends on the scene more than on the turn. So the nominal turn stays unless another one is better by
-  // an eighth.
+  // Near the true turn the distance depends on the scene more than on the turn. So the nominal turn stays unless
+  // another one is better by an eighth.
   Minimum coarse;
   coarse.offer(kNominalTurn, cost(kNominalTurn) / 8 * 7);
   for (std::int64_t turn = 960; turn < 9000; turn += turn / 20) coarse.offer(turn, cost(turn));
@@ -83,8 +83,8 @@ EarlierShift find_earlier(const std::uint8_t* mask, std::size_t width, const Ear
   const auto cost = [&](std::int64_t shift) {
     std::size_t sum = 0;
     for (std::size_t row = 2; row < kMaskRows; row += 4) {
-      sum += shifted_distance(mask + row * width, static_cast<std::ptrdiff_t>(width), earlier.cells + row * earlier.width,
-                          static_cast<std::ptrdiff_t>(earlier.width), shift);
+      sum += shifted_distance(mask + row * width, static_cast<std::ptrdiff_t>(width),
+                              earlier.cells + row * earlier.width, static_cast<std::ptrdiff_t>(earlier.width), shift);
     }
     return sum;
   };

@@ -1,4 +1,5 @@
-// Registration of the rows of a mask to each other and to an earlier frame. The encoder finds the shifts and sends them.
+// Registration of the rows of a mask to each other and to an earlier frame. The encoder finds the shifts and sends
+// them.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -14,8 +15,8 @@ struct MaskShifts {
   std::int32_t earlier = 0;           // shift of the earlier frame to the right, in columns
 };
 
-// The number of columns in a turn with the least Hamming distance of rows from the rows above. `rows`: closed-up cells, row after row at
-// distance `width`.
+// The number of columns in a turn with the least Hamming distance of rows from the rows above. `rows`: closed-up cells,
+// row after row at distance `width`.
 std::uint32_t find_turn(const MaskLayout& layout, const std::uint8_t* rows, std::size_t width);
 
 // The Hamming distance of every fourth row from the row above.

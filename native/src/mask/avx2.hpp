@@ -1,5 +1,5 @@
-// The inner loops of the mask coder of streams, for AVX2. The form is chosen at run time (mask/stream.cpp), so each function has its own
-// target attribute.
+// The inner loops of the mask coder of streams, for AVX2. The form is chosen at run time (mask/stream.cpp), so each
+// function has its own target attribute.
 #pragma once
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -9,9 +9,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/processor.hpp"
 #include "mask/lookup.hpp"
 #include "mask/model.hpp"
-#include "base/processor.hpp"
 
 namespace lidarcodec {
 
@@ -23,8 +23,9 @@ struct alignas(32) Avx2Left {
   constexpr Avx2Left() {
     for (std::uint32_t i = 0; i < of.size(); ++i)
       for (std::size_t c = 0; c < kCellContexts; ++c)
-        of[i][c] = static_cast<std::uint16_t>((i & 1) * kLeftContext.last[c] + (i >> 1 & 1) * kLeftContext.before[c] +
-                                              i / 4 % kRuns * kLeftContext.run[c] + i / 4 / kRuns * kLeftContext.holes[c]);
+        of[i][c] =
+            static_cast<std::uint16_t>((i & 1) * kLeftContext.last[c] + (i >> 1 & 1) * kLeftContext.before[c] +
+                                       i / 4 % kRuns * kLeftContext.run[c] + i / 4 / kRuns * kLeftContext.holes[c]);
   }
   static std::size_t number(const LeftCells& left) {
     return (left.bits & 3u) | left.run << 2 | std::uint32_t{kCountClass[left.holes]} << 5;
@@ -32,14 +33,17 @@ struct alignas(32) Avx2Left {
 };
 inline constexpr Avx2Left kAvx2Left;
 
-// PlainLogOdds with the cells of a decision in a vector. The updated cells are stored after the next decision has loaded its own. Cells that
-// both share are updated in the registers, so no load waits for a store.
+// PlainLogOdds with the cells of a decision in a vector. The updated cells are stored after the next decision has
+// loaded its own. Cells that both share are updated in the registers, so no load waits for a store.
 class Avx2LogOdds {
  public:
   using Numbers = std::array<std::uint16_t, kCellContexts>;
 
   LIDARCODEC_AVX2 explicit Avx2LogOdds(std::int16_t* cells)
-      : cells_(cells), values_(_mm256_set1_epi16(cells[0])), numbers_(_mm256_setzero_si256()), all_by_(_mm256_setzero_si256()) {}
+      : cells_(cells),
+        values_(_mm256_set1_epi16(cells[0])),
+        numbers_(_mm256_setzero_si256()),
+        all_by_(_mm256_setzero_si256()) {}
 
   // The context numbers of a block, [cell][context].
   struct alignas(32) Block {
@@ -58,7 +62,8 @@ class Avx2LogOdds {
         }
         for (std::size_t i = 0; i < 8; ++i) rows[i] = turned[i];
       }
-      for (std::size_t i = 0; i < 8; ++i) _mm256_store_si256(reinterpret_cast<__m256i*>(block.of[8 * half + i].data()), rows[i]);
+      for (std::size_t i = 0; i < 8; ++i)
+        _mm256_store_si256(reinterpret_cast<__m256i*>(block.of[8 * half + i].data()), rows[i]);
     }
   }
 
@@ -71,7 +76,8 @@ class Avx2LogOdds {
     const __m256i same = _mm256_cmpeq_epi16(numbers, numbers_);
     numbers_ = numbers;
     values_ = moved(values, _mm256_and_si256(all_by_, same));
-    // Without saturation the sum needs no updated cells: it is the sum of the loaded ones, plus `by` for each shared cell.
+    // Without saturation the sum needs no updated cells: it is the sum of the loaded ones, plus `by` for each shared
+    // cell.
     const __m256i far = _mm256_cmpgt_epi16(_mm256_abs_epi16(values), _mm256_set1_epi16(32767 - kMaxUpdate));
     if (!_mm256_testz_si256(far, far)) return added(values_);
     return added(values) + by_ * (_mm_popcnt_u32(static_cast<std::uint32_t>(_mm256_movemask_epi8(same))) >> 1);
@@ -142,8 +148,9 @@ struct Avx2MaskForms {
 
   // Gathers group after group by a shuffle of a vector of kWithin directions.
   template <std::size_t count>
-  LIDARCODEC_AVX2 static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at,
-                                           const CellGroups& picks, const std::array<std::uint8_t*, count>& to) {
+  LIDARCODEC_AVX2 static void look_up(const std::array<const std::uint8_t*, count>& from,
+                                      const std::vector<std::uint16_t>& at, const CellGroups& picks,
+                                      const std::array<std::uint8_t*, count>& to) {
     constexpr std::size_t kGroup = CellGroups::kGroup;
     for (std::size_t g = 0; g < picks.groups(); ++g) {
       const std::size_t begin = g * kGroup, first = at[begin];
@@ -166,8 +173,8 @@ struct Avx2MaskForms {
     const __m128i order = _mm_loadu_si128(reinterpret_cast<const __m128i*>(behind));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm_shuffle_epi8(values, order));
   }
-  LIDARCODEC_AVX2 [[gnu::flatten]] static void put(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift,
-                                                   std::uint8_t* to) {
+  LIDARCODEC_AVX2 [[gnu::flatten]] static void put(const std::uint8_t* values, const DirectionGroups& picks,
+                                                   std::size_t shift, std::uint8_t* to) {
     put_groups(values, picks, shift, to, put_group);
   }
 

@@ -2,18 +2,19 @@
 
 #include <limits>
 
-#include "bits/bitmodel.hpp"
 #include "base/error.hpp"
+#include "bits/bitmodel.hpp"
+#include "bits/rangecoder.hpp"
 #include "mask/align.hpp"
 #include "mask/rows.hpp"
-#include "bits/rangecoder.hpp"
 
 namespace lidarcodec {
 namespace {
 
 constexpr std::uint8_t kNone = kMaskNone, kAll = kMaskAll, kAlone = 2, kWithEarlier = 3;
 
-// The first model is used alone where its probability is below this or above 65536 minus this: 1 in 128. Mixing gains little there.
+// The first model is used alone where its probability is below this or above 65536 minus this: 1 in 128. Mixing gains
+// little there.
 constexpr std::uint32_t kAloneLimit = 512;
 
 // Class, 0 to 7, of the length of the run of equal cells before this one.
@@ -35,13 +36,14 @@ class Models {
   std::array<BitModel, N> models_;
 };
 
-// The part of each cell's two contexts that does not depend on the row itself. Each step is one loop over the row, so that compilers
-// vectorise it.
+// The part of each cell's two contexts that does not depend on the row itself. Each step is one loop over the row, so
+// that compilers vectorise it.
 class KnownContext {
  public:
   std::vector<std::uint8_t> first, second;
 
-  explicit KnownContext(std::size_t width) : first(width), second(width), twos_(width + kRoom), fours_(width + kRoom), counts_(width) {}
+  explicit KnownContext(std::size_t width)
+      : first(width), second(width), twos_(width + kRoom), fours_(width + kRoom), counts_(width) {}
 
   // Without an earlier mask. u, v: the row above and the second row above, of n cells.
   void find_contexts(const std::uint8_t* u, const std::uint8_t* v, std::size_t n) {
@@ -102,7 +104,8 @@ struct MaskModels {
 template <bool kEarlier, class Bits>
 void code_row(Bits& bits, MaskModels& models, const KnownContext& known, std::uint8_t* cells, std::size_t n) {
   std::uint32_t left = 1, left2 = 1, run = 0;
-  std::uint32_t held = 0;  // first context of the last cell; its model is in a register, as the next cell mostly has the same
+  std::uint32_t held =
+      0;  // first context of the last cell; its model is in a register, as the next cell mostly has the same
   BitModel a = models.first[held];
   for (std::size_t k = 0; k < n; ++k) {
     const std::uint32_t run_class = kRunClass[run];

@@ -1,8 +1,9 @@
 // Mask coder: which cells of a 64 x W image hold a return. The format is docs/wire-format-sections.md, section "mask".
 //
-// Rows are coded from the top by context templates, as in JBIG (ITU-T T.82): the cells to the left, the two rows above and, if there is
-// one, the mask of an earlier frame. The lasers of a firing look up to 18 degrees apart, so the rows above are first shifted by their
-// rotation correction. Blocks that did not fire have no cells: a row is the fired columns of its half, closed up.
+// Rows are coded from the top by context templates, as in JBIG (ITU-T T.82): the cells to the left, the two rows above
+// and, if there is one, the mask of an earlier frame. The lasers of a firing look up to 18 degrees apart, so the rows
+// above are first shifted by their rotation correction. Blocks that did not fire have no cells: a row is the fired
+// columns of its half, closed up.
 #pragma once
 #include <array>
 #include <cstddef>

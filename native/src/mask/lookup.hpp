@@ -13,8 +13,8 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kDirections = kSlots;  // directions of a row, equally spaced over a turn
 
-// Gathers the directions of groups of adjacent cells. The offsets within a group are the same in all rows of a half, and mostly small, so
-// that a vector shuffle can do a group.
+// Gathers the directions of groups of adjacent cells. The offsets within a group are the same in all rows of a half,
+// and mostly small, so that a vector shuffle can do a group.
 class CellGroups {
  public:
   static constexpr std::size_t kGroup = 8, kWithin = 16;
@@ -73,9 +73,11 @@ class DirectionGroups {
   std::vector<Group> groups_;
 };
 
-// to[direction + shift] = values[cell of the direction], for directions with a cell. put_group: does a group with a valid `first`.
+// to[direction + shift] = values[cell of the direction], for directions with a cell. put_group: does a group with a
+// valid `first`.
 template <class PutGroup>
-inline void put_groups(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift, std::uint8_t* to, PutGroup put_group) {
+inline void put_groups(const std::uint8_t* values, const DirectionGroups& picks, std::size_t shift, std::uint8_t* to,
+                       PutGroup put_group) {
   constexpr std::size_t kGroup = DirectionGroups::kGroup;
   for (std::size_t g = 0; g < DirectionGroups::kGroups; ++g) {
     const DirectionGroups::Group& group = picks[g];
@@ -93,8 +95,8 @@ inline void put_groups(const std::uint8_t* values, const DirectionGroups& picks,
 
 // to[j][i] = from[j][at[i]] for cells from `begin` to `end`.
 template <std::size_t count>
-void look_up_each(const std::array<const std::uint8_t*, count>& from, const std::uint16_t* at, std::size_t begin, std::size_t end,
-                  const std::array<std::uint8_t*, count>& to) {
+void look_up_each(const std::array<const std::uint8_t*, count>& from, const std::uint16_t* at, std::size_t begin,
+                  std::size_t end, const std::array<std::uint8_t*, count>& to) {
   for (std::size_t i = begin; i < end; ++i)
     for (std::size_t j = 0; j < count; ++j) to[j][i] = from[j][at[i]];
 }

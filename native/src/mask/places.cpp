@@ -6,11 +6,11 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kMostFilled = 8;             // a cell owns the directions up to the next cell if that is at most so far
-constexpr std::size_t kStepBeyond = 2;             // directions between cells beyond the ends of a row
+constexpr std::size_t kMostFilled = 8;  // a cell owns the directions up to the next cell if that is at most so far
+constexpr std::size_t kStepBeyond = 2;  // directions between cells beyond the ends of a row
 constexpr std::int64_t kMostMoved = 1 << 20;       // 65 m, the largest translation in a turn
 constexpr std::int64_t kMostTurned = 1 << 30;      // a radian, the largest rotation
-constexpr std::int64_t kDirectionsInRadian = 652;      // 4096 / (2 pi)
+constexpr std::int64_t kDirectionsInRadian = 652;  // 4096 / (2 pi)
 constexpr std::int64_t kTableSteps = 100'000'000;  // steps of the calibration table in a radian
 
 std::int64_t bounded(std::int64_t value, std::int64_t most) { return std::clamp(value, -most, most); }
@@ -19,7 +19,8 @@ std::int64_t bounded(std::int64_t value, std::int64_t most) { return std::clamp(
 
 MaskTables::MaskTables() {
   forget();
-  for (std::size_t b = 0; b < kBlocks; ++b) block_directions_[b] = cos_sin(static_cast<Angle>((b * kBlock + kBlock / 2) << 20));
+  for (std::size_t b = 0; b < kBlocks; ++b)
+    block_directions_[b] = cos_sin(static_cast<Angle>((b * kBlock + kBlock / 2) << 20));
 }
 
 void MaskTables::forget() {
@@ -27,8 +28,7 @@ void MaskTables::forget() {
   places_.assign(kMaskRows * kDirections, 255);
 }
 
-MaskFrame::MaskFrame(const MaskView& view, MaskTables& tables)
-    : view_(view), layout_(view.geometry), tables_(tables) {
+MaskFrame::MaskFrame(const MaskView& view, MaskTables& tables) : view_(view), layout_(view.geometry), tables_(tables) {
   tables.next_ = tables.places_;
   const std::size_t width = view.geometry.width;
   values_.resize(width + DirectionGroups::kRoom);
@@ -55,7 +55,8 @@ MaskFrame::MaskFrame(const MaskView& view, MaskTables& tables)
     }
     direction_groups_[half].begin(std::move(cell_of));
     for (std::ptrdiff_t j = 1; j <= kMargin; ++j) {
-      first[-j] = static_cast<std::uint16_t>((*first + kDirections - static_cast<std::size_t>(j) * kStepBeyond) % kDirections);
+      first[-j] =
+          static_cast<std::uint16_t>((*first + kDirections - static_cast<std::size_t>(j) * kStepBeyond) % kDirections);
       last[j] = static_cast<std::uint16_t>((*last + static_cast<std::size_t>(j) * kStepBeyond) % kDirections);
     }
     cell_groups_[half] = CellGroups(slots);
@@ -75,7 +76,8 @@ void MaskFrame::begin_row(std::size_t row, const std::uint16_t* expected) {
   const std::vector<std::uint16_t>& slots = slots_[view_.geometry.half[row]];
   n_ = layout_.cells(row);
   at_.resize(slots.size());
-  direction_offset_ = ((angle_of_table(static_cast<std::int32_t>(view_.geometry.rotation[row])) + (1u << 19)) >> 20) % kDirections;
+  direction_offset_ =
+      ((angle_of_table(static_cast<std::int32_t>(view_.geometry.rotation[row])) + (1u << 19)) >> 20) % kDirections;
   for (std::size_t i = 0; i < slots.size(); ++i)
     at_[i] = static_cast<std::uint16_t>((slots[i] + kDirections - direction_offset_) % kDirections);
 
@@ -102,9 +104,12 @@ void MaskFrame::begin_row(std::size_t row, const std::uint16_t* expected) {
 
 void MaskFrame::copy_places(std::size_t block) {
   const std::size_t begin = block * kBlock;
-  const std::size_t then = (begin + kDirections + static_cast<std::size_t>(static_cast<std::ptrdiff_t>(earlier_places_[block].directions))) % kDirections;
+  const std::size_t then =
+      (begin + kDirections + static_cast<std::size_t>(static_cast<std::ptrdiff_t>(earlier_places_[block].directions))) %
+      kDirections;
   for (std::size_t j = 0; j < 3; ++j) {
-    const std::uint8_t* const from = row_of(tables_.places_, earlier_places_[block].row + static_cast<std::ptrdiff_t>(j) - 1);
+    const std::uint8_t* const from =
+        row_of(tables_.places_, earlier_places_[block].row + static_cast<std::ptrdiff_t>(j) - 1);
     std::uint8_t* const to = moved_places_[j].data() + begin;
     if (then + kBlock <= kDirections) {
       std::copy_n(from + then, kBlock, to);

@@ -1,19 +1,20 @@
 // The masks of the last eight turns, by direction and by place.
 //
-// A *history byte* for each of 4096 directions of a row holds one bit a turn, the last turn lowest; 1: a return. Some holes belong to the
-// beam: they are in the same row and direction as a turn ago. Others belong to a place in the scene, which the sensor has moved past. So
-// there are two tables. That of places is read where the place was a turn ago. For small motions its direction shifts by the rotation,
-// and by the translation times the inverse range (Longuet-Higgins and Prazdny, "The interpretation of a moving retinal image", 1980).
+// A *history byte* for each of 4096 directions of a row holds one bit a turn, the last turn lowest; 1: a return. Some
+// holes belong to the beam: they are in the same row and direction as a turn ago. Others belong to a place in the
+// scene, which the sensor has moved past. So there are two tables. That of places is read where the place was a turn
+// ago. For small motions its direction shifts by the rotation, and by the translation times the inverse range
+// (Longuet-Higgins and Prazdny, "The interpretation of a moving retinal image", 1980).
 #pragma once
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
-#include "motion/beams.hpp"
 #include "mask/coder.hpp"
 #include "mask/lookup.hpp"
 #include "mask/rows.hpp"
+#include "motion/beams.hpp"
 #include "motion/range_history.hpp"
 
 namespace lidarcodec {
@@ -39,8 +40,9 @@ class MaskTables {
 
   std::vector<std::uint8_t> beams_, places_;  // [row][direction]
   std::vector<std::uint8_t> next_;            // places_ after the current frame
-  std::vector<std::uint8_t> outside_row_ = std::vector<std::uint8_t>(kDirections, 255);  // stands for rows outside of the image
-  std::array<CosSin, kBlocks> block_directions_;       // direction of the middle of each block
+  std::vector<std::uint8_t> outside_row_ =
+      std::vector<std::uint8_t>(kDirections, 255);  // stands for rows outside of the image
+  std::array<CosSin, kBlocks> block_directions_;    // direction of the middle of each block
 };
 
 // One frame and the tables: for each row from the top, its histories are read, and updated after it was coded.
@@ -54,13 +56,12 @@ class MaskFrame {
   // Begins a row. expected: the expected range of each of its cells.
   void begin_row(std::size_t row, const std::uint16_t* expected);
 
-  // History bytes of the directions of the cells, with margins: in the three rows above, with this frame, in this row, and in the row
-  // below. Forms: PlainMaskForms or Avx2MaskForms.
+  // History bytes of the directions of the cells, with margins: in the three rows above, with this frame, in this row,
+  // and in the row below. Forms: PlainMaskForms or Avx2MaskForms.
   template <class Forms>
   void beams(const std::array<PaddedRow*, 5>& rows) const {
     std::array<const std::uint8_t*, 5> from;
-    for (std::size_t j = 0; j < 5; ++j)
-      from[j] = row_of(tables_.beams_, static_cast<std::ptrdiff_t>(row_ + j) - 3);
+    for (std::size_t j = 0; j < 5; ++j) from[j] = row_of(tables_.beams_, static_cast<std::ptrdiff_t>(row_ + j) - 3);
     look_up<Forms>(from, rows);
   }
   // History bytes of the places above the cells, of the cells, and below them, with margins.
@@ -70,7 +71,8 @@ class MaskFrame {
     for (PaddedRow* row : rows) row->pad(n_);
   }
 
-  // Adds the row to the histories. beams, places: its history bytes; fresh: there is no history, so all eight turns become this one.
+  // Adds the row to the histories. beams, places: its history bytes; fresh: there is no history, so all eight turns
+  // become this one.
   template <class Forms>
   void put(const std::uint8_t* cells, const PaddedRow& beams, const PaddedRow& places, bool fresh) {
     put_in<Forms>(cells, beams.cells(), fresh, tables_.beams_);
@@ -105,27 +107,29 @@ class MaskFrame {
     std::uint8_t* const to = values_.data();
     for (std::size_t k = 0; k < n_; ++k)
       to[k] = static_cast<std::uint8_t>(fresh ? 0u - cells[k] : were[k] * 2u + cells[k]);
-    Forms::put(to, direction_groups_[layout_.half(row_)], kDirections - direction_offset_, table.data() + row_ * kDirections);
+    Forms::put(to, direction_groups_[layout_.half(row_)], kDirections - direction_offset_,
+               table.data() + row_ * kDirections);
   }
 
   const MaskView& view_;
   MaskLayout layout_;
   MaskTables& tables_;
   std::array<std::vector<std::uint16_t>, 2> slots_;  // directions of each half's cells, with margins
-  std::array<CellGroups, 2> cell_groups_;                   // likewise
-  std::array<DirectionGroups, 2> direction_groups_;              // the cell of each direction
+  std::array<CellGroups, 2> cell_groups_;            // likewise
+  std::array<DirectionGroups, 2> direction_groups_;  // the cell of each direction
   struct BlockMotion {
-    std::int64_t across = 0, along = 0, tilt = 0;    // translation, 1/16 mm, and tilt, 2^-30 rad, in the axes of a block
+    std::int64_t across = 0, along = 0, tilt = 0;  // translation, 1/16 mm, and tilt, 2^-30 rad, in the axes of a block
   };
   std::array<BlockMotion, kBlocks> block_motion_;
 
   std::size_t row_ = 0, n_ = 0;
-  std::int64_t sine_ = 0;                            // of the row's elevation, 2^-30
-  std::size_t direction_offset_ = 0;                            // rotation correction of the row, in directions
-  std::vector<std::uint8_t> values_;                 // history bytes of its cells after the row
-  std::vector<std::uint16_t> at_;                    // direction of each cell, with margins
+  std::int64_t sine_ = 0;             // of the row's elevation, 2^-30
+  std::size_t direction_offset_ = 0;  // rotation correction of the row, in directions
+  std::vector<std::uint8_t> values_;  // history bytes of its cells after the row
+  std::vector<std::uint16_t> at_;     // direction of each cell, with margins
   std::array<EarlierPlace, kBlocks> earlier_places_{};
-  // History bytes of the directions of the row: of the places above, of their own places, and below, where they were a turn ago.
+  // History bytes of the directions of the row: of the places above, of their own places, and below, where they were a
+  // turn ago.
   std::array<std::array<std::uint8_t, kDirections>, 3> moved_places_{};
 };
 

@@ -72,11 +72,11 @@ class MaskLayout {
     return floor_div(2 * apart * cells_in_turn + kTurn, 2 * kTurn);
   }
 
-  // Fills `out` and its margins with row `above`, aligned with `row`. Beyond its ends a row repeats its last cell. A row without cells
-  // gives `none` everywhere.
+  // Fills `out` and its margins with row `above`, aligned with `row`. Beyond its ends a row repeats its last cell. A
+  // row without cells gives `none` everywhere.
   template <class Cell>
-  void align(const Cell* above_cells, std::size_t above, std::size_t row, std::int64_t shift,
-             PaddedRowOf<Cell>& out, Cell none = 1) const {
+  void align(const Cell* above_cells, std::size_t above, std::size_t row, std::int64_t shift, PaddedRowOf<Cell>& out,
+             Cell none = 1) const {
     const auto n = static_cast<std::ptrdiff_t>(cells(row));
     const auto have = static_cast<std::ptrdiff_t>(cells(above));
     Cell* to = out.cells();
@@ -95,7 +95,8 @@ class MaskLayout {
     }
   }
 
-  // Fills `out` and its margins with a row of an earlier mask, whose columns lie `shift` to the right of those of the same direction here.
+  // Fills `out` and its margins with a row of an earlier mask, whose columns lie `shift` to the right of those of the
+  // same direction here.
   void align_earlier(const EarlierMask& earlier, std::size_t row, std::int64_t shift, PaddedRow& out) const {
     const std::uint8_t* from = earlier.cells + row * earlier.width;
     const auto n = static_cast<std::ptrdiff_t>(cells(row));

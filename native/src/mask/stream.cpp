@@ -3,10 +3,10 @@
 #include <algorithm>
 
 #include "base/error.hpp"
+#include "bits/rangecoder.hpp"
 #include "mask/avx2.hpp"
 #include "mask/coder.hpp"
 #include "mask/windows.hpp"
-#include "bits/rangecoder.hpp"
 
 namespace lidarcodec {
 namespace {
@@ -15,8 +15,8 @@ struct PlainMaskForms {
   using Odds = PlainLogOdds;
 
   template <std::size_t count>
-  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at, const CellGroups&,
-                      const std::array<std::uint8_t*, count>& to) {
+  static void look_up(const std::array<const std::uint8_t*, count>& from, const std::vector<std::uint16_t>& at,
+                      const CellGroups&, const std::array<std::uint8_t*, count>& to) {
     look_up_each(from, at.data(), 0, at.size(), to);
   }
 
@@ -66,8 +66,10 @@ void code_row(Bits& bits_so_far, MaskModel& model, const MaskWindows& windows, s
       left.take(bit);
     };
     // A branch, so that the processor predicts the bit and goes on.
-    if (bits.bit(cells[k], probability)) learn(true);
-    else learn(false);
+    if (bits.bit(cells[k], probability))
+      learn(true);
+    else
+      learn(false);
   }
   odds.end();
   model.remainder() = remainder;
@@ -98,8 +100,10 @@ void MaskStream::code(Bits bits, const MaskView& view, std::uint8_t* rows) {
     const std::vector<std::uint32_t>& columns = layout.columns(row);
     if (view.expected != nullptr) {
       const std::uint16_t* const from = view.expected + row * width;
-      if (layout.whole(row)) std::copy_n(from, n, range);
-      else for (std::size_t k = 0; k < n; ++k) range[k] = from[columns[k]];
+      if (layout.whole(row))
+        std::copy_n(from, n, range);
+      else
+        for (std::size_t k = 0; k < n; ++k) range[k] = from[columns[k]];
       expected.pad(n);
     }
     frame.begin_row(row, range);
@@ -134,8 +138,10 @@ std::vector<std::uint8_t> MaskStream::encode(const std::uint8_t* mask, const Mas
 
 std::vector<std::uint8_t> MaskStream::decode(const std::uint8_t* data, std::size_t size, const MaskView& view) {
   if (size == 0) throw Error(ErrorCode::Truncated, "a mask section holds no bytes");
-  if (data[0] != kMaskBegins && data[0] != kMaskGoesOn) throw Error(ErrorCode::Section, "a mask section of an unknown kind");
-  if (data[0] == kMaskGoesOn && !begun_) throw Error(ErrorCode::Section, "a mask section needs those of earlier frames");
+  if (data[0] != kMaskBegins && data[0] != kMaskGoesOn)
+    throw Error(ErrorCode::Section, "a mask section of an unknown kind");
+  if (data[0] == kMaskGoesOn && !begun_)
+    throw Error(ErrorCode::Section, "a mask section needs those of earlier frames");
   begin(data[0] == kMaskBegins);
   const MaskLayout layout(view.geometry);
   const std::size_t width = view.geometry.width;

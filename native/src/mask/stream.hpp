@@ -1,14 +1,15 @@
 // Mask coder of streams with memory: the format is docs/wire-format-sections.md, section "masks in streams".
 //
-// Its contexts are the masks of the last turns, the expected ranges and the rows above. Its models go on from frame to frame.
+// Its contexts are the masks of the last turns, the expected ranges and the rows above. Its models go on from frame to
+// frame.
 #pragma once
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
+#include "base/processor.hpp"
 #include "mask/model.hpp"
 #include "mask/places.hpp"
-#include "base/processor.hpp"
 
 namespace lidarcodec {
 
@@ -23,8 +24,8 @@ class MaskStream {
 
   void forget() { begun_ = false; }
 
-  // Encodes a mask, (64, W); 0: no return. A mask without returns, or with all fired cells returns, does not change the models.
-  // Raises Section if a cell is set in a block that did not fire, or an azimuth is out of range.
+  // Encodes a mask, (64, W); 0: no return. A mask without returns, or with all fired cells returns, does not change the
+  // models. Raises Section if a cell is set in a block that did not fire, or an azimuth is out of range.
   std::vector<std::uint8_t> encode(const std::uint8_t* mask, const MaskView& view);
 
   // The mask, (64, W) of 0 and 1, from a section of one of the two kinds. Raises Section or Truncated.

@@ -1,5 +1,5 @@
-// The features of the cells of a row that do not depend on the row itself, computed for a whole row at a time, and the context numbers of
-// blocks of cells, without the part of the cells to the left.
+// The features of the cells of a row that do not depend on the row itself, computed for a whole row at a time, and the
+// context numbers of blocks of cells, without the part of the cells to the left.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -18,9 +18,12 @@ class MaskWindows {
   static constexpr std::size_t kRoom = kStep;  // features are computed for so many more cells
 
   explicit MaskWindows(std::size_t width) : here(width + kRoom), place(width + kRoom), gate(width + kRoom) {
-    for (PaddedRow* row : {&above_, &above2_, &above3_, &below_, &place_above_, &place_below_, &one_, &two_, &four_, &eight_,
-                           &above_bits_, &above2_bits_, &above3_bits_, &turn_bits_, &turn2_bits_, &turn3_bits_, &holes_above_, &holes_wide_, &changed_, &holes_here_, &holes_new_,
-                           &holes_ever_, &about_, &near_, &rough_, &above_class_, &wide_class_, &changed_class_, &around_class_, &places_class_, &ever_class_})
+    for (PaddedRow* row :
+         {&above_,        &above2_,       &above3_,      &below_,      &place_above_, &place_below_, &one_,
+          &two_,          &four_,         &eight_,       &above_bits_, &above2_bits_, &above3_bits_, &turn_bits_,
+          &turn2_bits_,   &turn3_bits_,   &holes_above_, &holes_wide_, &changed_,     &holes_here_,  &holes_new_,
+          &holes_ever_,   &about_,        &near_,        &rough_,      &above_class_, &wide_class_,  &changed_class_,
+          &around_class_, &places_class_, &ever_class_})
       *row = PaddedRow(width + kRoom);
   }
 
@@ -30,9 +33,9 @@ class MaskWindows {
     frame.beams<Forms>({&above3_, &above2_, &above_, &here, &below_});
     frame.places<Forms>({&place_above_, &place, &place_below_});
     const std::size_t all = n + 2 * kMargin;
-    const std::uint8_t *const u = first(above_), *const v = first(above2_), *const w = first(above3_), *const h = first(here),
-                       *const b = first(below_), *const p = first(place), *const pa = first(place_above_),
-                       *const pb = first(place_below_);
+    const std::uint8_t *const u = first(above_), *const v = first(above2_), *const w = first(above3_),
+                              *const h = first(here), *const b = first(below_), *const p = first(place),
+                              *const pa = first(place_above_), *const pb = first(place_below_);
     std::uint8_t* const c = first(one_);
     fill(c, all, [=](std::size_t i) { return (~u[i] & 1) + (~v[i] & 1) + (~w[i] & 1); });
     sum(n, holes_above_);
@@ -40,7 +43,9 @@ class MaskWindows {
     fill(holes_wide_.cells(), n, [=](std::size_t k) { return eight[k] + eight[k + 8] + c[k + 16]; });
     fill(c, all, [=](std::size_t i) { return ((u[i] ^ u[i] >> 1) & 1) + ((v[i] ^ v[i] >> 1) & 1); });
     sum(n, changed_);
-    fill(c, all, [=](std::size_t i) { return zeros(static_cast<std::uint8_t>(h[i] | 0xF0)) + zeros(static_cast<std::uint8_t>(b[i] | 0xF8)); });
+    fill(c, all, [=](std::size_t i) {
+      return zeros(static_cast<std::uint8_t>(h[i] | 0xF0)) + zeros(static_cast<std::uint8_t>(b[i] | 0xF8));
+    });
     sum(n, holes_here_);
     fill(c, all, [=](std::size_t i) { return (~p[i] & 1) + (~p[i] >> 1 & 1) + (~pa[i] & 1) + (~pb[i] & 1); });
     sum(n, holes_new_);
@@ -59,17 +64,19 @@ class MaskWindows {
     row_ = static_cast<unsigned>(row);
   }
 
-  // The context numbers of a block of this row, without the part of the cells to the left. a1, a2, a3: eight cells of each of the three
-  // rows above; t1, t2, t3: eight cells of this row in each of the last three turns. Bit 3 is the cell itself (pack).
+  // The context numbers of a block of this row, without the part of the cells to the left. a1, a2, a3: eight cells of
+  // each of the three rows above; t1, t2, t3: eight cells of this row in each of the last three turns. Bit 3 is the
+  // cell itself (pack).
   void number_contexts(std::size_t begin, ContextBlock& to) const {
     const auto at = [begin](const PaddedRow& cells) { return cells.cells() + begin; };
     const unsigned row = row_;
-    const std::uint8_t *const a1 = at(above_bits_), *const a2 = at(above2_bits_), *const a3 = at(above3_bits_), *const t1 = at(turn_bits_), *const t2 = at(turn2_bits_),
-                       *const t3 = at(turn3_bits_);
+    const std::uint8_t *const a1 = at(above_bits_), *const a2 = at(above2_bits_), *const a3 = at(above3_bits_),
+                              *const t1 = at(turn_bits_), *const t2 = at(turn2_bits_), *const t3 = at(turn3_bits_);
     const std::uint8_t *const h = at(here), *const b = at(below_), *const p = at(place), *const u = at(above_);
     const std::uint8_t *const near = at(near_), *const rough = at(rough_), *const about = at(about_);
-    const std::uint8_t *const over = at(above_class_), *const wide = at(wide_class_), *const changed = at(changed_class_), *const around = at(around_class_),
-                       *const there = at(places_class_), *const ever = at(ever_class_);
+    const std::uint8_t *const over = at(above_class_), *const wide = at(wide_class_),
+                              *const changed = at(changed_class_), *const around = at(around_class_),
+                              *const there = at(places_class_), *const ever = at(ever_class_);
     // Bit 1: the cell above; bit 2: this cell a turn ago; bit 0 is for the cell to the left.
     std::array<std::uint8_t, kBlock> twos;
     std::uint8_t* const two = twos.data();
@@ -78,20 +85,27 @@ class MaskWindows {
       fill_block(to[i].data(), [=](std::size_t k) { return kCellsBegin[i] + static_cast<unsigned>(value(k)); });
     };
     context(0, [=](std::size_t k) {
-      const auto c = static_cast<std::uint8_t>(3 - reaches<std::uint8_t>(about[k], 1) - reaches<std::uint8_t>(about[k], 3) - reaches<std::uint8_t>(about[k], 9));
+      const auto c = static_cast<std::uint8_t>(3 - reaches<std::uint8_t>(about[k], 1) -
+                                               reaches<std::uint8_t>(about[k], 3) - reaches<std::uint8_t>(about[k], 9));
       return two[k] | (a2[k] >> 4 & 1u) << 3 | c << 4;
     });
     context(1, [=](std::size_t k) {
-      return two[k] | (a1[k] >> 2 & 1u) << 3 | (a1[k] >> 4 & 1u) << 4 | (t1[k] & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 | (t1[k] >> 4 & 1u) << 7;
+      return two[k] | (a1[k] >> 2 & 1u) << 3 | (a1[k] >> 4 & 1u) << 4 | (t1[k] & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 |
+             (t1[k] >> 4 & 1u) << 7;
     });
     context(2, [=](std::size_t k) { return (two[k] & 2u) | (t1[k] & 127u) << 2; });
-    context(3, [=](std::size_t k) { return two[k] | near[k] << 3 | near[static_cast<std::ptrdiff_t>(k) - 1] << 6 | near[k + 1] << 9; });
+    context(3, [=](std::size_t k) {
+      return two[k] | near[k] << 3 | near[static_cast<std::ptrdiff_t>(k) - 1] << 6 | near[k + 1] << 9;
+    });
     context(4, [=](std::size_t k) {
       const std::uint8_t holes = zeros(static_cast<std::uint8_t>(h[k] | 1u));
-      return two[k] | near[k] << 3 | rough[k] << 6 | (2 - reaches<std::uint8_t>(holes, 2) - reaches<std::uint8_t>(holes, 5)) << 9;
+      return two[k] | near[k] << 3 | rough[k] << 6 |
+             (2 - reaches<std::uint8_t>(holes, 2) - reaches<std::uint8_t>(holes, 5)) << 9;
     });
     context(5, [=](std::size_t k) { return (two[k] & 4u) >> 1 | a1[k] << 3; });
-    context(6, [=](std::size_t k) { return two[k] | (a2[k] >> 2 & 15u) << 3 | (a3[k] >> 3 & 3u) << 7 | (a1[k] >> 4 & 1u) << 9; });
+    context(6, [=](std::size_t k) {
+      return two[k] | (a2[k] >> 2 & 15u) << 3 | (a3[k] >> 3 & 3u) << 7 | (a1[k] >> 4 & 1u) << 9;
+    });
     context(7, [=](std::size_t k) { return two[k] | (t2[k] >> 1 & 31u) << 3 | (t3[k] >> 2 & 7u) << 8; });
     context(8, [=](std::size_t k) { return (two[k] & 2u) | near[k] << 2 | row << 5; });
     context(9, [=](std::size_t k) { return two[k] | changed[k] << 3 | around[k] << 7; });
@@ -100,8 +114,8 @@ class MaskWindows {
     context(12, [=](std::size_t k) { return two[k] | (t1[k] >> 4 & 1u) << 3 | ever[k] << 4 | over[k] << 8; });
     context(13, [=](std::size_t k) { return (two[k] & 2u) | (a1[k] >> 4 & 1u) << 2 | wide[k] << 6; });
     context(14, [=](std::size_t k) {
-      return two[k] | (h[k] >> 1 & 3u) << 3 | (t1[k] >> 4 & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 | (b[k] & 1u) << 7 | (b[k + 1] & 1u) << 8 |
-             (a1[k] >> 4 & 1u) << 9 | (u[k] >> 1 & 1u) << 11;
+      return two[k] | (h[k] >> 1 & 3u) << 3 | (t1[k] >> 4 & 1u) << 5 | (t1[k] >> 2 & 1u) << 6 | (b[k] & 1u) << 7 |
+             (b[k + 1] & 1u) << 8 | (a1[k] >> 4 & 1u) << 9 | (u[k] >> 1 & 1u) << 11;
     });
     context(15, [=](std::size_t k) { return two[k] | row << 3 | at_most_7(there[k]) << 9; });
   }
@@ -114,7 +128,8 @@ class MaskWindows {
   static std::uint8_t* first(PaddedRow& row) { return row.cells() - kMargin; }
   static const std::uint8_t* first(const PaddedRow& row) { return row.cells() - kMargin; }
 
-  // to[i] = value(i), vectorised: `value` reads nothing from `to`. Computes up to kStep - 1 more, so that no scalar loop remains.
+  // to[i] = value(i), vectorised: `value` reads nothing from `to`. Computes up to kStep - 1 more, so that no scalar
+  // loop remains.
   template <class Number, class Value>
   static void fill(Number* __restrict to, std::size_t n, Value value) {
     for (std::size_t begin = 0; begin < n; begin += kStep) {
@@ -155,8 +170,7 @@ class MaskWindows {
   static const std::uint8_t* classes(const PaddedRow& counts, std::size_t n, PaddedRow& to) {
     fill(to.cells(), n, [from = counts.cells()](std::size_t k) {
       std::uint8_t c = 0;
-      for (std::size_t i = 0; i < limits; ++i)
-        c = static_cast<std::uint8_t>(c + reaches(from[k], kCountLimits[i]));
+      for (std::size_t i = 0; i < limits; ++i) c = static_cast<std::uint8_t>(c + reaches(from[k], kCountLimits[i]));
       return c;
     });
     return to.cells();
@@ -175,7 +189,8 @@ class MaskWindows {
     fill(sums.cells(), n, [=](std::size_t k) { return eight[k + 4] + c[k + 12]; });
   }
 
-  // Packs one bit of each of eight cells into a byte: from three cells to the left, the lowest bit, to four to the right.
+  // Packs one bit of each of eight cells into a byte: from three cells to the left, the lowest bit, to four to the
+  // right.
   void pack(const PaddedRow& bytes, int bit, std::size_t n, PaddedRow& packed) {
     const std::uint8_t* const b = bytes.cells() - 3;
     std::uint8_t *const one = first(one_), *const two = first(two_), *const four = first(four_);
@@ -185,7 +200,8 @@ class MaskWindows {
     fill(packed.cells(), n, [=](std::size_t i) { return four[i] | four[i + 4] << 4; });
   }
 
-  // near_: octave class of the expected range; rough_: class of its differences from four neighbours, relative to the range.
+  // near_: octave class of the expected range; rough_: class of its differences from four neighbours, relative to the
+  // range.
   void classify_expected(std::size_t n, const std::uint16_t* e) {
     if (e == nullptr) {
       fill(near_.cells() - 1, n + 2, [](std::size_t) { return 0; });
@@ -212,7 +228,8 @@ class MaskWindows {
       std::uint16_t c = at_most_1(at);
       for (const int part : {1, 2, 3, 4, 5, 6}) {
         const auto limit = static_cast<std::uint16_t>(at >> part);
-        c = static_cast<std::uint16_t>(c + at_most_1(apart > limit ? static_cast<std::uint16_t>(apart - limit) : std::uint16_t{0}));
+        c = static_cast<std::uint16_t>(
+            c + at_most_1(apart > limit ? static_cast<std::uint16_t>(apart - limit) : std::uint16_t{0}));
       }
       return c;
     });
@@ -227,19 +244,22 @@ class MaskWindows {
     classes<9>(holes_new_, n, places_class_);
     const std::uint8_t* const ever = classes<13>(holes_ever_, n, ever_class_);
     fill(gate.data(), n, [=](std::size_t k) {
-      return at_most_7(ever[k]) | at_most_7(over[k]) << 3 | (a1[k] >> 3 & 1u) << 9 | (t1[k] >> 3 & 1u) << 10 | at_most_7(around[k]) << 11;
+      return at_most_7(ever[k]) | at_most_7(over[k]) << 3 | (a1[k] >> 3 & 1u) << 9 | (t1[k] >> 3 & 1u) << 10 |
+             at_most_7(around[k]) << 11;
     });
   }
 
   // History bytes of the three rows above, with this frame, of the row below, and of the places above and below.
   PaddedRow above_{0}, above2_{0}, above3_{0}, below_{0}, place_above_{0}, place_below_{0};
   PaddedRow one_{0}, two_{0}, four_{0}, eight_{0};
-  PaddedRow above_bits_{0}, above2_bits_{0}, above3_bits_{0}, turn_bits_{0}, turn2_bits_{0}, turn3_bits_{0};  // eight cells of the rows above and of the last three turns
-  // Counts of holes over nine cells: in the three rows above, also over 17 (wide); in four turns of this row and three of the row below
-  // (here); in two turns of the places, and one of those above and below (new); in eight turns of them (ever); a turn ago (about). And of
-  // cells in the two rows above that changed since the last turn.
+  PaddedRow above_bits_{0}, above2_bits_{0}, above3_bits_{0}, turn_bits_{0}, turn2_bits_{0},
+      turn3_bits_{0};  // eight cells of the rows above and of the last three turns
+  // Counts of holes over nine cells: in the three rows above, also over 17 (wide); in four turns of this row and three
+  // of the row below (here); in two turns of the places, and one of those above and below (new); in eight turns of them
+  // (ever); a turn ago (about). And of cells in the two rows above that changed since the last turn.
   PaddedRow holes_above_{0}, holes_wide_{0}, holes_here_{0}, holes_new_{0}, holes_ever_{0}, about_{0}, changed_{0};
-  PaddedRow above_class_{0}, wide_class_{0}, changed_class_{0}, around_class_{0}, places_class_{0}, ever_class_{0};  // classes of these counts
+  PaddedRow above_class_{0}, wide_class_{0}, changed_class_{0}, around_class_{0}, places_class_{0},
+      ever_class_{0};  // classes of these counts
   PaddedRow near_{0}, rough_{0};
   unsigned row_ = 0;
 };

@@ -1,5 +1,5 @@
-// The beams of a sensor in whole numbers. Lengths are in units of 1/16 mm, 32 of them in a range step of 2 mm. Cosines, sines
-// and other factors are in steps of 2^-30, where nothing else is said.
+// The beams of a sensor in whole numbers. Lengths are in units of 1/16 mm, 32 of them in a range step of 2 mm. Cosines,
+// sines and other factors are in steps of 2^-30, where nothing else is said.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -14,8 +14,8 @@ inline constexpr int kStepBits = 5;
 inline constexpr std::int64_t kLengthsPerStep = 1 << kStepBits;
 inline constexpr std::int64_t kTableStepsPerLength = 625;         // steps of 1e-7 m in 1/16 mm
 inline constexpr std::int64_t kMostDistanceCorrection = 128'000;  // 8 m; larger ones are cut
-inline constexpr std::int64_t kMostOffset = 2'048;                // 128 mm; larger vertical and horizontal offsets are cut
-inline constexpr std::int32_t kLeastCosine = 1 << 28;             // cosine of 75.5 degrees: steeper beams are not used
+inline constexpr std::int64_t kMostOffset = 2'048;     // 128 mm; larger vertical and horizontal offsets are cut
+inline constexpr std::int32_t kLeastCosine = 1 << 28;  // cosine of 75.5 degrees: steeper beams are not used
 
 // What the calibration table says of each row of the image, in the table's steps: 1e-8 rad and 1e-7 m.
 struct BeamTable {
@@ -29,9 +29,9 @@ struct Point {
 
 struct Beam {
   bool usable = false;
-  Angle rotation = 0;                        // rotation correction
-  std::int64_t distance_correction = 0;      // added to a range
-  std::int64_t horizontal_offset = 0;        // of the laser, to the right
+  Angle rotation = 0;                    // rotation correction
+  std::int64_t distance_correction = 0;  // added to a range
+  std::int64_t horizontal_offset = 0;    // of the laser, to the right
   // In the frame of its block, x along the block's azimuth: where the beam begins, and its unit vector.
   std::int64_t origin_x = 0, origin_y = 0, origin_z = 0, direction_x = 0, direction_y = 0, direction_z = 0;
   std::int64_t tan_elevation = 0, sec_elevation = 0;  // steps of 2^-24
@@ -66,7 +66,8 @@ struct Beam {
 
  private:
   static std::int64_t length(std::int32_t table_steps, std::int64_t most) {
-    return std::clamp(floor_divided(std::int64_t{table_steps} + kTableStepsPerLength / 2, kTableStepsPerLength), -most, most);
+    return std::clamp(floor_divided(std::int64_t{table_steps} + kTableStepsPerLength / 2, kTableStepsPerLength), -most,
+                      most);
   }
 };
 

@@ -1,8 +1,8 @@
 // The 2048 directions of a turn, the same in every frame. The direction of a cell is that of its beam.
 //
-// A reducer that may choose between the returns of a voxel prefers directions on a lattice: numbers that a high power of two
-// divides. A keep mask on a lattice costs few bits, because the coder of keep masks has the same lattice in its contexts
-// (docs/wire-format-keep.md).
+// A reducer that may choose between the returns of a voxel prefers directions on a lattice: numbers that a high power
+// of two divides. A keep mask on a lattice costs few bits, because the coder of keep masks has the same lattice in its
+// contexts (docs/wire-format-keep.md).
 #pragma once
 #include <algorithm>
 #include <array>

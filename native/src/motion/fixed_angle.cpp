@@ -79,7 +79,8 @@ LIDARCODEC_AVX2 void to_polar_in_eights(std::int32_t* x_at, std::int32_t* y_at, 
     const __m256i step = _mm256_set1_epi32(static_cast<int>(micro_rotation(static_cast<std::size_t>(i))));
     for (std::size_t v = 0; v < 2; ++v) {
       const __m256i way = _mm256_or_si256(y[v], _mm256_set1_epi32(1));
-      const __m256i dx = _mm256_sign_epi32(_mm256_srai_epi32(x[v], i), way), dy = _mm256_sign_epi32(_mm256_srai_epi32(y[v], i), way);
+      const __m256i dx = _mm256_sign_epi32(_mm256_srai_epi32(x[v], i), way),
+                    dy = _mm256_sign_epi32(_mm256_srai_epi32(y[v], i), way);
       x[v] = _mm256_add_epi32(x[v], dy);
       y[v] = _mm256_sub_epi32(y[v], dx);
       angle[v] = _mm256_add_epi32(angle[v], _mm256_sign_epi32(step, way));

@@ -1,9 +1,9 @@
 // Angles, sines and polar coordinates in whole numbers: every machine gets the same ones. A turn is 2^32 and wraps.
 //
 // Sines and polar coordinates are computed by CORDIC (J. E. Volder, "The CORDIC trigonometric computing technique", IRE
-// Transactions on Electronic Computers EC-8, 1959): n rotations by +-atan(2^-i), each of shifts and additions only. Each
-// one lengthens the vector by sqrt(1 + 4^-i). The product of these factors is the CORDIC gain, 1.646760258 for n = 16 or more.
-// tools/angle_tables.py prints the constants.
+// Transactions on Electronic Computers EC-8, 1959): n rotations by +-atan(2^-i), each of shifts and additions only.
+// Each one lengthens the vector by sqrt(1 + 4^-i). The product of these factors is the CORDIC gain, 1.646760258 for n =
+// 16 or more. tools/angle_tables.py prints the constants.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -39,20 +39,22 @@ constexpr std::int64_t floor_divided(std::int64_t a, std::int64_t b) { return a 
 constexpr Angle angle_of_table(std::int32_t steps) {
   std::int64_t wrapped = steps % kTableStepsPerTurn;
   if (wrapped < 0) wrapped += kTableStepsPerTurn;
-  return static_cast<Angle>(static_cast<std::uint64_t>(((wrapped << 32) + kTableStepsPerTurn / 2) / kTableStepsPerTurn));
+  return static_cast<Angle>(
+      static_cast<std::uint64_t>(((wrapped << 32) + kTableStepsPerTurn / 2) / kTableStepsPerTurn));
 }
 
 // Angle of an azimuth, 0 to 35999 steps of 0.01 degree.
 constexpr Angle angle_of_azimuth(std::uint32_t azimuth) {
-  return static_cast<Angle>(((static_cast<std::uint64_t>(azimuth) << 32) + kAzimuthStepsPerTurn / 2) / kAzimuthStepsPerTurn);
+  return static_cast<Angle>(((static_cast<std::uint64_t>(azimuth) << 32) + kAzimuthStepsPerTurn / 2) /
+                            kAzimuthStepsPerTurn);
 }
 
 struct CosSin {
   std::int32_t cos, sin;  // steps of 2^-30
 };
 
-// Cosine and sine of an angle, with errors below 2^-28: CORDIC in rotation mode, 30 rotations with 10 guard bits. Signs are
-// masks and not branches, because a processor cannot predict them.
+// Cosine and sine of an angle, with errors below 2^-28: CORDIC in rotation mode, 30 rotations with 10 guard bits. Signs
+// are masks and not branches, because a processor cannot predict them.
 inline CosSin cos_sin(Angle angle) {
   const bool back = angle + 0x40000000u >= 0x80000000u;
   const Angle within = back ? angle + 0x80000000u : angle;

@@ -38,7 +38,8 @@ class MovedRow {
  public:
   // Moves the points of a row. sectors: a bit for each sector whose points are needed.
   template <class Form>
-  [[gnu::always_inline]] void move(const std::uint16_t* ranges, const TakenSlots& taken, const Beam& beam, const Motion& motion, std::uint64_t sectors) {
+  [[gnu::always_inline]] void move(const std::uint16_t* ranges, const TakenSlots& taken, const Beam& beam,
+                                   const Motion& motion, std::uint64_t sectors) {
     size_ = 0;
     if (!beam.usable) return;
     const std::size_t returns = gather(ranges, taken, beam, sectors);
@@ -58,7 +59,8 @@ class MovedRow {
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t k = from + i;
         ring.put(direction_from(k), {first.away[i], first.height[i]});
-        if (first.plain[i] != 0) [[likely]] continue;
+        if (first.plain[i] != 0) [[likely]]
+          continue;
         if (joined(k)) {
           interpolate_rest(k, ring);
         } else if (k != 0 && !joined(k - 1)) {
@@ -74,7 +76,8 @@ class MovedRow {
 
   // For kAtOnce points, the place in the first direction between each and the next; kUnknown away if there is none.
   struct Interpolated {
-    std::array<std::int32_t, kAtOnce> away, height, plain;  // plain: the points are joined, and no other direction is between them
+    std::array<std::int32_t, kAtOnce> away, height,
+        plain;  // plain: the points are joined, and no other direction is between them
   };
 
   // Collects the returns that are moved; gives their number.
@@ -98,24 +101,30 @@ class MovedRow {
     return n;
   }
 
-  // The points of the returns (as Beam::point) after the motion. A point too far away is put on the axis, so that `drop_near`
-  // drops it. Doubles are exact here, because all sums of a rotation and a translation are whole numbers below 2^53.
+  // The points of the returns (as Beam::point) after the motion. A point too far away is put on the axis, so that
+  // `drop_near` drops it. Doubles are exact here, because all sums of a rotation and a translation are whole numbers
+  // below 2^53.
   template <class Form>
   [[gnu::always_inline]] void transform(std::size_t n, const Beam& beam, const Motion& motion) {
     const std::int32_t *length = length_.data(), *cos = cos_.data(), *sin = sin_.data();
     std::int32_t *x = x_.data(), *y = y_.data(), *z = z_.data();
     const auto number = [](std::int64_t a) { return static_cast<double>(a); };
-    const double direction_x = number(beam.direction_x), direction_y = number(beam.direction_y), direction_z = number(beam.direction_z);
+    const double direction_x = number(beam.direction_x), direction_y = number(beam.direction_y),
+                 direction_z = number(beam.direction_z);
     const double origin_x = number(beam.origin_x), origin_y = number(beam.origin_y), origin_z = number(beam.origin_z);
     std::array<double, 9> rotation;
     for (std::size_t i = 0; i < rotation.size(); ++i) rotation[i] = motion.rotation[i];
-    const std::array<double, 3> shift = {number(motion.translation[0]), number(motion.translation[1]), number(motion.translation[2])};
+    const std::array<double, 3> shift = {number(motion.translation[0]), number(motion.translation[1]),
+                                         number(motion.translation[2])};
     for (std::size_t k = 0; k < n; k += 4) {
-      const Fours far = fours_of<Form>(load(length + k)), c = fours_of<Form>(load(cos + k)), s = fours_of<Form>(load(sin + k));
+      const Fours far = fours_of<Form>(load(length + k)), c = fours_of<Form>(load(cos + k)),
+                  s = fours_of<Form>(load(sin + k));
       const Fours p = rounded30<Form>(far * direction_x) + origin_x, q = rounded30<Form>(far * direction_y) + origin_y;
-      const Fours ahead = rounded30<Form>(p * c + q * s), left = rounded30<Form>(q * c - p * s), high = rounded30<Form>(far * direction_z) + origin_z;
+      const Fours ahead = rounded30<Form>(p * c + q * s), left = rounded30<Form>(q * c - p * s),
+                  high = rounded30<Form>(far * direction_z) + origin_z;
       const auto to = [&](std::size_t i) __attribute__((always_inline)) {
-        return rounded30<Form>(rotation[3 * i] * ahead + rotation[3 * i + 1] * left + rotation[3 * i + 2] * high) + shift[i];
+        return rounded30<Form>(rotation[3 * i] * ahead + rotation[3 * i + 1] * left + rotation[3 * i + 2] * high) +
+               shift[i];
       };
       const Fours to_x = to(0), to_y = to(1), to_z = to(2);
       const FourMasks within = is_within(to_x) & is_within(to_y) & is_within(to_z);
@@ -134,7 +143,9 @@ class MovedRow {
   }
 
   // a if `so`, else b, without a branch.
-  static std::int32_t either(bool so, std::int32_t a, std::int32_t b) { return b ^ ((a ^ b) & -static_cast<std::int32_t>(so)); }
+  static std::int32_t either(bool so, std::int32_t a, std::int32_t b) {
+    return b ^ ((a ^ b) & -static_cast<std::int32_t>(so));
+  }
 
   // Puts the distance from the axis in place of x, and drops points that are too near.
   void drop_near(std::size_t n) {
@@ -142,7 +153,8 @@ class MovedRow {
     Angle* angle = angle_.data();
     for (std::size_t k = 0; k < n; ++k) {  // unsigned, so that compilers use vectors
       const std::uint64_t along = static_cast<std::uint32_t>(away[k]);
-      away[k] = static_cast<std::int32_t>((along * static_cast<std::uint32_t>(kInverseCordicGain) + (std::uint64_t{1} << 33)) >> 34);
+      away[k] = static_cast<std::int32_t>(
+          (along * static_cast<std::uint32_t>(kInverseCordicGain) + (std::uint64_t{1} << 33)) >> 34);
     }
     std::size_t kept = 0;
     for (std::size_t k = 0; k < n; ++k) {
@@ -164,7 +176,8 @@ class MovedRow {
     Angle* seen = seen_.data();
     const std::size_t n = size_;
     for (std::size_t k = 0; k < n; ++k)
-      seen[k] = landed[k] + static_cast<Angle>(static_cast<std::int32_t>(aside / static_cast<double>(away[k] >> 6))) * 16u;
+      seen[k] =
+          landed[k] + static_cast<Angle>(static_cast<std::int32_t>(aside / static_cast<double>(away[k] >> 6))) * 16u;
     seen_[n] = seen_[0];
     x_[n] = x_[0];
     z_[n] = z_[0];
@@ -187,13 +200,15 @@ class MovedRow {
     return static_cast<std::int32_t>(a * (1.0 / 65536) + (up + 0.5)) - up;
   }
 
-  // The place at an angle `at` after a point, whose next point is `apart` away: interpolated, or across a jump in range the
-  // place of the point that is nearer in angle.
+  // The place at an angle `at` after a point, whose next point is `apart` away: interpolated, or across a jump in range
+  // the place of the point that is nearer in angle.
   static Place between(const Place& a, const Place& b, std::int32_t at, std::int32_t apart) {
     const std::int32_t rise = b.away - a.away, climb = b.height - a.height;
     const bool jump = std::abs(rise) * static_cast<std::int32_t>(kJumpRatio) > (a.away < b.away ? a.away : b.away);
-    const std::int32_t part = either(jump, either(2 * at < apart, 0, 65536), static_cast<std::int32_t>(at * 65536.0 / apart));
-    return {a.away + rounded16(static_cast<double>(rise) * part), a.height + rounded16(static_cast<double>(climb) * part)};
+    const std::int32_t part =
+        either(jump, either(2 * at < apart, 0, 65536), static_cast<std::int32_t>(at * 65536.0 / apart));
+    return {a.away + rounded16(static_cast<double>(rise) * part),
+            a.height + rounded16(static_cast<double>(climb) * part)};
   }
 
   // Interpolates in the first direction after each point; a loop that compilers vectorise.
@@ -209,7 +224,8 @@ class MovedRow {
                                   either(has, width, static_cast<std::int32_t>(kWidestGap)));
       first.away[k] = either(has, place.away, kUnknown);
       first.height[k] = place.height;
-      first.plain[k] = joins(apart) & (static_cast<std::int32_t>(apart - static_cast<Angle>(at)) < static_cast<std::int32_t>(kDirectionWidth));
+      first.plain[k] = joins(apart) & (static_cast<std::int32_t>(apart - static_cast<Angle>(at)) <
+                                       static_cast<std::int32_t>(kDirectionWidth));
     }
   }
 
@@ -217,7 +233,8 @@ class MovedRow {
   void interpolate_rest(std::size_t k, const RingPlaces& ring) const {
     const auto width = static_cast<std::int32_t>(apart(k));
     std::uint32_t direction = direction_from(k);
-    for (std::int32_t at = to_direction(seen_[k]) + static_cast<std::int32_t>(kDirectionWidth); at <= width; at += kDirectionWidth)
+    for (std::int32_t at = to_direction(seen_[k]) + static_cast<std::int32_t>(kDirectionWidth); at <= width;
+         at += kDirectionWidth)
       ring.put(++direction, between(place(k), place(k + 1), at, width));
   }
 

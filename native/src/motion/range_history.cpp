@@ -10,8 +10,11 @@ namespace lidarcodec {
 
 void check_azimuths(const Columns& columns) {
   const std::uint16_t* end = columns.azimuth + 2 * columns.width;
-  const std::uint16_t* beyond = std::find_if(columns.azimuth, end, [](std::uint16_t a) { return a >= kAzimuthStepsPerTurn; });
-  if (beyond != end) throw Error(ErrorCode::Section, "an azimuth of " + std::to_string(*beyond) + " is beyond a turn: 35999 is the largest");
+  const std::uint16_t* beyond =
+      std::find_if(columns.azimuth, end, [](std::uint16_t a) { return a >= kAzimuthStepsPerTurn; });
+  if (beyond != end)
+    throw Error(ErrorCode::Section,
+                "an azimuth of " + std::to_string(*beyond) + " is beyond a turn: 35999 is the largest");
 }
 
 void RangeHistory::forget() {
@@ -30,7 +33,8 @@ void RangeHistory::remember(const std::uint16_t* ranges, const Columns& columns,
       const std::uint32_t azimuth = columns.azimuth[h * columns.width + c];
       const std::size_t at = slot_of(azimuth);
       const std::uint32_t swept =
-          last_[h] < 0 ? 0 : (azimuth + kAzimuthStepsPerTurn - static_cast<std::uint32_t>(last_[h])) % kAzimuthStepsPerTurn;
+          last_[h] < 0 ? 0
+                       : (azimuth + kAzimuthStepsPerTurn - static_cast<std::uint32_t>(last_[h])) % kAzimuthStepsPerTurn;
       if (swept <= kLargestSweep) {
         const std::size_t from = slot_of((azimuth + kAzimuthStepsPerTurn - swept) % kAzimuthStepsPerTurn);
         for (std::size_t s = from; s != at; s = (s + 1) % kSlots)

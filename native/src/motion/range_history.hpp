@@ -1,4 +1,5 @@
-// What was last seen in each direction: ranges, and the azimuth at which they were measured. Frames may be cut anywhere.
+// What was last seen in each direction: ranges, and the azimuth at which they were measured. Frames may be cut
+// anywhere.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -31,8 +32,8 @@ class RangeHistory {
 
   void forget();
 
-  // Stores the ranges of a frame, (64, W). Slots that the sensor passed without firing are emptied. Of two columns in one slot
-  // the last one stays. Raises Section if an azimuth is out of range.
+  // Stores the ranges of a frame, (64, W). Slots that the sensor passed without firing are emptied. Of two columns in
+  // one slot the last one stays. Raises Section if an azimuth is out of range.
   void remember(const std::uint16_t* ranges, const Columns& columns, const Halves& half);
 
   // Azimuth at which each slot of a half was last measured; kNoAzimuth: never.

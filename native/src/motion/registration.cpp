@@ -29,7 +29,8 @@ constexpr double kFirstScaleM = 1, kFirstScaleNearStartM = 0.1, kLastScaleM = 0.
 constexpr int kSubsteps = 16;
 constexpr auto kAnglePerSubstep = static_cast<double>((kAnglePerRadian + kSubsteps / 2) / kSubsteps);
 
-// The weight of Geman and McClure's estimator (1987), in Zhang's form ("Parameter estimation techniques", 1997, table 1).
+// The weight of Geman and McClure's estimator (1987), in Zhang's form ("Parameter estimation techniques", 1997, table
+// 1).
 double robust_weight(double residual, double scale) {
   const double part = residual / scale, less = 1 / (1 + part * part);
   return less * less;
@@ -46,9 +47,11 @@ class Registration {
       : before_(before), points_(points), x_(points.size()), y_(x_), angle_(points.size()), cached_(points.size()) {
     for (std::size_t r = 0; r < kRows; ++r) {
       if (!beams[r].usable) continue;
-      rings_.push_back({r, static_cast<double>(beams[r].tan_elevation), static_cast<double>(beams[r].horizontal_offset * kSubsteps) * kLengthM});
+      rings_.push_back({r, static_cast<double>(beams[r].tan_elevation),
+                        static_cast<double>(beams[r].horizontal_offset * kSubsteps) * kLengthM});
     }
-    sorted_rings_ = std::is_sorted(rings_.begin(), rings_.end(), [](const Ring& a, const Ring& b) { return a.tan_elevation > b.tan_elevation; });
+    sorted_rings_ = std::is_sorted(rings_.begin(), rings_.end(),
+                                   [](const Ring& a, const Ring& b) { return a.tan_elevation > b.tan_elevation; });
   }
 
   // Associates each point, moved, with the closest return of the history in its direction.
@@ -72,7 +75,8 @@ class Registration {
       Cached& cached = cached_[i];
       const std::size_t ring = ring_of(p.z / away, cached.ring);
       for (std::size_t k = ring == 0 ? 0 : ring - 1; k <= ring + 1 && k < rings_.size(); ++k) {
-        const auto parallax = static_cast<Angle>(static_cast<std::int32_t>(rings_[k].horizontal_offset / away * kAnglePerSubstep));
+        const auto parallax =
+            static_cast<Angle>(static_cast<std::int32_t>(rings_[k].horizontal_offset / away * kAnglePerSubstep));
         const Lookup& lookup = looked_up(cached.at[k % cached.at.size()], rings_[k].row, angle_[i] + parallax);
         if (!lookup.any) continue;
         const Vector3 apart = p - lookup.found;
@@ -149,12 +153,13 @@ class Registration {
     return lookup;
   }
 
-  // Index in rings_ of the beam whose elevation is closest to a tangent. low: the first ring that is not above it; the last
-  // result is tried first.
+  // Index in rings_ of the beam whose elevation is closest to a tangent. low: the first ring that is not above it; the
+  // last result is tried first.
   std::size_t ring_of(double tangent, std::size_t& low) const {
     const double wanted = tangent * (1 << 24);
     const std::size_t n = rings_.size();
-    const bool still = sorted_rings_ && (low == 0 || rings_[low - 1].tan_elevation > wanted) && (low == n || rings_[low].tan_elevation <= wanted);
+    const bool still = sorted_rings_ && (low == 0 || rings_[low - 1].tan_elevation > wanted) &&
+                       (low == n || rings_[low].tan_elevation <= wanted);
     if (!still) {
       low = 0;
       for (std::size_t high = n; low < high;) {
@@ -210,7 +215,8 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
     if (registration.matched() < least) break;
     result.median_m = registration.median_residual();
     Vector3 w, v;
-    if (!registration.step(std::max({kLastScaleM, 3 * result.median_m, scale_m}), near_start, rotated, shifted, w, v)) break;
+    if (!registration.step(std::max({kLastScaleM, 3 * result.median_m, scale_m}), near_start, rotated, shifted, w, v))
+      break;
     if (!(dot(w, w) < 1 && dot(v, v) < kFarthestM * kFarthestM)) break;
     rigid = updated(rigid, w, v);
     rotated = rotated + w;
@@ -222,7 +228,8 @@ FoundMotion find_motion(const RangeHistory& history, const std::uint16_t* ranges
   result.matched = static_cast<std::uint32_t>(registration.matched());
   const Rigid back = rigid.inverse();
   // A start whose matrix is not a rotation gives no rotation either.
-  if (result.matched < least || !(result.median_m < kWorstMedianM) || !(norm(back.translation) < kFarthestM) || !is_orthonormal(back))
+  if (result.matched < least || !(result.median_m < kWorstMedianM) || !(norm(back.translation) < kFarthestM) ||
+      !is_orthonormal(back))
     return result;
   result.motion = motion_of(back);
   result.found = true;

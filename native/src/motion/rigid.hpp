@@ -28,8 +28,10 @@ inline Rigid rigid_of(const Motion& motion) {
   Rigid rigid;
   constexpr double unit = 1.0 / (1 << 30);
   for (std::size_t i = 0; i < 3; ++i)
-    rigid.row[i] = {motion.rotation[3 * i] * unit, motion.rotation[3 * i + 1] * unit, motion.rotation[3 * i + 2] * unit};
-  rigid.translation = {motion.translation[0] * kLengthM, motion.translation[1] * kLengthM, motion.translation[2] * kLengthM};
+    rigid.row[i] = {motion.rotation[3 * i] * unit, motion.rotation[3 * i + 1] * unit,
+                    motion.rotation[3 * i + 2] * unit};
+  rigid.translation = {motion.translation[0] * kLengthM, motion.translation[1] * kLengthM,
+                       motion.translation[2] * kLengthM};
   return rigid;
 }
 

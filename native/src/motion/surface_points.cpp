@@ -8,19 +8,19 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kStride = 6;          // slots from candidate to candidate in a row
-constexpr std::size_t kTried = 3;           // slots of which the first with a return is a candidate
-constexpr std::size_t kPerClass = 500;      // points of each class of normals
-constexpr double kVoxelM = 0.4;             // of the points in a voxel one is used
-constexpr double kBaselineM = 0.3;          // from a point to the neighbours that give its normal, at least
+constexpr std::size_t kStride = 6;      // slots from candidate to candidate in a row
+constexpr std::size_t kTried = 3;       // slots of which the first with a return is a candidate
+constexpr std::size_t kPerClass = 500;  // points of each class of normals
+constexpr double kVoxelM = 0.4;         // of the points in a voxel one is used
+constexpr double kBaselineM = 0.3;      // from a point to the neighbours that give its normal, at least
 constexpr double kLeastBaselineRad = 0.006, kMostBaselineRad = 0.06;
-constexpr int kMostRingsApart = 6;          // from a point to those above and below
+constexpr int kMostRingsApart = 6;  // from a point to those above and below
 constexpr double kNearestM = 1, kFarthestM = 80;
 constexpr double kPlaneErrorM = 0.05, kPlaneErrorPart = 0.005;  // a neighbour further off the plane: there is no plane
-constexpr double kLeastIncidence = 0.03;    // sine of the angle between a beam and the plane
+constexpr double kLeastIncidence = 0.03;                        // sine of the angle between a beam and the plane
 
-// The next return in the rings above (by = -1) or below (by = 1) that is at least the baseline away: with closer ones the
-// errors of the lasers would tilt the plane.
+// The next return in the rings above (by = -1) or below (by = 1) that is at least the baseline away: with closer ones
+// the errors of the lasers would tilt the plane.
 bool vertical_neighbour(const View& view, std::size_t row, int by, Angle angle, const Vector3& from, Vector3& point) {
   for (int k = 1; k <= kMostRingsApart; ++k) {
     const int ring = static_cast<int>(row) + k * by;
@@ -37,7 +37,8 @@ bool find_normal(const View& view, std::size_t row, std::size_t slot, SurfacePoi
   const Angle angle = view.angle_of(row, slot);
   const double away = norm(point.at);
   if (!(away > kNearestM) || away > kFarthestM) return false;
-  const auto side = static_cast<Angle>(std::clamp(kBaselineM / away, kLeastBaselineRad, kMostBaselineRad) * static_cast<double>(kAnglePerRadian));
+  const auto side = static_cast<Angle>(std::clamp(kBaselineM / away, kLeastBaselineRad, kMostBaselineRad) *
+                                       static_cast<double>(kAnglePerRadian));
   // Most points have no normal, so the cheapest tests come first.
   const auto close = [&](const Vector3& neighbour) { return !(norm(neighbour - point.at) > kBaselineM + 0.15 * away); };
   if (!view.nearest_by_angle(row, angle - side, left) || !close(left) ||
@@ -69,8 +70,9 @@ std::size_t class_of(const Vector3& n) {
 // Voxels that have a point already: without them near surfaces would outweigh far ones.
 class VoxelSet {
  public:
-  // The spatial hash of Teschner et al., "Optimized spatial hashing for collision detection of deformable objects" (2003),
-  // spread over 16 bits by Knuth's multiplicative hash. Two voxels that share a key are no harm: one stays without a point.
+  // The spatial hash of Teschner et al., "Optimized spatial hashing for collision detection of deformable objects"
+  // (2003), spread over 16 bits by Knuth's multiplicative hash. Two voxels that share a key are no harm: one stays
+  // without a point.
   static std::size_t key(const Vector3& p) {
     constexpr std::uint32_t kX = 73'856'093, kY = 19'349'663, kZ = 83'492'791;
     constexpr std::uint32_t kGolden = 2'654'435'761;  // 2^32 divided by the golden ratio

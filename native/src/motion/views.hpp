@@ -13,7 +13,8 @@
 
 namespace lidarcodec {
 
-// Which of seven slots that hold a return, a bit each, is nearest to the middle one, bit 3; of two as near, the later one.
+// Which of seven slots that hold a return, a bit each, is nearest to the middle one, bit 3; of two as near, the later
+// one.
 class NearestSlot {
  public:
   static constexpr std::size_t kReach = 3;  // slots to each side
@@ -54,7 +55,8 @@ class View {
     for (std::size_t row = 0; row < kRows; ++row) mark(row, taken.data() + table.half[row] * kSlots);
   }
 
-  // Which of the nine slots from this one on hold a return of a row, up to the last slot; the lowest bit is the slot itself.
+  // Which of the nine slots from this one on hold a return of a row, up to the last slot; the lowest bit is the slot
+  // itself.
   std::uint32_t returns_from(std::size_t row, std::size_t slot) const {
     const std::uint8_t* bytes = occupied_.data() + row * kRowBytes + slot / 8;
     return (bytes[0] | static_cast<std::uint32_t>(bytes[1]) << 8) >> (slot % 8);
@@ -63,8 +65,10 @@ class View {
   // The return in a slot of a row; there must be one.
   Vector3 at(std::size_t row, std::size_t slot) const {
     const Beam& beam = beams_[row];
-    const Point p = beam.point(history_.ranges(row)[slot] * kLengthsPerStep + beam.distance_correction, azimuth_cs_[table_.half[row] * kSlots + slot]);
-    return {static_cast<double>(p.x) * kLengthM, static_cast<double>(p.y) * kLengthM, static_cast<double>(p.z) * kLengthM};
+    const Point p = beam.point(history_.ranges(row)[slot] * kLengthsPerStep + beam.distance_correction,
+                               azimuth_cs_[table_.half[row] * kSlots + slot]);
+    return {static_cast<double>(p.x) * kLengthM, static_cast<double>(p.y) * kLengthM,
+            static_cast<double>(p.z) * kLengthM};
   }
 
   // Direction of a row's beam in a slot.
@@ -73,7 +77,9 @@ class View {
   }
 
   // The slot in which a row's beam has a direction.
-  std::size_t slot_of(std::size_t row, Angle angle) const { return static_cast<Angle>(angle + beams_[row].rotation) >> 20; }
+  std::size_t slot_of(std::size_t row, Angle angle) const {
+    return static_cast<Angle>(angle + beams_[row].rotation) >> 20;
+  }
 
   // The return of a row nearest to a slot, at most kReach away; false: there is none.
   bool nearest(std::size_t row, std::size_t slot, Vector3& point) const {
@@ -83,18 +89,22 @@ class View {
     point = at(row, (first + nearest_slot) % kSlots);
     return true;
   }
-  bool nearest_by_angle(std::size_t row, Angle angle, Vector3& point) const { return nearest(row, slot_of(row, angle), point); }
+  bool nearest_by_angle(std::size_t row, Angle angle, Vector3& point) const {
+    return nearest(row, slot_of(row, angle), point);
+  }
 
  private:
   static constexpr std::size_t kRowBytes = kSlots / 8 + 1;  // the first byte again after the last one
 
-  // Notes in which slots a row has returns. taken: 1 << slot % 8 for each slot in which its half has an azimuth, else 0.
+  // Notes in which slots a row has returns. taken: 1 << slot % 8 for each slot in which its half has an azimuth, else
+  // 0.
   void mark(std::size_t row, const std::uint16_t* taken) {
     const Beam& beam = beams_[row];
     if (!beam.usable) return;
     const std::uint16_t* ranges = history_.ranges(row);
     // Ranges up to this one are not positive when they are corrected.
-    const auto none = static_cast<std::uint16_t>(std::max<std::int64_t>(-beam.distance_correction / kLengthsPerStep, 0));
+    const auto none =
+        static_cast<std::uint16_t>(std::max<std::int64_t>(-beam.distance_correction / kLengthsPerStep, 0));
     std::array<std::uint16_t, kSlots> marks;
     for (std::size_t s = 0; s < kSlots; ++s) marks[s] = static_cast<std::uint16_t>(taken[s] & -(ranges[s] > none));
     std::uint8_t* bytes = occupied_.data() + row * kRowBytes;

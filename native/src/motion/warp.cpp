@@ -5,8 +5,8 @@
 #include <bitset>
 #include <memory>
 
-#include "motion/moved_row.hpp"
 #include "base/processor.hpp"
+#include "motion/moved_row.hpp"
 #include "motion/warp_crossing.hpp"
 
 namespace lidarcodec {
@@ -69,8 +69,8 @@ struct LaserSide {
 };
 
 template <class Form>
-[[gnu::always_inline]] inline std::vector<std::uint16_t> expect(const RangeHistory& history, const BeamTable& table, const Motion& motion,
-                                                                const Columns& columns) {
+[[gnu::always_inline]] inline std::vector<std::uint16_t> expect(const RangeHistory& history, const BeamTable& table,
+                                                                const Motion& motion, const Columns& columns) {
   check_azimuths(columns);
   std::vector<std::uint16_t> expected(kRows * columns.width);
   const Beams beams = beams_of(table);
@@ -81,7 +81,8 @@ template <class Form>
   const std::array<LaserSide, 2> sides = {LaserSide(beams, false), LaserSide(beams, true)};
   const TakenSlots upper(history, 0, nullptr), lower(history, 1, &upper);
   const std::bitset<kSectors> sources = dilated(needed, 3), seen = dilated(needed, 1);
-  // One allocation for both sides: the system takes smaller ones back when they are freed. Not cleared, which would take time.
+  // One allocation for both sides: the system takes smaller ones back when they are freed. Not cleared, which would
+  // take time.
   const std::unique_ptr<Place[]> places(new Place[2 * Surface::kPlaces]);
   const std::unique_ptr<std::int32_t[]> lengths(new std::int32_t[2 * Surface::kPlaces]);
   if (!seen.all()) std::fill_n(lengths.get(), 2 * Surface::kPlaces, 0);
@@ -93,7 +94,8 @@ template <class Form>
     moved.move<Form>(history.ranges(row), table.half[row] ? lower : upper, beams[row], motion, sources.to_ullong());
     for (std::size_t side = 0; side < 2; ++side) {
       const bool own = (beams[row].horizontal_offset < 0) == (side == 1);
-      if (!sides[side].rows.empty()) moved.draw(own ? beams[row].horizontal_offset : sides[side].mean_offset, surfaces[side].ring(row));
+      if (!sides[side].rows.empty())
+        moved.draw(own ? beams[row].horizontal_offset : sides[side].mean_offset, surfaces[side].ring(row));
     }
   }
   for (std::size_t side = 0; side < 2; ++side) {
@@ -105,15 +107,17 @@ template <class Form>
       const RowHits hits = surfaces[side].hits_of(row);
       const Fired& half = fired[table.half[row]];
       std::uint16_t* to = expected.data() + row * columns.width;
-      for (std::size_t k = 0; k < half.angle.size(); ++k) to[half.column[k]] = hits.range(half.angle[k] - beams[row].rotation);
+      for (std::size_t k = 0; k < half.angle.size(); ++k)
+        to[half.column[k]] = hits.range(half.angle[k] - beams[row].rotation);
     }
   }
   return expected;
 }
 
 #if defined(__x86_64__)
-LIDARCODEC_AVX2 [[gnu::flatten]] std::vector<std::uint16_t> expect_avx2(const RangeHistory& history, const BeamTable& table,
-                                                                           const Motion& motion, const Columns& columns) {
+LIDARCODEC_AVX2
+[[gnu::flatten]] std::vector<std::uint16_t> expect_avx2(const RangeHistory& history, const BeamTable& table,
+                                                        const Motion& motion, const Columns& columns) {
   return expect<FoursInOne>(history, table, motion, columns);
 }
 #endif

@@ -1,5 +1,5 @@
-// The ranges that a frame is expected to have: the history, transformed by the motion and seen from the sensor's new position.
-// In whole numbers only; the rules are in docs/wire-format-motion.md.
+// The ranges that a frame is expected to have: the history, transformed by the motion and seen from the sensor's new
+// position. In whole numbers only; the rules are in docs/wire-format-motion.md.
 #pragma once
 #include <cstdint>
 #include <vector>

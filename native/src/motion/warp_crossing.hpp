@@ -1,5 +1,5 @@
-// Intersections of beams with the surface, four directions at a time, from the highest ring down. Compiled for each kind of
-// processor (motion/warp.cpp).
+// Intersections of beams with the surface, four directions at a time, from the highest ring down. Compiled for each
+// kind of processor (motion/warp.cpp).
 #pragma once
 #include <algorithm>
 #include <array>
@@ -27,17 +27,19 @@ template <class Form>
   return at.height - beam.origin_z - rounded_down<Form>((at.away + beam.back) * beam.tan_elevation);
 }
 
-// Whether nothing lies between two places: they are more than 0.35 of the nearer distance apart, or they are more than 0.3 m and
-// a quarter of it apart at almost one height.
+// Whether nothing lies between two places: they are more than 0.35 of the nearer distance apart, or they are more than
+// 0.3 m and a quarter of it apart at almost one height.
 [[gnu::always_inline]] inline FourMasks Surface::jump(const Places& a, const Places& b) {
   const Fours apart = absolute(b.away - a.away), near = select(a.away < b.away, a.away, b.away);
   return (apart * 20.0 > near * 7.0) |
          ((apart > 150.0 * kLengthsPerStep) & (apart * 4.0 > near) & (absolute(b.height - a.height) * 50.0 < apart));
 }
 
-// The intersection of a beam with the line between two places, where `passes`; kept in `hit` if it is the nearest so far.
+// The intersection of a beam with the line between two places, where `passes`; kept in `hit` if it is the nearest so
+// far.
 template <class Form>
-[[gnu::always_inline]] inline void Surface::intersect(const CrossingBeam& beam, const Places& a, const Places& b, FourMasks passes, Fours& hit) {
+[[gnu::always_inline]] inline void Surface::intersect(const CrossingBeam& beam, const Places& a, const Places& b,
+                                                      FourMasks passes, Fours& hit) {
   const Fours from = above<Form>(beam, a), all = select(passes, from - above<Form>(beam, b), broadcast(1));
   // Exact: a double divides whole numbers below 2^50 and drops the fraction as an integer division does.
   const Fours part = fours_of<Form>(truncated(select(passes, (b.away - a.away) * from, Fours{}) / all));
@@ -48,7 +50,8 @@ template <class Form>
 
 template <class Form>
 [[gnu::always_inline]] inline void Surface::cross(std::size_t direction) {
-  constexpr std::size_t kNextLine = 8;  // the ring's places in later directions, which the processor does not prefetch by itself
+  constexpr std::size_t kNextLine =
+      8;  // the ring's places in later directions, which the processor does not prefetch by itself
   const std::size_t beams = rows_.size();
   std::array<Fours, kRows> hit;  // of each beam, its distance from the axis
   for (std::size_t beam = 0; beam < beams; ++beam) hit[beam] = broadcast(kUnknown);
@@ -57,14 +60,16 @@ template <class Form>
   const Place* at = points_ + direction;
   Places before{};
   Fours now{}, ring_before = broadcast(-double{kRows});  // number of beams that pass above the last place, and its ring
-  std::size_t least = 0, most = 0;                        // of `now`
+  std::size_t least = 0, most = 0;                       // of `now`
   for (std::size_t ring = 0; ring < kRows; ++ring, at += kStride) {
     __builtin_prefetch(at + kNextLine);
-    const FourInts aways{at[0].away, at[1].away, at[2].away, at[3].away}, heights{at[0].height, at[1].height, at[2].height, at[3].height};
+    const FourInts aways{at[0].away, at[1].away, at[2].away, at[3].away},
+        heights{at[0].height, at[1].height, at[2].height, at[3].height};
     const FourMasks known = fours_of<Form>(aways) != double{kUnknown};
     const std::uint32_t known_ones = Form::bits_of(known);
     if (known_ones == 0) continue;
-    const Places here = {select(known, fours_of<Form>(aways), before.away), select(known, fours_of<Form>(heights), before.height)};
+    const Places here = {select(known, fours_of<Form>(aways), before.away),
+                         select(known, fours_of<Form>(heights), before.height)};
     const Fours number = broadcast(static_cast<double>(ring));
     const FourMasks joined = known & (number - ring_before <= double{kMostRingsApart});
     FourMasks rose{};
@@ -112,7 +117,8 @@ template <class Form>
     }
     const Fours away = hit[beam] + crossing.back;
     const FourMasks meets = (hit[beam] != double{kUnknown}) & (away > 0.0);
-    store(truncated(select(meets, away * crossing.sec_elevation, Fours{})), hits_ + crossing.at + direction);  // above 0: rounded down
+    store(truncated(select(meets, away * crossing.sec_elevation, Fours{})),
+          hits_ + crossing.at + direction);  // above 0: rounded down
   }
 }
 

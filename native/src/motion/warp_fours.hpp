@@ -1,4 +1,5 @@
-// Four numbers at a time. Compilers turn these vectors into what the processor has: two registers of two, or one of four.
+// Four numbers at a time. Compilers turn these vectors into what the processor has: two registers of two, or one of
+// four.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -33,8 +34,8 @@ using FourMasks = std::int64_t __attribute__((vector_size(32)));  // all ones: t
 }
 [[gnu::always_inline]] inline Fours absolute(Fours a) { return select(a < 0.0, -a, a); }
 
-// What depends on the processor: conversion from whole numbers, rounding down (of numbers within 2^31), and a mask as four bits.
-// By reference, which compilers need where the processor's registers are shorter.
+// What depends on the processor: conversion from whole numbers, rounding down (of numbers within 2^31), and a mask as
+// four bits. By reference, which compilers need where the processor's registers are shorter.
 struct FoursInTwo {
   [[gnu::always_inline]] static void widen(FourInts a, Fours& to) { to = __builtin_convertvector(a, Fours); }
   [[gnu::always_inline]] static void round_down(Fours& a) {
@@ -54,8 +55,12 @@ struct FoursInTwo {
 
 #if defined(__x86_64__)
 struct FoursInOne {
-  LIDARCODEC_AVX2 static void widen(FourInts a, Fours& to) { to = reinterpret_cast<Fours>(_mm256_cvtepi32_pd(reinterpret_cast<__m128i>(a))); }
-  LIDARCODEC_AVX2 static void round_down(Fours& a) { a = reinterpret_cast<Fours>(_mm256_floor_pd(reinterpret_cast<__m256d>(a))); }
+  LIDARCODEC_AVX2 static void widen(FourInts a, Fours& to) {
+    to = reinterpret_cast<Fours>(_mm256_cvtepi32_pd(reinterpret_cast<__m128i>(a)));
+  }
+  LIDARCODEC_AVX2 static void round_down(Fours& a) {
+    a = reinterpret_cast<Fours>(_mm256_floor_pd(reinterpret_cast<__m256d>(a)));
+  }
   LIDARCODEC_AVX2 static std::uint32_t bits_of(const FourMasks& so) {
     return static_cast<std::uint32_t>(_mm256_movemask_pd(reinterpret_cast<__m256d>(so)));
   }

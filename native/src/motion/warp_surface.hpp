@@ -1,5 +1,5 @@
-// The moved rings as a surface. In each of 2048 directions it is a polyline through the rings, a point of each, and the beams
-// of the frame intersect it.
+// The moved rings as a surface. In each of 2048 directions it is a polyline through the rings, a point of each, and the
+// beams of the frame intersect it.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -15,13 +15,13 @@ namespace lidarcodec {
 inline constexpr std::size_t kDirections = 2048;
 inline constexpr int kDirectionBits = 21;
 inline constexpr Angle kDirectionWidth = 1u << kDirectionBits;  // 2^32 / kDirections
-inline constexpr Angle kWidestGap = 8 * kDirectionWidth;        // 1.4 degrees: points of a ring further apart are not joined
+inline constexpr Angle kWidestGap = 8 * kDirectionWidth;  // 1.4 degrees: points of a ring further apart are not joined
 inline constexpr std::size_t kSectors = 64;
 inline constexpr std::int64_t kFarthest = 1 << 23;  // 524 m along each axis: points further away are dropped
 inline constexpr std::int32_t kNearest = 1'600;     // 0.1 m from the axis: points nearer to it are dropped
 inline constexpr std::int32_t kUnknown = 1 << 30;   // distance of a place that does not exist
 inline constexpr std::size_t kMostRingsApart = 3;   // rings further apart are not joined
-inline constexpr std::int64_t kJumpRatio = 16;      // two lengths further apart than 1/16 of the shorter one: a depth edge
+inline constexpr std::int64_t kJumpRatio = 16;  // two lengths further apart than 1/16 of the shorter one: a depth edge
 
 constexpr std::size_t sector_of(Angle angle) { return angle >> 26; }  // 2^32 / kSectors is 2^26
 
@@ -45,7 +45,8 @@ class RingPlaces {
   Place* places_;
 };
 
-// Lengths at which the beam of a row hits the surface, by direction; the first direction is repeated after the last one.
+// Lengths at which the beam of a row hits the surface, by direction; the first direction is repeated after the last
+// one.
 class RowHits {
  public:
   RowHits(const std::int32_t* lengths, std::int64_t distance) : lengths_(lengths), distance_(distance) {}
@@ -78,14 +79,15 @@ class Surface {
   static constexpr std::size_t kStride = kDirections + 8;
   static constexpr std::size_t kPlaces = kStride * kRows;
 
-  // rows: those whose beams are intersected, from the top. points, hits: kPlaces each; `hits` is 0 where `cross` is not called.
-  // Call `ring` for each row first.
+  // rows: those whose beams are intersected, from the top. points, hits: kPlaces each; `hits` is 0 where `cross` is not
+  // called. Call `ring` for each row first.
   Surface(const Beams& beams, const std::vector<std::uint8_t>& rows, Place* points, std::int32_t* hits)
       : beams_(beams), rows_(rows), points_(points), hits_(hits) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       const Beam& beam = beams[rows[i]];
       crossing_[i + 1] = {static_cast<double>(beam.origin_z), static_cast<double>(beam.back),
-                          static_cast<double>(beam.tan_elevation) * kTangentStep, static_cast<double>(beam.sec_elevation) * kTangentStep, rows[i] * kStride};
+                          static_cast<double>(beam.tan_elevation) * kTangentStep,
+                          static_cast<double>(beam.sec_elevation) * kTangentStep, rows[i] * kStride};
     }
     crossing_[0].origin_z = kBeyondAll;
     crossing_[rows.size() + 1].origin_z = -kBeyondAll;
@@ -124,8 +126,8 @@ class Surface {
   template <class Form>
   static void intersect(const CrossingBeam& beam, const Places& a, const Places& b, FourMasks passes, Fours& hit);
 
-  // A beam that intersects nothing hits the nearest place that it passes by less than 0.006 of the place's distance. rings: a
-  // bit for each ring beside the beam. Gives the place's distance from the axis, or kUnknown.
+  // A beam that intersects nothing hits the nearest place that it passes by less than 0.006 of the place's distance.
+  // rings: a bit for each ring beside the beam. Gives the place's distance from the axis, or kUnknown.
   double nearest_passed(const CrossingBeam& beam, std::size_t direction, std::uint64_t rings) const;
 
   // Higher than all points: these are at most 2^25 above or below a beam.

@@ -25,8 +25,8 @@ namespace {
 
 using namespace net_forms;
 
-// The shifts that weights may have, and what is added for sums: inputs have steps of 1/32, hidden values of 1/8, and log odds of
-// 1/4096, so 32 / 8 = 2^2, 8 / 8 = 2^0 and 8 / 4096 = 2^-9.
+// The shifts that weights may have, and what is added for sums: inputs have steps of 1/32, hidden values of 1/8, and
+// log odds of 1/4096, so 32 / 8 = 2^2, 8 / 8 = 2^0 and 8 / 4096 = 2^-9.
 struct Shifts {
   std::uint32_t least, most;
   std::int32_t of_sums;
@@ -36,7 +36,8 @@ constexpr std::int64_t kMostRounding = 1 << 14;  // what half_of gives for the l
 
 // Runs the layers one after the other, with values of 16 bits.
 template <std::size_t N, class Run>
-void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values, const Run& run) {
+void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<NetValues*, N>& values,
+                  const Run& run) {
   std::array<std::array<Words, kNetLayers - 1>, N> words;  // the inputs of each layer but the last
   std::array<const std::int16_t*, N> in;
   std::array<std::int16_t*, N> out;
@@ -53,8 +54,8 @@ void run_in_words(const std::array<Layer, kNetLayers>& layers, const std::array<
 
 // Splits four returns into two times two if the registers hold only two.
 template <std::size_t kGroup, std::size_t N, class Run>
-void in_groups(const std::array<InitialSums, N>& initial, const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out,
-              const Run& run) {
+void in_groups(const std::array<InitialSums, N>& initial, const std::array<const std::int16_t*, N>& in,
+               const std::array<std::int16_t*, N>& out, const Run& run) {
   if constexpr (N <= kGroup) {
     run(initial, in, out);
   } else {
@@ -96,8 +97,8 @@ void run_layers(NetForm form, const std::array<Layer, kNetLayers>& layers, const
   }
 }
 
-// What is added to the inputs of each layer so that they fit bytes: unsigned ones for VNNI, signed ones for dot products on ARM.
-// And whether weights may be two bytes.
+// What is added to the inputs of each layer so that they fit bytes: unsigned ones for VNNI, signed ones for dot
+// products on ARM. And whether weights may be two bytes.
 #if defined(__aarch64__)
 constexpr std::array<std::int32_t, kNetLayers> kInputOffset = {0, -128, -128};
 constexpr bool kTwoPlanes = true;
@@ -139,7 +140,8 @@ void set_tiles(const GivenLayer& from, Layer& layer) {
 // Sets the weights as bytes, if they fit.
 void set_bytes(const GivenLayer& from, Layer& layer) {
   const auto fit = [&](int least, int most) {
-    return std::all_of(from.weights, from.weights + from.in * from.out, [&](std::int16_t w) { return w >= least && w <= most; });
+    return std::all_of(from.weights, from.weights + from.in * from.out,
+                       [&](std::int16_t w) { return w >= least && w <= most; });
   };
   layer.planes = fit(-128, 127) ? 1 : kTwoPlanes && fit(-32768, 127 * 256 + 127) ? 2 : 0;
   const std::size_t size = layer.tiles() * kTileWeights;  // of a plane
@@ -165,13 +167,18 @@ void set_initial_sums(const GivenLayer& from, std::int32_t offset, Layer& layer)
   layer.scales.assign((layer.has_conditional_biases ? kScaleBiases : 1) * width);
   for (std::size_t o = 0; o < from.out; ++o) {
     std::uint32_t bias = static_cast<std::uint32_t>(from.bias[o]) + half;
-    for (std::size_t i = 0; i < from.in; ++i) bias -= static_cast<std::uint32_t>(offset * from.weights[o * from.in + i]);
+    for (std::size_t i = 0; i < from.in; ++i)
+      bias -= static_cast<std::uint32_t>(offset * from.weights[o * from.in + i]);
     layer.rows.data()[o] = static_cast<std::int32_t>(bias);
     if (!layer.has_conditional_biases) continue;
-    const auto conditional = [&](std::size_t number) { return from.conditional_bias[number * from.out + o] * (1 << (from.shift - 1)); };
+    const auto conditional = [&](std::size_t number) {
+      return from.conditional_bias[number * from.out + o] * (1 << (from.shift - 1));
+    };
     for (std::size_t row = 0; row < kRowBiases; ++row)
-      layer.rows.data()[row * width + o] = static_cast<std::int32_t>(bias + static_cast<std::uint32_t>(conditional(row)));
-    for (std::size_t scale = 0; scale < kScaleBiases; ++scale) layer.scales.data()[scale * width + o] = conditional(kRowBiases + scale);
+      layer.rows.data()[row * width + o] =
+          static_cast<std::int32_t>(bias + static_cast<std::uint32_t>(conditional(row)));
+    for (std::size_t scale = 0; scale < kScaleBiases; ++scale)
+      layer.scales.data()[scale * width + o] = conditional(kRowBiases + scale);
   }
 }
 
@@ -179,7 +186,8 @@ void set_initial_sums(const GivenLayer& from, std::int32_t offset, Layer& layer)
 void check(const GivenLayer& given, std::size_t number, std::int64_t largest) {
   if (given.shift < kShifts[number].least || given.shift > kShifts[number].most)
     throw Error(ErrorCode::Section, "the shift of a layer is out of range");
-  if (given.conditional_bias != nullptr && number != 0) throw Error(ErrorCode::Section, "only the first layer of a network may have biases of rows and scales");
+  if (given.conditional_bias != nullptr && number != 0)
+    throw Error(ErrorCode::Section, "only the first layer of a network may have biases of rows and scales");
   const std::int64_t of_conditional = given.conditional_bias == nullptr ? 0 : 256 << (given.shift - 1);
   for (std::size_t o = 0; o < given.out; ++o) {
     std::int64_t sum = std::abs(static_cast<std::int64_t>(given.bias[o])) + of_conditional + kMostRounding;
@@ -244,7 +252,8 @@ NetForm net_form_named(const std::string& name) {
 void check_layers(const std::array<GivenLayer, kNetLayers>& given) {
   const auto hidden = [](std::size_t n) { return n >= 8 && n <= kMaxHidden && n % 8 == 0; };
   if ((given[0].in != kInputsAlone && given[0].in != kInputsExpecting) || !hidden(given[0].out) ||
-      given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out || given[2].out != kNetOutputs)
+      given[1].in != given[0].out || !hidden(given[1].out) || given[2].in != given[1].out ||
+      given[2].out != kNetOutputs)
     throw Error(ErrorCode::Section, "the layers of a network do not fit each other");
   for (std::size_t l = 0; l < kNetLayers; ++l) check(given[l], l, l == 0 ? 128 : kHiddenMax);
 }
@@ -264,14 +273,16 @@ RiddleNet::RiddleNet(const std::array<GivenLayer, kNetLayers>& given, NetForm fo
     if (form_ == NetForm::Dot && layer.planes == 0) form_ = NetForm::Vector;
   }
   const bool in_bytes = form_ == NetForm::Vnni || form_ == NetForm::Dot;
-  for (std::size_t l = 0; l < kNetLayers; ++l) set_initial_sums(without_leaves(given[l], l), in_bytes ? kInputOffset[l] : 0, layers_[l]);
+  for (std::size_t l = 0; l < kNetLayers; ++l)
+    set_initial_sums(without_leaves(given[l], l), in_bytes ? kInputOffset[l] : 0, layers_[l]);
 
   const GivenLayer& last = given.back();
   leaves_.blocks = layers_[1].blocks();
   leaves_.shift = layers_.back().shift;
   leaves_.weights.assign(kLeafOdds * leaves_.blocks * kTileOutputs);
   for (std::size_t leaf = 0; leaf < kLeafOdds; ++leaf) {
-    std::copy_n(last.weights + (kTreeOdds + leaf) * last.in, last.in, leaves_.weights.data() + leaf * leaves_.blocks * kTileOutputs);
+    std::copy_n(last.weights + (kTreeOdds + leaf) * last.in, last.in,
+                leaves_.weights.data() + leaf * leaves_.blocks * kTileOutputs);
     leaves_.initial[leaf] = last.bias[kTreeOdds + leaf] + half_of(leaves_.shift);
   }
 }

@@ -1,8 +1,8 @@
 // A layer of a network for processors with AVX2: sixteen products of 16 bits at a time.
 #pragma once
-#include <cstring>
-
 #include <immintrin.h>
+
+#include <cstring>
 
 #include "network/net_plain.hpp"
 

@@ -1,7 +1,8 @@
-// Networks for 64-bit ARM with the instructions for dot products (Armv8.2 and later): sixteen products of 8 bits at a time.
+// Networks for 64-bit ARM with the instructions for dot products (Armv8.2 and later): sixteen products of 8 bits at a
+// time.
 //
-// All values are signed bytes. Hidden values, 0 to 255, are stored minus 128; the initial sums cancel it. Weights of 16 bits are
-// an upper and a lower byte, and the sums of upper bytes are multiplied by 256.
+// All values are signed bytes. Hidden values, 0 to 255, are stored minus 128; the initial sums cancel it. Weights of 16
+// bits are an upper and a lower byte, and the sums of upper bytes are multiplied by 256.
 #pragma once
 #include <arm_neon.h>
 
@@ -43,8 +44,8 @@ inline void clip(const Lanes::Sums& sums, const Layer& layer, std::int8_t* out) 
 inline void clip(const Lanes::Sums& sums, const Layer& layer, std::int16_t* out) { Lanes::clip(sums, layer, out); }
 
 template <std::size_t N, class Out>
-LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<const std::int8_t*, N>& in,
-                              const std::array<Out*, N>& out) {
+LIDARCODEC_DOT void layer_dot(const Layer& layer, const std::array<InitialSums, N>& initial,
+                              const std::array<const std::int8_t*, N>& in, const std::array<Out*, N>& out) {
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     const std::size_t begin = layer.tiles_of[block], end = layer.tiles_of[block + 1];
     int32x4_t sums[N][4] = {};
@@ -96,7 +97,8 @@ void run_dot(const std::array<Layer, kNetLayers>& layers, const std::array<NetVa
   layer_dot(layers[1], initial_of(layers[1], values), from_first, to_second);
   layer_dot(layers[2], initial_of(layers[2], values), from_second, odds);
   for (std::size_t r = 0; r < N; ++r)
-    for (std::size_t i = 0; i < layers[1].blocks() * kTileOutputs; ++i) values[r]->hidden[i] = static_cast<std::int16_t>(second[r].of[i] + 128);
+    for (std::size_t i = 0; i < layers[1].blocks() * kTileOutputs; ++i)
+      values[r]->hidden[i] = static_cast<std::int16_t>(second[r].of[i] + 128);
 }
 
 }  // namespace lidarcodec::net_forms

@@ -1,6 +1,6 @@
 // A layer of a network by vectors of 128 bits, which every x86-64 (SSE2), every 64-bit ARM (NEON) and WebAssembly have.
-// `Lanes` has what differs between them: eight sums, how products with two inputs are added, and how many returns and eights of
-// sums are computed at once.
+// `Lanes` has what differs between them: eight sums, how products with two inputs are added, and how many returns and
+// eights of sums are computed at once.
 #pragma once
 #include <type_traits>
 
@@ -33,7 +33,9 @@ struct Lanes {
     return _mm_load_si128(reinterpret_cast<const __m128i*>(from));
   }
   static Sums sums(const std::int32_t* from) { return {load(from), load(from + 4)}; }
-  static Sums both(const Sums& a, const Sums& b) { return {_mm_add_epi32(a.low, b.low), _mm_add_epi32(a.high, b.high)}; }
+  static Sums both(const Sums& a, const Sums& b) {
+    return {_mm_add_epi32(a.low, b.low), _mm_add_epi32(a.high, b.high)};
+  }
   static Inputs inputs(const std::int16_t* from) { return _mm_loadl_epi64(reinterpret_cast<const __m128i*>(from)); }
   static Weights weights(const std::int16_t* from) { return {load(from), load(from + 8)}; }
 
@@ -47,7 +49,8 @@ struct Lanes {
   static void clip(const Sums& sums, const Layer& layer, std::int16_t* out) {
     const auto shift = static_cast<int>(layer.shift);
     const __m128i words = _mm_packs_epi32(_mm_srai_epi32(sums.low, shift), _mm_srai_epi32(sums.high, shift));
-    const __m128i low = _mm_set1_epi16(static_cast<short>(layer.low)), high = _mm_set1_epi16(static_cast<short>(layer.high));
+    const __m128i low = _mm_set1_epi16(static_cast<short>(layer.low)),
+                  high = _mm_set1_epi16(static_cast<short>(layer.high));
     _mm_store_si128(reinterpret_cast<__m128i*>(out), _mm_min_epi16(_mm_max_epi16(words, low), high));
   }
 };
@@ -88,8 +91,8 @@ struct Lanes {
 
 // N returns at once, which share the reads of the weights.
 template <std::size_t N>
-void layer_in_lanes(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<const std::int16_t*, N>& in,
-                    const std::array<std::int16_t*, N>& out) {
+void layer_in_lanes(const Layer& layer, const std::array<InitialSums, N>& initial,
+                    const std::array<const std::int16_t*, N>& in, const std::array<std::int16_t*, N>& out) {
   constexpr std::size_t kEights = Lanes::kEights;
   for (std::size_t at = 0; at < layer.blocks() * kTileOutputs; at += 8 * kEights) {
     Lanes::Sums sums[N][kEights];

@@ -24,7 +24,8 @@ struct InitialSums {
 inline InitialSums initial_of_return(const Layer& layer, const NetValues& values) {
   if (!layer.has_conditional_biases) return {layer.rows.data(), layer.scales.data()};
   const std::size_t width = layer.blocks() * kTileOutputs;
-  return {layer.rows.data() + row_bias_of(values.in[kRowInput]) * width, layer.scales.data() + scale_bias_of(values.in[kScaleInput]) * width};
+  return {layer.rows.data() + row_bias_of(values.in[kRowInput]) * width,
+          layer.scales.data() + scale_bias_of(values.in[kScaleInput]) * width};
 }
 
 template <std::size_t N>
@@ -44,11 +45,13 @@ inline constexpr std::size_t kTileWeights = kTileInputs * kTileOutputs;
 inline void layer_plainly(const Layer& layer, const InitialSums& begin, const std::int16_t* in, std::int16_t* out) {
   for (std::size_t block = 0; block < layer.blocks(); ++block) {
     std::array<std::int32_t, kTileOutputs> sums;
-    for (std::size_t o = 0; o < kTileOutputs; ++o) sums[o] = begin.row[block * kTileOutputs + o] + begin.scale[block * kTileOutputs + o];
+    for (std::size_t o = 0; o < kTileOutputs; ++o)
+      sums[o] = begin.row[block * kTileOutputs + o] + begin.scale[block * kTileOutputs + o];
     for (std::size_t tile = layer.tiles_of[block]; tile < layer.tiles_of[block + 1]; ++tile) {
       const std::int16_t *const w = layer.weights.data() + tile * kTileWeights, *const x = in + layer.inputs_of[tile];
       for (std::size_t o = 0; o < kTileOutputs; ++o)
-        sums[o] += w[2 * o] * x[0] + w[2 * o + 1] * x[1] + w[2 * (kTileOutputs + o)] * x[2] + w[2 * (kTileOutputs + o) + 1] * x[3];
+        sums[o] += w[2 * o] * x[0] + w[2 * o + 1] * x[1] + w[2 * (kTileOutputs + o)] * x[2] +
+                   w[2 * (kTileOutputs + o) + 1] * x[3];
     }
     for (std::size_t o = 0; o < kTileOutputs; ++o) out[block * kTileOutputs + o] = clipped(sums[o], layer);
   }

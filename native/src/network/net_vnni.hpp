@@ -15,7 +15,8 @@ struct alignas(64) Bytes {
 // Where a layer's weights of a type begin, and how many bytes a tile has of them.
 template <class Value>
 const std::byte* weights_vnni(const Layer& layer) {
-  return reinterpret_cast<const std::byte*>(sizeof(Value) == 1 ? static_cast<const void*>(layer.byte_weights.data()) : layer.weights.data());
+  return reinterpret_cast<const std::byte*>(sizeof(Value) == 1 ? static_cast<const void*>(layer.byte_weights.data())
+                                                               : layer.weights.data());
 }
 template <class Value>
 inline constexpr std::size_t kTileBytes = kTileWeights * sizeof(Value);
@@ -30,7 +31,8 @@ LIDARCODEC_VNNI __m512i with_products(__m512i sums, const Value* x, const std::b
 template <class Out>
 LIDARCODEC_VNNI void clip_vnni(__m512i sums, const Layer& layer, Out* to) {
   const __m512i shifted = _mm512_sra_epi32(sums, _mm_cvtsi32_si128(static_cast<int>(layer.shift)));
-  const __m512i done = _mm512_min_epi32(_mm512_max_epi32(shifted, _mm512_set1_epi32(layer.low)), _mm512_set1_epi32(layer.high));
+  const __m512i done =
+      _mm512_min_epi32(_mm512_max_epi32(shifted, _mm512_set1_epi32(layer.low)), _mm512_set1_epi32(layer.high));
   if constexpr (sizeof(Out) == 1) {
     _mm_storeu_si128(reinterpret_cast<__m128i*>(to), _mm512_cvtepi32_epi8(done));
   } else {
@@ -38,8 +40,9 @@ LIDARCODEC_VNNI void clip_vnni(__m512i sums, const Layer& layer, Out* to) {
   }
 }
 
-// Blocks of outputs of N returns, from `first` on, of a layer without pruned tiles; values are unsigned, of 8 or 16 bits. Each
-// sum is kept in S parts: enough that no addition waits for the one before it, and few enough for the registers.
+// Blocks of outputs of N returns, from `first` on, of a layer without pruned tiles; values are unsigned, of 8 or 16
+// bits. Each sum is kept in S parts: enough that no addition waits for the one before it, and few enough for the
+// registers.
 template <std::size_t N, std::size_t Blocks, std::size_t S, class Value, class Out>
 LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, std::size_t first,
                                  const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
@@ -52,7 +55,8 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<InitialSum
 #pragma GCC unroll 8
     for (std::size_t b = 0; b < Blocks; ++b) {
       const std::size_t at = (first + b) * kTileOutputs;
-      sums[r][b][0] = _mm512_add_epi32(_mm512_load_si512(initial[r].row + at), _mm512_load_si512(initial[r].scale + at));
+      sums[r][b][0] =
+          _mm512_add_epi32(_mm512_load_si512(initial[r].row + at), _mm512_load_si512(initial[r].scale + at));
 #pragma GCC unroll 4
       for (std::size_t s = 1; s < S; ++s) sums[r][b][s] = _mm512_setzero_si512();
     }
@@ -78,12 +82,14 @@ LIDARCODEC_VNNI void blocks_vnni(const Layer& layer, const std::array<InitialSum
 
 // One block, of a layer with pruned tiles. Each sum is kept in two parts, as above.
 template <std::size_t N, class Value, class Out>
-LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, std::size_t block,
-                                         const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
+LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<InitialSums, N>& initial,
+                                         std::size_t block, const std::array<const Value*, N>& in,
+                                         const std::array<Out*, N>& out) {
   __m512i sums[N][2];
 #pragma GCC unroll 4
   for (std::size_t r = 0; r < N; ++r) {
-    sums[r][0] = _mm512_add_epi32(_mm512_load_si512(initial[r].row + block * kTileOutputs), _mm512_load_si512(initial[r].scale + block * kTileOutputs));
+    sums[r][0] = _mm512_add_epi32(_mm512_load_si512(initial[r].row + block * kTileOutputs),
+                                  _mm512_load_si512(initial[r].scale + block * kTileOutputs));
     sums[r][1] = _mm512_setzero_si512();
   }
   std::size_t tile = layer.tiles_of[block];
@@ -101,12 +107,13 @@ LIDARCODEC_VNNI void block_of_tiles_vnni(const Layer& layer, const std::array<In
   }
   if (tile < end) add(layer.inputs_of[tile], 0);
 #pragma GCC unroll 4
-  for (std::size_t r = 0; r < N; ++r) clip_vnni(_mm512_add_epi32(sums[r][0], sums[r][1]), layer, out[r] + block * kTileOutputs);
+  for (std::size_t r = 0; r < N; ++r)
+    clip_vnni(_mm512_add_epi32(sums[r][0], sums[r][1]), layer, out[r] + block * kTileOutputs);
 }
 
 template <std::size_t N, class Value, class Out>
-void all_blocks_vnni(const Layer& layer, const std::array<InitialSums, N>& initial, const std::array<const Value*, N>& in,
-                     const std::array<Out*, N>& out) {
+void all_blocks_vnni(const Layer& layer, const std::array<InitialSums, N>& initial,
+                     const std::array<const Value*, N>& in, const std::array<Out*, N>& out) {
   const std::size_t blocks = layer.blocks();
   if (layer.tiles() < blocks * (layer.in / kTileInputs)) {
     for (std::size_t block = 0; block < blocks; ++block) block_of_tiles_vnni(layer, initial, block, in, out);

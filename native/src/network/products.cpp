@@ -62,15 +62,18 @@ LIDARCODEC_INLINE void rows(std::size_t n, std::size_t k, const Strided& a, cons
 }
 
 template <std::size_t kLanes>
-LIDARCODEC_INLINE void product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) {
+LIDARCODEC_INLINE void product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b,
+                               float* c) {
   std::size_t at = 0;
-  for (; at + kRowsAtOnce <= m; at += kRowsAtOnce) rows<kLanes, kRowsAtOnce>(n, k, {a.at + at * a.row, a.row, a.column}, b, c + at * n);
+  for (; at + kRowsAtOnce <= m; at += kRowsAtOnce)
+    rows<kLanes, kRowsAtOnce>(n, k, {a.at + at * a.row, a.row, a.column}, b, c + at * n);
   for (; at < m; ++at) rows<kLanes, 1>(n, k, {a.at + at * a.row, a.row, a.column}, b, c + at * n);
 }
 
 // Sixteen columns, or the last eight.
 template <std::size_t kLanes, std::size_t kRows>
-LIDARCODEC_INLINE void block(std::size_t left, std::size_t n, const Run* run, const Run* end, const Strided& a, const float* b, float* c) {
+LIDARCODEC_INLINE void block(std::size_t left, std::size_t n, const Run* run, const Run* end, const Strided& a,
+                             const float* b, float* c) {
   if (left >= kColumnsOfRuns)
     tile<kLanes, kRows, kColumnsOfRuns / kLanes>(n, run, end, a, b, c);
   else
@@ -78,24 +81,30 @@ LIDARCODEC_INLINE void block(std::size_t left, std::size_t n, const Run* run, co
 }
 
 template <std::size_t kLanes>
-LIDARCODEC_INLINE void product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) {
+LIDARCODEC_INLINE void product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b,
+                                    float* c) {
   for (std::size_t number = 0; number < runs.size(); ++number) {
     const Run *const begin = runs[number].data(), *const end = begin + runs[number].size();
     const std::size_t column = number * kColumnsOfRuns;
     std::size_t at = 0;
     for (; at + kRowsAtOnce <= m; at += kRowsAtOnce)
-      block<kLanes, kRowsAtOnce>(n - column, n, begin, end, {a.at + at * a.row, a.row, a.column}, b + column, c + at * n + column);
-    for (; at < m; ++at) block<kLanes, 1>(n - column, n, begin, end, {a.at + at * a.row, a.row, a.column}, b + column, c + at * n + column);
+      block<kLanes, kRowsAtOnce>(n - column, n, begin, end, {a.at + at * a.row, a.row, a.column}, b + column,
+                                 c + at * n + column);
+    for (; at < m; ++at)
+      block<kLanes, 1>(n - column, n, begin, end, {a.at + at * a.row, a.row, a.column}, b + column,
+                       c + at * n + column);
   }
 }
 
 template <std::size_t kLanes>
-LIDARCODEC_INLINE void product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) {
+LIDARCODEC_INLINE void product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b,
+                                  float* c) {
   const Run all{0, k};
   for (std::size_t number = 0; number < runs.size(); ++number)
     for (const Run& run : runs[number])
       for (std::size_t at = run.from, column = number * kColumnsOfRuns; at < run.to; at += kRowsAtOnce)
-        block<kLanes, kRowsAtOnce>(n - column, n, &all, &all + 1, {a.at + at * a.row, a.row, a.column}, b + column, c + at * n + column);
+        block<kLanes, kRowsAtOnce>(n - column, n, &all, &all + 1, {a.at + at * a.row, a.row, a.column}, b + column,
+                                   c + at * n + column);
 }
 
 // The three products, compiled for one kind of processor.
@@ -105,10 +114,17 @@ struct Products {
   void (*to)(const Runs&, std::size_t, std::size_t, const Strided&, const float*, float*);
 };
 
-#define LIDARCODEC_PRODUCTS(name, lanes, target)                                                                                          \
-  target void name##_all(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { product<lanes>(m, n, k, a, b, c); }            \
-  target void name##_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) { product_with<lanes>(runs, m, n, a, b, c); } \
-  target void name##_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { product_to<lanes>(runs, n, k, a, b, c); }     \
+#define LIDARCODEC_PRODUCTS(name, lanes, target)                                                                      \
+  target void name##_all(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) {   \
+    product<lanes>(m, n, k, a, b, c);                                                                                 \
+  }                                                                                                                   \
+  target void name##_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b,           \
+                          float* c) {                                                                                 \
+    product_with<lanes>(runs, m, n, a, b, c);                                                                         \
+  }                                                                                                                   \
+  target void name##_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { \
+    product_to<lanes>(runs, n, k, a, b, c);                                                                           \
+  }                                                                                                                   \
   constexpr Products name = {name##_all, name##_with, name##_to};
 
 LIDARCODEC_PRODUCTS(kPlain, 8, )
@@ -133,10 +149,16 @@ const Products& fastest() {
 
 }  // namespace
 
-void add_product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { fastest().all(m, n, k, a, b, c); }
+void add_product(std::size_t m, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) {
+  fastest().all(m, n, k, a, b, c);
+}
 
-void add_product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) { fastest().with(runs, m, n, a, b, c); }
+void add_product_with(const Runs& runs, std::size_t m, std::size_t n, const Strided& a, const float* b, float* c) {
+  fastest().with(runs, m, n, a, b, c);
+}
 
-void add_product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) { fastest().to(runs, n, k, a, b, c); }
+void add_product_to(const Runs& runs, std::size_t n, std::size_t k, const Strided& a, const float* b, float* c) {
+  fastest().to(runs, n, k, a, b, c);
+}
 
 }  // namespace lidarcodec

@@ -34,10 +34,10 @@ struct RiddleSamples {
   std::uint32_t share = 65536;  // of 65536 returns are taken, at random
   std::uint32_t seed = 1;
   std::size_t inputs = kInputsAlone;
-  std::vector<std::int8_t> in;        // `inputs` numbers a sample
-  std::vector<std::uint8_t> leaf;     // 0 to 15
-  std::vector<std::uint8_t> offset;   // the first three offset bits, kNone where there are fewer
-  std::vector<std::int16_t> context_odds;     // the contexts' log odds of each decision
+  std::vector<std::int8_t> in;             // `inputs` numbers a sample
+  std::vector<std::uint8_t> leaf;          // 0 to 15
+  std::vector<std::uint8_t> offset;        // the first three offset bits, kNone where there are fewer
+  std::vector<std::int16_t> context_odds;  // the contexts' log odds of each decision
 
   std::size_t size() const { return leaf.size(); }
 
@@ -47,9 +47,11 @@ struct RiddleSamples {
     return seed >> 16 < share;
   }
 
-  // chances: probabilities of the nodes of the tree, with the network's part; of_cells: contexts' log odds of the offset bits.
-  [[gnu::noinline]] void take(const NetValues& values, std::uint32_t of_leaf, const std::array<std::uint8_t, kOffsets>& of_offset,
-                              const std::int16_t* chances, const std::array<std::int32_t, kOffsets>& of_cells) {
+  // chances: probabilities of the nodes of the tree, with the network's part; of_cells: contexts' log odds of the
+  // offset bits.
+  [[gnu::noinline]] void take(const NetValues& values, std::uint32_t of_leaf,
+                              const std::array<std::uint8_t, kOffsets>& of_offset, const std::int16_t* chances,
+                              const std::array<std::int32_t, kOffsets>& of_cells) {
     const auto clamped = [](std::int32_t odds) { return static_cast<std::int16_t>(std::clamp(odds, -32768, 32767)); };
     in.insert(in.end(), values.in.begin(), values.in.begin() + static_cast<std::ptrdiff_t>(inputs));
     leaf.push_back(static_cast<std::uint8_t>(of_leaf));

@@ -37,30 +37,43 @@ std::vector<float> transposed(std::size_t rows, std::size_t columns, const std::
   return found;
 }
 
-void adam_update(const AdamStep& step, std::size_t count, const float* __restrict gradients, float* __restrict first, float* __restrict second, float* __restrict values, float* __restrict mean) {
+void adam_update(const AdamStep& step, std::size_t count, const float* __restrict gradients, float* __restrict first,
+                 float* __restrict second, float* __restrict values, float* __restrict mean) {
   for (std::size_t i = 0; i < count; ++i) {
     values[i] -= step.rate * adam_step_of(step, gradients[i], first[i], second[i]);
     mean[i] += (1.0f - step.stays) * (values[i] - mean[i]);
   }
 }
 
-void adam_steps(const AdamStep& step, std::size_t count, const float* __restrict gradients, float* __restrict first, float* __restrict second, float* __restrict steps) {
+void adam_steps(const AdamStep& step, std::size_t count, const float* __restrict gradients, float* __restrict first,
+                float* __restrict second, float* __restrict steps) {
   for (std::size_t i = 0; i < count; ++i) steps[i] = adam_step_of(step, gradients[i], first[i], second[i]);
 }
 
 }  // namespace
 
-void take_step(const AdamStep& step, const std::vector<float>& gradients, Moments& moments, std::vector<float>& values, std::vector<float>& mean) {
-  adam_update(step, values.size(), gradients.data(), moments.first.data(), moments.second.data(), values.data(), mean.data());
+void take_step(const AdamStep& step, const std::vector<float>& gradients, Moments& moments, std::vector<float>& values,
+               std::vector<float>& mean) {
+  adam_update(step, values.size(), gradients.data(), moments.first.data(), moments.second.data(), values.data(),
+              mean.data());
 }
 
 RotatedWeights::RotatedWeights(std::size_t column, std::size_t width, std::vector<std::size_t> inputs)
-    : column_(column), width_(width), inputs_(std::move(inputs)), size_((inputs_.size() + 7) / 8 * 8), second_moments_(size_ * size_), basis_(size_ * size_),
-      moments_{std::vector<float>(size_ * width), std::vector<float>(size_ * width)}, gradient_(size_ * width), steps_(size_ * width) {
+    : column_(column),
+      width_(width),
+      inputs_(std::move(inputs)),
+      size_((inputs_.size() + 7) / 8 * 8),
+      second_moments_(size_ * size_),
+      basis_(size_ * size_),
+      moments_{std::vector<float>(size_ * width), std::vector<float>(size_ * width)},
+      gradient_(size_ * width),
+      steps_(size_ * width) {
   for (std::size_t i = 0; i < size_; ++i) basis_[i * size_ + i] = 1.0f;
 }
 
-void RotatedWeights::take_step(const AdamStep& step, std::size_t number, std::size_t outputs, const std::vector<float>& gradients, std::vector<float>& values, std::vector<float>& mean) {
+void RotatedWeights::take_step(const AdamStep& step, std::size_t number, std::size_t outputs,
+                               const std::vector<float>& gradients, std::vector<float>& values,
+                               std::vector<float>& mean) {
   gather(outputs, gradients);
   if (number > 0 && number % (number < kUpdateEvery ? kUpdateEveryAtFirst : kUpdateEvery) == 0) update_basis();
   std::fill(steps_.begin(), steps_.end(), 0.0f);
@@ -78,15 +91,17 @@ void RotatedWeights::take_step(const AdamStep& step, std::size_t number, std::si
 
 void RotatedWeights::gather(std::size_t outputs, const std::vector<float>& gradients) {
   std::fill(gradient_.begin(), gradient_.end(), 0.0f);
-  for (std::size_t i = 0; i < inputs_.size(); ++i) std::copy_n(gradients.begin() + static_cast<std::ptrdiff_t>(inputs_[i] * outputs + column_), width_, gradient_.begin() + static_cast<std::ptrdiff_t>(i * width_));
+  for (std::size_t i = 0; i < inputs_.size(); ++i)
+    std::copy_n(gradients.begin() + static_cast<std::ptrdiff_t>(inputs_[i] * outputs + column_), width_,
+                gradient_.begin() + static_cast<std::ptrdiff_t>(i * width_));
   for (float& number : second_moments_) number *= kSecondMomentDecay;
   std::vector<float> across = transposed(size_, width_, gradient_);
   for (float& number : across) number *= 1.0f - kSecondMomentDecay;
   add_product(size_, size_, width_, {gradient_.data(), width_, 1}, across.data(), second_moments_.data());
 }
 
-// One sweep of Jacobi's eigenvalue algorithm (Golub and Van Loan, Matrix Computations, section 8.5). After a few sweeps the
-// directions are eigenvectors, and they follow when these change.
+// One sweep of Jacobi's eigenvalue algorithm (Golub and Van Loan, Matrix Computations, section 8.5). After a few sweeps
+// the directions are eigenvectors, and they follow when these change.
 void RotatedWeights::update_basis() {
   const std::size_t n = size_;
   std::vector<float> half(n * n), rotated(n * n);  // second moments in the rotated basis
@@ -95,7 +110,8 @@ void RotatedWeights::update_basis() {
   for (std::size_t p = 0; p < n; ++p)
     for (std::size_t q = p + 1; q < n; ++q) {
       const float both = rotated[p * n + q], of_p = rotated[p * n + p], of_q = rotated[q * n + q];
-      if (!(std::fabs(both) > kLeastCorrelation * std::sqrt(std::max(of_p, 0.0f)) * std::sqrt(std::max(of_q, 0.0f)))) continue;
+      if (!(std::fabs(both) > kLeastCorrelation * std::sqrt(std::max(of_p, 0.0f)) * std::sqrt(std::max(of_q, 0.0f))))
+        continue;
       const float twice = (of_q - of_p) / (2.0f * both);
       const float tangent = (twice >= 0.0f ? 1.0f : -1.0f) / (std::fabs(twice) + std::sqrt(1.0f + twice * twice));
       const float cosine = 1.0f / std::sqrt(1.0f + tangent * tangent), sine = tangent * cosine;
@@ -119,7 +135,9 @@ std::vector<RotatedWeights> rotated_weights(const Runs& runs, std::size_t output
       for (std::size_t i = run.from; i < run.to; ++i) inputs.push_back(i);
     const std::size_t column = block * kOutputs, groups = (inputs.size() + kMaxInputs - 1) / kMaxInputs;
     for (std::size_t g = 0; g < groups; ++g) {
-      const auto at = [&](std::size_t group) { return inputs.begin() + static_cast<std::ptrdiff_t>(inputs.size() * group / groups); };
+      const auto at = [&](std::size_t group) {
+        return inputs.begin() + static_cast<std::ptrdiff_t>(inputs.size() * group / groups);
+      };
       found.emplace_back(column, std::min(kOutputs, outputs - column), std::vector<std::size_t>(at(g), at(g + 1)));
     }
   }

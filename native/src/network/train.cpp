@@ -9,9 +9,10 @@
 namespace lidarcodec {
 namespace {
 
-// Units of RiddleNet in natural ones: biases of rows and scales, inputs, hidden values, and log odds (32768 for 6). The last
-// layer's sums have steps of 1 / 4096.
-constexpr float kConditionalUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kHiddenUnit = 8.0f, kClip = static_cast<float>(kHiddenMax) / kHiddenUnit;
+// Units of RiddleNet in natural ones: biases of rows and scales, inputs, hidden values, and log odds (32768 for 6). The
+// last layer's sums have steps of 1 / 4096.
+constexpr float kConditionalUnit = 1.0f / 64.0f, kInputUnit = 32.0f, kHiddenUnit = 8.0f,
+                kClip = static_cast<float>(kHiddenMax) / kHiddenUnit;
 constexpr float kOutputUnit = 32768.0f / 6.0f, kOutputScale = kOutputUnit / 4096.0f;
 constexpr float kRecent = 8.0f;  // the running mean is over about the last 1 / kRecent of all steps
 // Learning rates of the weights in their rotated basis, relative to that of the biases; smaller in the last layer.
@@ -65,12 +66,17 @@ float clamped(float value, float least, float most) {
 }
 
 // A weight as eight bits will hold it.
-float to_byte(float weight) { return rounded(clamped(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte; }
+float to_byte(float weight) {
+  return rounded(clamped(weight, -kLargestByte, kLargestByte) + kLargestByte) - kLargestByte;
+}
 
-// Turns sums into hidden values, clipped and rounded, and notes which of them were not clipped: only these pass gradients.
+// Turns sums into hidden values, clipped and rounded, and notes which of them were not clipped: only these pass
+// gradients.
 void clip_and_round(std::size_t count, float* __restrict values, std::uint8_t* __restrict unclipped) {
-  for (std::size_t i = 0; i < count; ++i) unclipped[i] = static_cast<std::uint8_t>((values[i] > 0.0f) & (values[i] < kClip));
-  for (std::size_t i = 0; i < count; ++i) values[i] = rounded(clamped(values[i], 0.0f, kClip) * kHiddenUnit) * (1.0f / kHiddenUnit);
+  for (std::size_t i = 0; i < count; ++i)
+    unclipped[i] = static_cast<std::uint8_t>((values[i] > 0.0f) & (values[i] < kClip));
+  for (std::size_t i = 0; i < count; ++i)
+    values[i] = rounded(clamped(values[i], 0.0f, kClip) * kHiddenUnit) * (1.0f / kHiddenUnit);
 }
 
 // The inputs of each block of outputs whose tiles are not pruned.
@@ -88,7 +94,8 @@ Runs runs_of(const GivenLayer& layer) {
 }
 
 RiddleTrainer::Layer of_zeros(const RiddleTrainer::Layer& like) {
-  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()), std::vector<float>(like.conditional_bias.size())};
+  return {like.in, like.out, std::vector<float>(like.weights.size()), std::vector<float>(like.bias.size()),
+          std::vector<float>(like.conditional_bias.size())};
 }
 
 // Where the biases of a sample's row and of its scale begin in (96, out).
@@ -112,11 +119,13 @@ void SampleBuffer::put(const RiddleSamples& from, std::size_t i, std::size_t at)
   leaf_[at] = from.leaf[i];
 }
 
-RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, const TrainSettings& settings, std::uint32_t seed)
+RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, const TrainSettings& settings,
+                             std::uint32_t seed)
     : settings_(settings), seed_(seed), learned_(given[0].in, settings.room), held_(given[0].in, settings.held_room) {
   const auto is_within = [](auto value, auto least, auto most) { return value >= least && value <= most; };
-  if (!is_within(settings.rate, 0.0f, 1.0f) || !is_within(settings.mean, 0.0f, 1.0f) || !is_within(settings.beside, 0.0f, 1.0f) ||
-      !is_within(settings.batch, 8u, 4096u) || !is_within(settings.room, 1u, 1u << 22) || !is_within(settings.turns, 1u, 1u << 20) ||
+  if (!is_within(settings.rate, 0.0f, 1.0f) || !is_within(settings.mean, 0.0f, 1.0f) ||
+      !is_within(settings.beside, 0.0f, 1.0f) || !is_within(settings.batch, 8u, 4096u) ||
+      !is_within(settings.room, 1u, 1u << 22) || !is_within(settings.turns, 1u, 1u << 20) ||
       !is_within(settings.held_room, 1u, 1u << 20))
     throw Error(ErrorCode::Settings, "training with settings out of range");
   values_[0].resize(settings.batch * given[0].in);
@@ -124,7 +133,8 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     Layer& layer = layers_[l];
     layer.in = given[l].in;
     layer.out = given[l].out;
-    const float unit = 1.0f / static_cast<float>(1u << given[l].shift), scale = l + 1 == kNetLayers ? unit / kOutputScale : unit;
+    const float unit = 1.0f / static_cast<float>(1u << given[l].shift),
+                scale = l + 1 == kNetLayers ? unit / kOutputScale : unit;
     layer.weights.resize(layer.in * layer.out);
     for (std::size_t o = 0; o < layer.out; ++o) {
       for (std::size_t i = 0; i < layer.in; ++i)
@@ -133,7 +143,9 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     }
     if (l == 0) layer.conditional_bias.resize(kConditionalBiases * layer.out);
     if (given[l].conditional_bias != nullptr)
-      std::transform(given[l].conditional_bias, given[l].conditional_bias + layer.conditional_bias.size(), layer.conditional_bias.begin(), [](std::int8_t c) { return static_cast<float>(c) * kConditionalUnit; });
+      std::transform(given[l].conditional_bias, given[l].conditional_bias + layer.conditional_bias.size(),
+                     layer.conditional_bias.begin(),
+                     [](std::int8_t c) { return static_cast<float>(c) * kConditionalUnit; });
     runs_[l] = runs_of(given[l]);
     gradient_[l] = of_zeros(layer);
     const Layer none = of_zeros(layer);
@@ -144,7 +156,8 @@ RiddleTrainer::RiddleTrainer(const std::array<GivenLayer, kNetLayers>& given, co
     if (l + 1 < kNetLayers) unclipped_[l].resize(settings.batch * layer.out);
   }
   const std::int16_t* const first = given[0].weights;
-  if (std::all_of(first, first + given[0].in * given[0].out, [](std::int16_t w) { return w >= -kMostByte && w <= kMostByte; }))
+  if (std::all_of(first, first + given[0].in * given[0].out,
+                  [](std::int16_t w) { return w >= -kMostByte && w <= kMostByte; }))
     byte_unit_ = 1.0f / static_cast<float>(1u << given[0].shift);
   mean_ = layers_;
   drawn_.resize(settings.batch);
@@ -180,7 +193,8 @@ void RiddleTrainer::step() {
   for (std::size_t b = 0; b < settings_.batch; ++b) {
     drawn_[b] = random() % learned_.size();
     const std::int8_t* const in = learned_.in(drawn_[b]);
-    for (std::size_t i = 0; i < inputs; ++i) values_[0][b * inputs + i] = static_cast<float>(in[i]) * (1.0f / kInputUnit);
+    for (std::size_t i = 0; i < inputs; ++i)
+      values_[0][b * inputs + i] = static_cast<float>(in[i]) * (1.0f / kInputUnit);
   }
   forward();
   backward();
@@ -195,12 +209,14 @@ void RiddleTrainer::forward() {
   for (std::size_t l = 0; l < kNetLayers; ++l) {
     const Layer& layer = layers_[l];
     std::vector<float>& out = values_[l + 1];
-    for (std::size_t b = 0; b < settings_.batch; ++b) std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
+    for (std::size_t b = 0; b < settings_.batch; ++b)
+      std::copy(layer.bias.begin(), layer.bias.end(), out.begin() + static_cast<std::ptrdiff_t>(b * layer.out));
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
       for (const std::size_t from : conditional_biases_of(learned_.in(drawn_[b]), layer.out))
         for (std::size_t o = 0; o < layer.out; ++o) out[b * layer.out + o] += layer.conditional_bias[from + o];
     const std::vector<float>& weights = l == 0 ? rounded_ : layer.weights;
-    add_product_with(runs_[l], settings_.batch, layer.out, {values_[l].data(), layer.in, 1}, weights.data(), out.data());
+    add_product_with(runs_[l], settings_.batch, layer.out, {values_[l].data(), layer.in, 1}, weights.data(),
+                     out.data());
     if (l + 1 == kNetLayers) break;
     clip_and_round(out.size(), out.data(), unclipped_[l].data());
   }
@@ -228,7 +244,8 @@ void RiddleTrainer::backward() {
     std::fill(gradient.weights.begin(), gradient.weights.end(), 0.0f);
     std::fill(gradient.bias.begin(), gradient.bias.end(), 0.0f);
     std::fill(gradient.conditional_bias.begin(), gradient.conditional_bias.end(), 0.0f);
-    add_product_to(runs_[l], layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, gradients.data(), gradient.weights.data());
+    add_product_to(runs_[l], layer.out, settings_.batch, {values_[l].data(), 1, layer.in}, gradients.data(),
+                   gradient.weights.data());
     for (std::size_t b = 0; b < settings_.batch; ++b)
       for (std::size_t o = 0; o < layer.out; ++o) gradient.bias[o] += gradients[b * layer.out + o];
     for (std::size_t b = 0; l == 0 && b < settings_.batch; ++b)
@@ -240,7 +257,8 @@ void RiddleTrainer::backward() {
       for (std::size_t o = 0; o < layer.out; ++o) transposed_[o * layer.in + i] = layer.weights[i * layer.out + o];
     std::vector<float>& before = gradients_[l];
     std::fill(before.begin(), before.end(), 0.0f);
-    add_product(settings_.batch, layer.in, layer.out, {gradients.data(), layer.out, 1}, transposed_.data(), before.data());
+    add_product(settings_.batch, layer.in, layer.out, {gradients.data(), layer.out, 1}, transposed_.data(),
+                before.data());
     for (std::size_t i = 0; i < before.size(); ++i) before[i] = unclipped_[l - 1][i] != 0 ? before[i] : 0.0f;
   }
 }
@@ -254,7 +272,8 @@ void RiddleTrainer::update() {
     Layer &layer = layers_[l], &mean = mean_[l];
     AdamStep rotated = step;
     rotated.rate *= kRotatedRates[l];
-    for (RotatedWeights& weights : rotated_weights_[l]) weights.take_step(rotated, steps_, layer.out, gradient_[l].weights, layer.weights, mean.weights);
+    for (RotatedWeights& weights : rotated_weights_[l])
+      weights.take_step(rotated, steps_, layer.out, gradient_[l].weights, layer.weights, mean.weights);
     take_step(step, gradient_[l].bias, moments_[l][0], layer.bias, mean.bias);
     take_step(step, gradient_[l].conditional_bias, moments_[l][1], layer.conditional_bias, mean.conditional_bias);
   }
@@ -270,8 +289,10 @@ double RiddleTrainer::cost(const RiddleNet& net, float beside) const {
     const Decisions decisions(held_.leaf(i), held_.offsets(i));
     for (std::size_t d = 0; d < decisions.count; ++d) {
       const Decision& of = decisions.of[d];
-      const std::int16_t net_odds = of.output < kTreeOdds ? values.out[of.output] : net.leaf_odds(values, of.output - kTreeOdds);
-      const float odds = static_cast<float>(net_odds) * of.share + beside * static_cast<float>(held_.context_odds(i)[d]);
+      const std::int16_t net_odds =
+          of.output < kTreeOdds ? values.out[of.output] : net.leaf_odds(values, of.output - kTreeOdds);
+      const float odds =
+          static_cast<float>(net_odds) * of.share + beside * static_cast<float>(held_.context_odds(i)[d]);
       bits += static_cast<double>(cost_of(odds * (1.0f / kOutputUnit), of.one).bits);
     }
   }

@@ -1,15 +1,15 @@
 // Training of a network of codec riddle while it is in use, on returns that were just coded.
 //
-// A copy of the network in single precision is trained by Adam in mini-batches; its weights take their steps in a rotated basis
-// (network/steps.hpp). The loss is what the coder would spend on a return, in natural units: the log odds of the network and
-// those of the contexts are added, as the coder does. Training is aware of quantisation: hidden values are rounded as they will
-// be, and so are the weights of a first layer that fits bytes; gradients pass through the rounding (the straight-through
-// estimator, Bengio et al. 2013, arXiv:1308.3432). Biases of rows and scales begin with 0 if the network has none. Pruned tiles
-// stay pruned.
+// A copy of the network in single precision is trained by Adam in mini-batches; its weights take their steps in a
+// rotated basis (network/steps.hpp). The loss is what the coder would spend on a return, in natural units: the log odds
+// of the network and those of the contexts are added, as the coder does. Training is aware of quantisation: hidden
+// values are rounded as they will be, and so are the weights of a first layer that fits bytes; gradients pass through
+// the rounding (the straight-through estimator, Bengio et al. 2013, arXiv:1308.3432). Biases of rows and scales begin
+// with 0 if the network has none. Pruned tiles stay pruned.
 //
-// The result is a running mean of about the last eighth of all steps (polynomial-decay averaging, Shamir and Zhang 2013,
-// arXiv:1212.1824). Arithmetic uses no fused operations and a fixed order of sums, so the same samples, seed and number of
-// steps give the same network on every machine.
+// The result is a running mean of about the last eighth of all steps (polynomial-decay averaging, Shamir and Zhang
+// 2013, arXiv:1212.1824). Arithmetic uses no fused operations and a fixed order of sums, so the same samples, seed and
+// number of steps give the same network on every machine.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -25,12 +25,13 @@
 namespace lidarcodec {
 
 struct TrainSettings {
-  float rate = 1e-3f;         // of Adam
-  float mean = 0.99f;         // largest decay of the running mean in a step
-  float beside = 1.0f;        // weight of the contexts' log odds
-  std::size_t batch = 256;    // samples in a step
-  std::size_t room = 65536;   // most samples to train on; new ones replace old ones at random
-  std::size_t turns = 1024;   // limits the samples to so many times the last addition: old ones do not outnumber new ones
+  float rate = 1e-3f;        // of Adam
+  float mean = 0.99f;        // largest decay of the running mean in a step
+  float beside = 1.0f;       // weight of the contexts' log odds
+  std::size_t batch = 256;   // samples in a step
+  std::size_t room = 65536;  // most samples to train on; new ones replace old ones at random
+  std::size_t turns =
+      1024;  // limits the samples to so many times the last addition: old ones do not outnumber new ones
   std::size_t held_room = 16384;  // newest held-out samples, for validation
 };
 
@@ -69,7 +70,8 @@ class RiddleTrainer {
   // Adds samples; held: for validation. Raises Section for samples with another number of inputs.
   void add(const RiddleSamples& samples, bool held);
 
-  // Takes at most `steps` steps, and stops when `go_on` is false; gives their number. 0 with fewer samples than a batch.
+  // Takes at most `steps` steps, and stops when `go_on` is false; gives their number. 0 with fewer samples than a
+  // batch.
   std::size_t train(std::size_t steps, const std::function<bool()>& go_on);
 
   // The running mean of the last steps.
@@ -102,10 +104,10 @@ class RiddleTrainer {
   // Of a batch: inputs and outputs of each layer (batch, out), and the gradients of the loss by them.
   std::array<std::vector<float>, kNetLayers + 1> values_, gradients_;
   std::array<std::vector<std::uint8_t>, kNetLayers - 1> unclipped_;  // whether a hidden value is within its limits
-  std::vector<float> transposed_;  // weights (out, in)
-  std::vector<float> rounded_;  // the first layer's weights (in, out), quantised
-  float byte_unit_ = 0.0f;      // their step; 0: they are not quantised
-  std::vector<std::size_t> drawn_;  // the samples of the batch
+  std::vector<float> transposed_;                                    // weights (out, in)
+  std::vector<float> rounded_;                                       // the first layer's weights (in, out), quantised
+  float byte_unit_ = 0.0f;                                           // their step; 0: they are not quantised
+  std::vector<std::size_t> drawn_;                                   // the samples of the batch
 };
 
 }  // namespace lidarcodec

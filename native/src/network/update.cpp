@@ -15,7 +15,8 @@ constexpr std::uint64_t kVersion = 1;
 constexpr std::size_t kNameBytes = 8, kChecksumBytes = 4;
 constexpr std::size_t kNetworkBytes = 6;  // kind, size, and the grains of three layers and of biases of cases
 constexpr std::uint8_t kMostGrain = 12, kSizes = 3;
-constexpr std::array<std::uint8_t, kNetLayers> kBiasBits = {5, 3, 3};  // of how many bits a step of a bias is smaller than one of a weight
+constexpr std::array<std::uint8_t, kNetLayers> kBiasBits = {
+    5, 3, 3};  // of how many bits a step of a bias is smaller than one of a weight
 
 struct Changed {
   Network network;
@@ -34,7 +35,8 @@ const Network& network_of(const WeightFile& file, bool expects, std::uint8_t siz
 
 // Adds steps to numbers, each of 2^grain. Raises Section where a sum is beyond `most` on either side.
 template <class Number>
-const std::uint64_t* add_steps(std::vector<Number>& numbers, const std::uint64_t* folded, unsigned grain, std::int64_t most) {
+const std::uint64_t* add_steps(std::vector<Number>& numbers, const std::uint64_t* folded, unsigned grain,
+                               std::int64_t most) {
   for (Number& number : numbers) {
     const std::uint64_t n = *folded++;
     if (n >> 32 != 0) damaged("an update of a weight beyond what it can be");
@@ -48,17 +50,22 @@ const std::uint64_t* add_steps(std::vector<Number>& numbers, const std::uint64_t
 
 }  // namespace
 
-bool is_update(Bytes data) { return data.size() >= kMagic.size() && std::equal(kMagic.begin(), kMagic.end(), data.begin()); }
+bool is_update(Bytes data) {
+  return data.size() >= kMagic.size() && std::equal(kMagic.begin(), kMagic.end(), data.begin());
+}
 
 UpdateNames names_of_update(Bytes data) {
   ByteReader reader(body_of(data), "weights");
   reader.take(kMagic.size());
   const std::uint64_t version = reader.number(1);
   if (version != kVersion)
-    throw Error(ErrorCode::Version, "an update of weights of version " + std::to_string(version) + ": this build reads version 1", kMagic.size());
+    throw Error(ErrorCode::Version,
+                "an update of weights of version " + std::to_string(version) + ": this build reads version 1",
+                kMagic.size());
   const std::string of = hex(reader.take(kNameBytes)), to = hex(reader.take(kNameBytes));
   const std::size_t body = body_of(data).size();
-  if (crc32c(data.data(), body) != little_endian(data, body, kChecksumBytes)) throw Error(ErrorCode::Checksum, "the checksum of an update of weights does not match", body);
+  if (crc32c(data.data(), body) != little_endian(data, body, kChecksumBytes))
+    throw Error(ErrorCode::Checksum, "the checksum of an update of weights does not match", body);
   return {of, to};
 }
 
@@ -79,7 +86,8 @@ WeightFile applied_update(Bytes data, const std::function<const WeightFile&(cons
   }
   for (std::size_t i = 0; i < changed.size(); ++i)
     for (std::size_t j = 0; j < i; ++j)
-      if (changed[i].network.expects == changed[j].network.expects && changed[i].network.size == changed[j].network.size)
+      if (changed[i].network.expects == changed[j].network.expects &&
+          changed[i].network.size == changed[j].network.size)
         damaged("an update with two networks of one kind and size");
   for (Changed& change : changed) {
     for (const NetworkLayer& layer : change.network.layers) {
@@ -100,7 +108,8 @@ WeightFile applied_update(Bytes data, const std::function<const WeightFile&(cons
       from = add_steps(layer.weights, from, change.grains[l], std::numeric_limits<std::int16_t>::max());
       from = add_steps(layer.bias, from, change.grains[l] + kBiasBits[l], std::numeric_limits<std::int32_t>::max());
     }
-    from = add_steps(change.network.layers[0].conditional_bias, from, change.grains[kNetLayers], std::numeric_limits<std::int8_t>::max());
+    from = add_steps(change.network.layers[0].conditional_bias, from, change.grains[kNetLayers],
+                     std::numeric_limits<std::int8_t>::max());
     check_layers(change.network.given());
     given.push_back(std::move(change.network));
   }

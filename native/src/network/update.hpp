@@ -1,5 +1,5 @@
-// Updates of weights: what networks became that were trained in a stream (docs/wire-format-riddle-weights.md, "Updates"), in
-// Python lidarcodec/network/update.py.
+// Updates of weights: what networks became that were trained in a stream (docs/wire-format-riddle-weights.md,
+// "Updates"), in Python lidarcodec/network/update.py.
 #pragma once
 #include <functional>
 #include <string>
@@ -18,8 +18,8 @@ struct UpdateNames {
 // Raises Truncated, Version or Checksum.
 UpdateNames names_of_update(Bytes data);
 
-// The weights that an update gives, from anybody. find: weights by name. Raises what `find` does, else as names_of_update, or
-// Section.
+// The weights that an update gives, from anybody. find: weights by name. Raises what `find` does, else as
+// names_of_update, or Section.
 WeightFile applied_update(Bytes data, const std::function<const WeightFile&(const std::string&)>& find);
 
 }  // namespace lidarcodec

@@ -55,13 +55,15 @@ void read_tiles(ByteReader& reader, bool in_bytes, NetworkLayer& layer) {
 Network read_network(ByteReader& reader) {
   Network network;
   const Bytes kind = reader.take(3);
-  if (kind[0] > 1 || kind[1] >= kSizes || kind[2] != kNetLayers) damaged("a network of an unknown kind, size or number of layers", reader.at());
+  if (kind[0] > 1 || kind[1] >= kSizes || kind[2] != kNetLayers)
+    damaged("a network of an unknown kind, size or number of layers", reader.at());
   network.expects = kind[0] != 0;
   network.size = kind[1];
   std::array<std::size_t, kNetLayers + 1> dims;
   for (std::size_t& dim : dims) dim = reader.number(2);
   const auto hidden = [](std::size_t n) { return n >= 8 && n <= kMaxHidden && n % 8 == 0; };
-  if (dims[0] != (network.expects ? kInputsExpecting : kInputsAlone) || !hidden(dims[1]) || !hidden(dims[2]) || dims[3] != kNetOutputs)
+  if (dims[0] != (network.expects ? kInputsExpecting : kInputsAlone) || !hidden(dims[1]) || !hidden(dims[2]) ||
+      dims[3] != kNetOutputs)
     damaged("a network with layers of other sizes than are possible", reader.at());
   const Bytes shifts = reader.take(kNetLayers);
   for (std::size_t l = 0; l < kNetLayers; ++l) {
@@ -112,12 +114,14 @@ void write_tiles(const NetworkLayer& layer, bool in_bytes, Writer& to) {
   const GivenLayer given = layer.given();
   std::vector<std::uint8_t> left((blocks * across + 7) / 8);
   for (std::size_t tile = 0; tile < blocks * across; ++tile)
-    if (!is_pruned(given, tile / across, tile % across * kTileInputs)) left[tile / 8] |= static_cast<std::uint8_t>(1u << (tile % 8));
+    if (!is_pruned(given, tile / across, tile % across * kTileInputs))
+      left[tile / 8] |= static_cast<std::uint8_t>(1u << (tile % 8));
   to.bytes.insert(to.bytes.end(), left.begin(), left.end());
   for (std::size_t tile = 0; tile < blocks * across; ++tile) {
     if ((left[tile / 8] >> (tile % 8) & 1) == 0) continue;
     for (std::size_t i = 0; i < kTileBytes; ++i) {
-      const std::size_t out = tile / across * kTileOutputs + i / kTileInputs, in = tile % across * kTileInputs + i % kTileInputs;
+      const std::size_t out = tile / across * kTileOutputs + i / kTileInputs,
+                        in = tile % across * kTileInputs + i % kTileInputs;
       to.put_weight(out < layer.out ? layer.weights[out * layer.in + in] : std::int16_t{0}, in_bytes);
     }
   }
@@ -148,13 +152,17 @@ const Network& WeightFile::network(bool expects, std::uint8_t size) const {
 
 WeightFile read_weights(Bytes data) {
   if (data.size() > kMostWeightBytes) damaged("weights of too many bytes");
-  if (data.size() < kMagic.size() || !std::equal(kMagic.begin(), kMagic.end(), data.begin())) throw Error(ErrorCode::Header, "not a weight file");
+  if (data.size() < kMagic.size() || !std::equal(kMagic.begin(), kMagic.end(), data.begin()))
+    throw Error(ErrorCode::Header, "not a weight file");
   const std::size_t body = data.size() < kMagic.size() + kChecksumBytes ? 0 : data.size() - kChecksumBytes;
   ByteReader reader(data.first(body), "weights");
   reader.take(kMagic.size());
   const std::uint64_t version = reader.number(1);
-  if (version != kVersion) throw Error(ErrorCode::Version, "weights of version " + std::to_string(version) + ": this build reads version 1", kMagic.size());
-  if (crc32c(data.data(), body) != little_endian(data, body, kChecksumBytes)) throw Error(ErrorCode::Checksum, "the checksum of the weights does not match", body);
+  if (version != kVersion)
+    throw Error(ErrorCode::Version, "weights of version " + std::to_string(version) + ": this build reads version 1",
+                kMagic.size());
+  if (crc32c(data.data(), body) != little_endian(data, body, kChecksumBytes))
+    throw Error(ErrorCode::Checksum, "the checksum of the weights does not match", body);
   const std::size_t provenance = reader.number(4);
   if (provenance > kMostProvenance) damaged("a provenance of too many bytes", reader.at());
   reader.take(provenance);
@@ -183,7 +191,9 @@ std::vector<std::uint8_t> write_weights(const std::vector<Network>& networks) {
     to.put(network.layers[0].in, 2);
     for (const NetworkLayer& layer : network.layers) to.put(layer.out, 2);
     for (const NetworkLayer& layer : network.layers)
-      to.put(layer.shift + (layer.in_bytes() ? kInBytes : 0) + (layer.conditional_bias.empty() ? 0 : kWithCases) + (layer.has_pruned_tiles() ? kFewTiles : 0), 1);
+      to.put(layer.shift + (layer.in_bytes() ? kInBytes : 0) + (layer.conditional_bias.empty() ? 0 : kWithCases) +
+                 (layer.has_pruned_tiles() ? kFewTiles : 0),
+             1);
     for (const NetworkLayer& layer : network.layers) {
       const bool in_bytes = layer.in_bytes();
       if (layer.has_pruned_tiles()) {

@@ -21,8 +21,10 @@ struct NetworkLayer {
   std::vector<std::int32_t> bias;
   std::vector<std::int8_t> conditional_bias;
 
-  GivenLayer given() const { return {in, out, weights.data(), bias.data(), shift, conditional_bias.empty() ? nullptr : conditional_bias.data()}; }
-  bool in_bytes() const;  // whether all weights fit 8 bits
+  GivenLayer given() const {
+    return {in, out, weights.data(), bias.data(), shift, conditional_bias.empty() ? nullptr : conditional_bias.data()};
+  }
+  bool in_bytes() const;          // whether all weights fit 8 bits
   bool has_pruned_tiles() const;  // whether all weights of a tile are 0
 };
 
@@ -38,12 +40,13 @@ struct WeightFile {
   std::string name;  // 16 hex digits
   std::vector<Network> networks;
 
-  // That of this kind and size, or of the nearest size; of two the smaller. Raises Section if there is none of the kind.
+  // That of this kind and size, or of the nearest size; of two the smaller. Raises Section if there is none of the
+  // kind.
   const Network& network(bool expects, std::uint8_t size) const;
 };
 
-// The networks of a file's bytes, from anybody: nothing is used before it is checked. The provenance is not looked into.
-// Raises Header, Version, Truncated, Checksum or Section.
+// The networks of a file's bytes, from anybody: nothing is used before it is checked. The provenance is not looked
+// into. Raises Header, Version, Truncated, Checksum or Section.
 WeightFile read_weights(Bytes data);
 
 // The bytes of a file of these networks, without a provenance.

@@ -49,9 +49,9 @@ bool dual_return(const std::uint8_t* packet) {
 Layout layout_of(const std::uint8_t* packet) {
   Layout roles{};
   const bool dual = dual_return(packet);
-  bool column = false;                             // a column is open
-  bool just_opened = false;                        // by the block right before this one
-  std::array<bool, 2> has{}, has_second{};         // halves of the open column: 0 upper, 1 lower
+  bool column = false;                      // a column is open
+  bool just_opened = false;                 // by the block right before this one
+  std::array<bool, 2> has{}, has_second{};  // halves of the open column: 0 upper, 1 lower
   std::array<std::uint16_t, 2> azimuth_of_half{};
   for (std::size_t b = 0; b < kBlocks; ++b) {
     const std::uint8_t* block = packet + b * kBlockBytes;

@@ -18,11 +18,11 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kBatch = 64;            // datagrams a system call
-constexpr std::size_t kBufferBytes = 1280;    // longer ones are cut there, and are no packets
-constexpr std::size_t kControlBytes = 128;    // a time stamp and a drop count
-constexpr int kCallsBeforeLooking = 64;       // so that stop() is seen under any load
-constexpr std::size_t kCompany = 4;           // packets worth waking the interpreter for
+constexpr std::size_t kBatch = 64;          // datagrams a system call
+constexpr std::size_t kBufferBytes = 1280;  // longer ones are cut there, and are no packets
+constexpr std::size_t kControlBytes = 128;  // a time stamp and a drop count
+constexpr int kCallsBeforeLooking = 64;     // so that stop() is seen under any load
+constexpr std::size_t kCompany = 4;         // packets worth waking the interpreter for
 constexpr auto kCompanyTime = std::chrono::milliseconds(1);
 // Until its time stamps run, the kernel stamps packets when they are read: later than those that come behind them.
 constexpr std::int64_t kJitterNs = 20'000'000;

@@ -1,5 +1,6 @@
-// A thread that moves sensor packets from a socket into a bounded ring, without the interpreter: however busy Python is,
-// the kernel's buffer stays empty. What does not belong there is counted; the oldest packets go first when nobody takes.
+// A thread that moves sensor packets from a socket into a bounded ring, without the interpreter: however busy Python
+// is, the kernel's buffer stays empty. What does not belong there is counted; the oldest packets go first when nobody
+// takes.
 #pragma once
 #include <array>
 #include <atomic>
@@ -53,7 +54,8 @@ class UdpReceiver {
   std::vector<std::uint8_t> foreign() const;
   // errno that ended the thread, or 0.
   int failure() const { return failure_; }
-  // Ends the thread and every take() that waits, and lets go of the socket; harmless when called twice, or by two threads.
+  // Ends the thread and every take() that waits, and lets go of the socket; harmless when called twice, or by two
+  // threads.
   void stop();
 
  private:

@@ -8,8 +8,8 @@ namespace {
 
 constexpr std::size_t kBlocks = 12, kBlockBytes = 100, kTime = 1200, kMode = 1204, kModel = 1205;
 constexpr int kUpper = 0xEEFF, kLower = 0xDDFF, kThird = 0xCCFF, kFourth = 0xBBFF, kNone = 0xFFFF;
-constexpr int kTurn = 36000;            // 0.01 degree
-constexpr int kMaxAdvance = 1500;       // a sensor turns 0.5 to 2.1 degrees a packet; some packets may be lost
+constexpr int kTurn = 36000;       // 0.01 degree
+constexpr int kMaxAdvance = 1500;  // a sensor turns 0.5 to 2.1 degrees a packet; some packets may be lost
 constexpr std::uint32_t kMaxPauseUs = 5000;
 constexpr std::uint32_t kHourUs = 3'600'000'000;
 constexpr std::array<std::uint8_t, 7> kOtherModels = {0x21, 0x22, 0x23, 0x24, 0x28, 0x31, 0xA1};
@@ -45,7 +45,8 @@ bool other_sensor(const std::uint8_t* payload) {
     lower |= flag == kLower;
     third |= flag == kThird;
     fourth |= flag == kFourth;
-    const bool vls = flag == kUpper || flag == kLower || flag == kThird || flag == kFourth || flag == kNone || flag == 0;
+    const bool vls =
+        flag == kUpper || flag == kLower || flag == kThird || flag == kFourth || flag == kNone || flag == 0;
     if (model == kVls128 ? !vls : flag != kUpper) return false;
   }
   return model != kVls128 || (upper && lower && third && fourth);
@@ -58,7 +59,8 @@ SenderJudge::SenderJudge(std::span<const std::uint8_t> pinned, bool all)
 
 SenderVerdict SenderJudge::judge(const std::uint8_t* payload, const SenderAddress& from, std::int64_t now_ns,
                                  std::uint32_t& id) {
-  if (!pinned_.empty() && !std::equal(pinned_.begin(), pinned_.end(), from.bytes.begin(), from.bytes.begin() + from.size)) {
+  if (!pinned_.empty() &&
+      !std::equal(pinned_.begin(), pinned_.end(), from.bytes.begin(), from.bytes.begin() + from.size)) {
     ++refused_;
     ++not_pinned_;
     last_not_pinned_ = from;
@@ -187,7 +189,8 @@ bool SenderJudge::alone(const Sender& sender) const {
 
 // Whether this sender takes the place of the one chosen, which is then done.
 bool SenderJudge::beats_chosen(const Sender& sender, std::int64_t now_ns) {
-  const auto holder = std::find_if(senders_.begin(), senders_.end(), [this](const Sender& s) { return s.id == chosen_; });
+  const auto holder =
+      std::find_if(senders_.begin(), senders_.end(), [this](const Sender& s) { return s.id == chosen_; });
   const bool silent = now_ns - holder->heard_ns >= kSilenceNs;
   const bool shows = sender.now.consistent + sender.last.consistent >= kProof;
   if (shows && (silent || (!holder->proven && alone(sender)))) {
@@ -197,7 +200,8 @@ bool SenderJudge::beats_chosen(const Sender& sender, std::int64_t now_ns) {
   // Of whole windows only, the last one behind the choice, for bursts prove nothing; and a short pause is no reason.
   if (holder->last.packets == 0) return false;
   const std::uint32_t theirs = score(sender.last, 1);
-  if (now_ns - chosen_ns_ < 2 * kWindowNs || theirs < kRival || theirs < kClearly * score(holder->last, 1)) return false;
+  if (now_ns - chosen_ns_ < 2 * kWindowNs || theirs < kRival || theirs < kClearly * score(holder->last, 1))
+    return false;
   choose(sender, SenderReason::Implausible, now_ns);
   return true;
 }

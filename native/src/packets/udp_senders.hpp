@@ -1,5 +1,5 @@
-// Which of those that send to a socket is the sensor. It is judged by what each sent lately, never by who came first, and
-// the choice is revised: a forged packet cannot keep a sensor out, and many forged senders cannot fill the table.
+// Which of those that send to a socket is the sensor. It is judged by what each sent lately, never by who came first,
+// and the choice is revised: a forged packet cannot keep a sensor out, and many forged senders cannot fill the table.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -9,15 +9,15 @@
 
 namespace lidarcodec {
 
-constexpr std::size_t kMaxSenders = 64;                  // told apart; the one with the least evidence gives way
-constexpr std::int64_t kWindowNs = 100'000'000;          // evidence is counted in windows of this length
-constexpr std::int64_t kDecideNs = 2 * kWindowNs;        // from the first packet to a choice, however little was seen
-constexpr std::int64_t kSilenceNs = 1'000'000'000;       // a sensor that sends nothing for so long may be replaced
-constexpr std::uint32_t kProof = 32;                     // packets that hang together: 9 ms of an HDL-64E
-constexpr std::uint32_t kRival = 64;                     // such packets in a window that make a sender a rival
-constexpr std::uint32_t kFull = 300;                     // more than these in a window prove nothing more (a sensor: 347)
-constexpr std::uint32_t kMost = 1200;                    // packets in a window beyond which this is no sensor (dual return: 579)
-constexpr std::uint32_t kClearly = 4;                    // times as much evidence as the other
+constexpr std::size_t kMaxSenders = 64;             // told apart; the one with the least evidence gives way
+constexpr std::int64_t kWindowNs = 100'000'000;     // evidence is counted in windows of this length
+constexpr std::int64_t kDecideNs = 2 * kWindowNs;   // from the first packet to a choice, however little was seen
+constexpr std::int64_t kSilenceNs = 1'000'000'000;  // a sensor that sends nothing for so long may be replaced
+constexpr std::uint32_t kProof = 32;                // packets that hang together: 9 ms of an HDL-64E
+constexpr std::uint32_t kRival = 64;                // such packets in a window that make a sender a rival
+constexpr std::uint32_t kFull = 300;                // more than these in a window prove nothing more (a sensor: 347)
+constexpr std::uint32_t kMost = 1200;  // packets in a window beyond which this is no sensor (dual return: 579)
+constexpr std::uint32_t kClearly = 4;  // times as much evidence as the other
 
 // An IP address of 4 or 16 bytes, and a port.
 struct SenderAddress {

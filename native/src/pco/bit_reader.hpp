@@ -13,8 +13,8 @@ class BitReader {
  public:
   BitReader(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}
 
-  // The next 57 bits or more, so many bits further on, without moving on. Zeros behind the last byte; or, where the caller
-  // knows that eight bytes are there (Inside), without a look at it.
+  // The next 57 bits or more, so many bits further on, without moving on. Zeros behind the last byte; or, where the
+  // caller knows that eight bytes are there (Inside), without a look at it.
   template <bool Inside = false>
   std::uint64_t peek(std::size_t further = 0) const {
     const std::size_t at = at_ + further, byte = at >> 3;

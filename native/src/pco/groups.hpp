@@ -1,4 +1,5 @@
-// The ranges of codec `pcodec`: differences in groups by activity, each group a chunk of pco (docs/wire-format.md, "pcodec").
+// The ranges of codec `pcodec`: differences in groups by activity, each group a chunk of pco (docs/wire-format.md,
+// "pcodec").
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -21,9 +21,11 @@ struct Bin {
 };
 
 template <std::size_t Count>
-[[noreturn]] void refuse(const char* what, std::uint32_t number, const std::array<const char*, Count>& names, std::size_t at) {
+[[noreturn]] void refuse(const char* what, std::uint32_t number, const std::array<const char*, Count>& names,
+                         std::size_t at) {
   const std::string name = number < Count ? names[number] : std::to_string(number);
-  throw Error(ErrorCode::Section, std::string("pco data with ") + what + " " + name + ": " + names[0] + " alone is read here", at);
+  throw Error(ErrorCode::Section,
+              std::string("pco data with ") + what + " " + name + ": " + names[0] + " alone is read here", at);
 }
 
 }  // namespace
@@ -33,19 +35,22 @@ PcoReader::PcoReader(const std::uint8_t* data, std::size_t size) : bits_(data, s
   bits_.take(8);  // minor
   bits_.check();
   if (major != kVersion)
-    throw Error(ErrorCode::Section, "pco data of version " + std::to_string(major) + ": " + std::to_string(kVersion) + " is read here");
+    throw Error(ErrorCode::Section,
+                "pco data of version " + std::to_string(major) + ": " + std::to_string(kVersion) + " is read here");
 }
 
-// Spreads the bins over the states as pco does: one after the other, each state an odd stride of about three fifths of the
-// table behind the one before. A state's next states are then as in any tANS (Duda 2009): of a bin of weight w they begin
-// with those of w, w + 1, ... 2 w - 1, shifted until they are in the table's range.
+// Spreads the bins over the states as pco does: one after the other, each state an odd stride of about three fifths of
+// the table behind the one before. A state's next states are then as in any tANS (Duda 2009): of a bin of weight w they
+// begin with those of w, w + 1, ... 2 w - 1, shifted until they are in the table's range.
 void PcoReader::read_bins() {
   size_log_ = bits_.take(4);
   const std::uint32_t count = bits_.take(15);
   bits_.check();
   const std::uint32_t size = 1u << size_log_;
   if (size_log_ > kMostSizeLog || count > size || (count < 2 && size_log_ > 0))
-    throw Error(ErrorCode::Section, "pco data with " + std::to_string(count) + " bins in a table of " + std::to_string(size), bits_.bytes_read());
+    throw Error(ErrorCode::Section,
+                "pco data with " + std::to_string(count) + " bins in a table of " + std::to_string(size),
+                bits_.bytes_read());
   std::vector<Bin> bins(count);
   std::uint32_t sum = 0;
   for (Bin& bin : bins) {
@@ -53,10 +58,12 @@ void PcoReader::read_bins() {
     bin.lower = static_cast<std::uint16_t>(bits_.take(kNumberBits));
     bin.offset_bits = static_cast<std::uint8_t>(bits_.take(kOffsetBitsBits));
     bits_.check();
-    if (bin.offset_bits > kNumberBits) throw Error(ErrorCode::Section, "a bin of pco data with offsets of more than 16 bits", bits_.bytes_read());
+    if (bin.offset_bits > kNumberBits)
+      throw Error(ErrorCode::Section, "a bin of pco data with offsets of more than 16 bits", bits_.bytes_read());
     sum += bin.weight;
   }
-  if (count > 0 && sum != size) throw Error(ErrorCode::Section, "bins of pco data whose weights do not add up to its table", bits_.bytes_read());
+  if (count > 0 && sum != size)
+    throw Error(ErrorCode::Section, "bins of pco data whose weights do not add up to its table", bits_.bytes_read());
   bits_.align();
 
   std::vector<std::uint32_t> bin_of(size);
@@ -71,7 +78,8 @@ void PcoReader::read_bins() {
     Bin& bin = bins[bin_of[s]];
     unsigned shift = 0;
     while (bin.weight << shift < size) ++shift;
-    table_[s] = {static_cast<std::uint16_t>((bin.weight << shift) - size), bin.lower, static_cast<std::uint8_t>(shift), bin.offset_bits};
+    table_[s] = {static_cast<std::uint16_t>((bin.weight << shift) - size), bin.lower, static_cast<std::uint8_t>(shift),
+                 bin.offset_bits};
     ++bin.weight;
   }
 }
@@ -121,14 +129,16 @@ void PcoReader::read_chunk(std::int16_t* numbers, std::size_t count) {
   const std::uint32_t mode = bits_.take(4);
   bits_.check();
   if (mode != 0) refuse("mode", mode, kModes, bits_.bytes_read());
-  if (const std::uint32_t delta = bits_.take(4); delta != 0) refuse("delta encoding", delta, kDeltas, bits_.bytes_read());
+  if (const std::uint32_t delta = bits_.take(4); delta != 0)
+    refuse("delta encoding", delta, kDeltas, bits_.bytes_read());
   read_bins();
   if (table_.empty() && count > 0) throw Error(ErrorCode::Section, "pco data without bins", bits_.bytes_read());
   for (std::uint32_t& state : states_) state = bits_.take(size_log_);
   bits_.align();
   for (std::size_t done = 0; done < count; done += kBatch) {
     const bool inside = bits_.bytes_left() >= kMostBatchBytes;
-    inside ? read_batch<true>(numbers + done, std::min(kBatch, count - done)) : read_batch<false>(numbers + done, std::min(kBatch, count - done));
+    inside ? read_batch<true>(numbers + done, std::min(kBatch, count - done))
+           : read_batch<false>(numbers + done, std::min(kBatch, count - done));
   }
   bits_.align();
 }

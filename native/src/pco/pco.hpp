@@ -1,5 +1,5 @@
-// Reader of numerical data in pco's wrapped format (pcodec's docs/format.md), as far as codec `pcodec` uses it: numbers of 16
-// bits, mode Classic, no delta encoding, one page in each chunk. All else is refused by name.
+// Reader of numerical data in pco's wrapped format (pcodec's docs/format.md), as far as codec `pcodec` uses it: numbers
+// of 16 bits, mode Classic, no delta encoding, one page in each chunk. All else is refused by name.
 //
 // A number is a bin, coded by tANS, and an offset into it. Bins of 256 numbers come first, then their offsets.
 #pragma once

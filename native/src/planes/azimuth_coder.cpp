@@ -165,7 +165,9 @@ StepTable frequent_steps(const std::uint16_t* azimuth, const std::uint8_t* fired
   });
   StepTable table;
   while (table.count < kSteps && !steps.empty()) {
-    const auto rarer = [&](std::uint16_t a, std::uint16_t b) { return counts[a] != counts[b] ? counts[a] < counts[b] : a > b; };
+    const auto rarer = [&](std::uint16_t a, std::uint16_t b) {
+      return counts[a] != counts[b] ? counts[a] < counts[b] : a > b;
+    };
     const std::uint16_t most = *std::max_element(steps.begin(), steps.end(), rarer);
     if (counts[most] < 3) break;  // a number costs two bytes in the table
     table.steps[table.count++] = most;
@@ -229,7 +231,8 @@ std::uint32_t columns_in_turn(const std::uint16_t* rotations, std::size_t count)
   const auto below = [&](const auto& is_step) {
     Steps steps;
     for (std::size_t i = 1; i < count; ++i) {
-      const std::int64_t apart = std::int64_t{rotations[i]} - rotations[i - 1], step = apart < 0 ? apart + kWhole : apart;
+      const std::int64_t apart = std::int64_t{rotations[i]} - rotations[i - 1],
+                         step = apart < 0 ? apart + kWhole : apart;
       if (step >= kWhole / 2 || !is_step(step)) continue;
       ++steps.count;
       steps.sum += step;

@@ -1,8 +1,10 @@
-// Azimuth coder: the azimuth of each block of a frame, and which blocks fired. docs/wire-format-sections.md has the format.
+// Azimuth coder: the azimuth of each block of a frame, and which blocks fired. docs/wire-format-sections.md has the
+// format.
 //
-// A sensor rotates evenly, but its azimuth has coarse steps. So the differences have few values, in an order that almost repeats
-// (KITTI: a 9 after six or seven 18s). The most frequent differences get a number. Whether the most frequent one follows is
-// predicted from the lengths of its last runs. A second block with the same azimuth costs almost nothing.
+// A sensor rotates evenly, but its azimuth has coarse steps. So the differences have few values, in an order that
+// almost repeats (KITTI: a 9 after six or seven 18s). The most frequent differences get a number. Whether the most
+// frequent one follows is predicted from the lengths of its last runs. A second block with the same azimuth costs
+// almost nothing.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "base/error.hpp"
-#include "planes/intensity_costs.hpp"
 #include "mask/rows.hpp"
+#include "planes/intensity_costs.hpp"
 
 namespace lidarcodec {
 namespace {
@@ -15,12 +15,12 @@ namespace {
 using Counts = std::array<std::size_t, 256>;
 using Values = std::vector<std::uint8_t>;
 
-constexpr std::size_t kSampledReturns = 16384;   // returns whose rows give the costs of transitions
-constexpr int kRounds = 4;               // of estimating them
+constexpr std::size_t kSampledReturns = 16384;  // returns whose rows give the costs of transitions
+constexpr int kRounds = 4;                      // of estimating them
 constexpr std::size_t kMaxLevels = 64;  // with more levels each return gets the nearest one: a choice would save little
 
-// Levels for a histogram by the algorithm of Lloyd (1982) and Max (1960): each is the mean of the intensities that are nearest to
-// it. They begin evenly spaced. error: 16 times the mean squared error.
+// Levels for a histogram by the algorithm of Lloyd (1982) and Max (1960): each is the mean of the intensities that are
+// nearest to it. They begin evenly spaced. error: 16 times the mean squared error.
 struct LloydMaxLevels {
   Values value;
   Cost error = 0;
@@ -63,8 +63,8 @@ struct LloydMaxLevels {
   }
 };
 
-// The price of a bit, in proportion to the least error with so many levels. It is higher for few levels: neighbours are then
-// equal except for noise, and small errors save many bits. With many levels most bits are noise.
+// The price of a bit, in proportion to the least error with so many levels. It is higher for few levels: neighbours are
+// then equal except for noise, and small errors save many bits. With many levels most bits are noise.
 Lambda lambda_for(const LloydMaxLevels& lloyd_max) {
   const std::size_t levels = std::max<std::size_t>(lloyd_max.value.size(), 10);
   return {static_cast<Cost>(std::int64_t{48} * lloyd_max.error / static_cast<std::int64_t>(levels))};
@@ -94,14 +94,17 @@ class Centroids {
 
 // Calls act(intensity, index into an image) for the returns of a row.
 template <class Act>
-void for_each_return(const MaskLayout& layout, const ClosedRows& returned, std::size_t width, std::size_t row, const Act& act) {
+void for_each_return(const MaskLayout& layout, const ClosedRows& returned, std::size_t width, std::size_t row,
+                     const Act& act) {
   const std::vector<std::uint32_t>& columns = layout.columns(row);
   for (std::size_t k = 0; k < columns.size(); ++k)
     if (returned.cells[row * width + k] != 0) act(row * width + columns[k]);
 }
 
-// The levels of a row that minimise error plus the costs of transitions: dynamic programming, as in Viterbi's algorithm (1967).
-void choose(const Candidates& candidates, const Transitions& transitions, CostToGo& to_go, const Values& row, Values& levels) {
+// The levels of a row that minimise error plus the costs of transitions: dynamic programming, as in Viterbi's algorithm
+// (1967).
+void choose(const Candidates& candidates, const Transitions& transitions, CostToGo& to_go, const Values& row,
+            Values& levels) {
   to_go.compute(candidates, transitions, row.data(), row.size());
   levels.resize(row.size());
   for (std::size_t k = 0; k < row.size(); ++k) {
@@ -113,7 +116,8 @@ void choose(const Candidates& candidates, const Transitions& transitions, CostTo
   }
 }
 
-// Costs of transitions, estimated from some rows in turns with the choice of their levels; moves the levels to their means.
+// Costs of transitions, estimated from some rows in turns with the choice of their levels; moves the levels to their
+// means.
 Transitions transitions_of(const std::vector<Values>& rows, Values& value, Lambda lambda) {
   Transitions transitions(value.size());
   CostToGo to_go;
@@ -141,8 +145,8 @@ Transitions transitions_of(const std::vector<Values>& rows, Values& value, Lambd
 
 }  // namespace
 
-std::vector<std::uint8_t> choose_levels(const std::uint8_t* values, const std::uint8_t* returns, const MaskGeometry& geometry,
-                                        std::size_t levels) {
+std::vector<std::uint8_t> choose_levels(const std::uint8_t* values, const std::uint8_t* returns,
+                                        const MaskGeometry& geometry, std::size_t levels) {
   if (levels < 2 || levels > 255) throw Error(ErrorCode::Section, "intensity levels other than 2 to 255");
   const std::size_t width = geometry.width;
   const MaskLayout layout(geometry);

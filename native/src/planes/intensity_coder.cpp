@@ -1,10 +1,10 @@
 #include "planes/intensity_coder.hpp"
 
 #include "base/error.hpp"
-#include "planes/intensity_rows.hpp"
+#include "bits/rangecoder.hpp"
 #include "mask/align.hpp"
 #include "mask/rows.hpp"
-#include "bits/rangecoder.hpp"
+#include "planes/intensity_rows.hpp"
 
 namespace lidarcodec {
 namespace {
@@ -67,14 +67,22 @@ void code_rows(const Symbols& symbols, const Stream& stream, const MaskLayout& l
 template <class Coder, class... Given>
 void code_rows_of(const Symbols& symbols, Given&&... given) {
   switch (symbols.depth) {
-    case 1: return code_rows<1, Coder>(symbols, given...);
-    case 2: return code_rows<2, Coder>(symbols, given...);
-    case 3: return code_rows<3, Coder>(symbols, given...);
-    case 4: return code_rows<4, Coder>(symbols, given...);
-    case 5: return code_rows<5, Coder>(symbols, given...);
-    case 6: return code_rows<6, Coder>(symbols, given...);
-    case 7: return code_rows<7, Coder>(symbols, given...);
-    default: return code_rows<8, Coder>(symbols, given...);
+    case 1:
+      return code_rows<1, Coder>(symbols, given...);
+    case 2:
+      return code_rows<2, Coder>(symbols, given...);
+    case 3:
+      return code_rows<3, Coder>(symbols, given...);
+    case 4:
+      return code_rows<4, Coder>(symbols, given...);
+    case 5:
+      return code_rows<5, Coder>(symbols, given...);
+    case 6:
+      return code_rows<6, Coder>(symbols, given...);
+    case 7:
+      return code_rows<7, Coder>(symbols, given...);
+    default:
+      return code_rows<8, Coder>(symbols, given...);
   }
 }
 
@@ -104,7 +112,8 @@ std::vector<std::uint8_t> encode_intensity(const std::uint8_t* values, const std
   if (symbols.count() == 1) return {kConstant, symbols.value[0]};
   symbols.place();
 
-  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width), rate_for(returned.returns)};
+  const Stream stream = {turn != 0 ? turn : find_turn(layout, returned.cells.data(), width),
+                         rate_for(returned.returns)};
   std::vector<std::uint8_t> head;
   BitWriter bits(head);
   code_symbols(bits, symbols);

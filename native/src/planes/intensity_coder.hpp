@@ -1,7 +1,8 @@
-// Intensity coder: the intensities of the returns of a frame, by context mixing. docs/wire-format-intensity.md has the format.
+// Intensity coder: the intensities of the returns of a frame, by context mixing. docs/wire-format-intensity.md has the
+// format.
 //
-// Rows are coded from the top. The two halves of a row are coded at the same time: each has a range coder, and both use the same
-// models. So a core works on one half while the other waits for its decision.
+// Rows are coded from the top. The two halves of a row are coded at the same time: each has a range coder, and both use
+// the same models. So a core works on one half while the other waits for its decision.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -1,6 +1,7 @@
 // The levels that a return may get, and what each of them costs together with the rest of its row.
 //
-// A cost is 16 times a squared error, or a number of bits times lambda. In whole numbers, so every machine gives the same.
+// A cost is 16 times a squared error, or a number of bits times lambda. In whole numbers, so every machine gives the
+// same.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -97,13 +98,14 @@ class Transitions {
   std::vector<Cost> cost_;
 };
 
-// For each candidate of a return the least cost of the rest of the row, relative to the best candidate: the cost-to-go of
-// dynamic programming.
+// For each candidate of a return the least cost of the rest of the row, relative to the best candidate: the cost-to-go
+// of dynamic programming.
 class CostToGo {
  public:
   using Costs = std::array<Cost, kCandidates>;
 
-  void compute(const Candidates& candidates, const Transitions& transitions, const std::uint8_t* intensities, std::size_t count) {
+  void compute(const Candidates& candidates, const Transitions& transitions, const std::uint8_t* intensities,
+               std::size_t count) {
     costs_.resize(std::max(costs_.size(), count + 1));
     if (count == 0) return;
     costs_[count - 1] = {};

@@ -1,15 +1,15 @@
 // The seven contexts of an intensity, and the cells (bits/cells.hpp) of each.
 //
-// A symbol is coded as the path to its leaf in a binary tree, up to four levels first and then the others. A context has cells
-// for the decisions of the first levels, and for each of their ends cells for the others. The contexts are
+// A symbol is coded as the path to its leaf in a binary tree, up to four levels first and then the others. A context
+// has cells for the decisions of the first levels, and for each of their ends cells for the others. The contexts are
 //
 //   0 a guess from symbols around, and the last symbol of the row      1 the last symbol, and the one before
 //   2 the one before, and the last                                     3 the last three
 //   4 the last four                                                    5 no-return cells since the last return
 //   6 no returns beside this one, the last symbol, and the row above
 //
-// mostly in classes with about equal numbers of returns. Symbols of the same row predict best: each laser has its own scale, and
-// its intensities alternate, so the symbol before the last one is often closer than the last one.
+// mostly in classes with about equal numbers of returns. Symbols of the same row predict best: each laser has its own
+// scale, and its intensities alternate, so the symbol before the last one is often closer than the last one.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -109,7 +109,8 @@ class IntensityModel {
     std::memcpy(reinterpret_cast<char*>(record + cell) + sizeof value * node, &value, sizeof value);
   }
 
-  // Context 0 begins with a distribution that decreases on both sides of its guess, by a factor of e in an eighth of the leaves.
+  // Context 0 begins with a distribution that decreases on both sides of its guess, by a factor of e in an eighth of
+  // the leaves.
   void expect_guess(const Symbols& symbols) {
     const std::size_t n = symbols.count();
     for (std::size_t s = 0, end = 0; s < n; s = end) {

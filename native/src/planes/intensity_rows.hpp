@@ -7,10 +7,10 @@
 #include <type_traits>
 #include <vector>
 
-#include "bits/cells.hpp"
 #include "base/error.hpp"
-#include "planes/intensity_model.hpp"
+#include "bits/cells.hpp"
 #include "bits/wide_coder.hpp"
+#include "planes/intensity_model.hpp"
 
 namespace lidarcodec {
 
@@ -111,8 +111,8 @@ class RowCoder {
     }
   }
 
-  // Codes `Levels` decisions of each of N leaves, which have `below` further bits; `way` gets the decisions. Probabilities are
-  // computed before and models updated after all of them, so both halves may share a cell.
+  // Codes `Levels` decisions of each of N leaves, which have `below` further bits; `way` gets the decisions.
+  // Probabilities are computed before and models updated after all of them, so both halves may share a cell.
   template <int Levels, std::uint32_t Vectors, std::size_t N>
   void walk(const Each<N, typename Model::Named>& cells, Each<N, WideInterval>& interval, int below,
             const Each<N, std::uint32_t>& leaf, Each<N, std::uint32_t>& way) {
@@ -145,8 +145,8 @@ class RowCoder {
     for (std::size_t h = 0; h < N; ++h) {
       const Walk& walked = kWalks[node[h]];
       for (std::uint32_t v = 0; v < Vectors; ++v) {
-        const Cells by = moves(Cells::load(walked.wanted.data() + 8 * v), Cells::load(walked.taken.data() + 8 * v),
-                               p[h][v], rate_);
+        const Cells by =
+            moves(Cells::load(walked.wanted.data() + 8 * v), Cells::load(walked.taken.data() + 8 * v), p[h][v], rate_);
         for (Cells* cell : cells[h]) cell[v] = cell[v] + by;
       }
       way[h] = node[h] - (1u << Levels);

@@ -1,5 +1,5 @@
-// *Symbols*: the numbers of the intensities that occur in a frame, in rising order. A section begins with these intensities and
-// their classes. Classes have about equal numbers of returns, so that contexts have, too.
+// *Symbols*: the numbers of the intensities that occur in a frame, in rising order. A section begins with these
+// intensities and their classes. Classes have about equal numbers of returns, so that contexts have, too.
 #pragma once
 #include <array>
 #include <cstddef>

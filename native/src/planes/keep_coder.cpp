@@ -1,10 +1,10 @@
 #include "planes/keep_coder.hpp"
 
 #include "base/error.hpp"
-#include "planes/keep_model.hpp"
+#include "bits/rangecoder.hpp"
 #include "mask/rows.hpp"
 #include "motion/range_history.hpp"
-#include "bits/rangecoder.hpp"
+#include "planes/keep_model.hpp"
 
 namespace lidarcodec {
 namespace {

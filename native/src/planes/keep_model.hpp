@@ -1,4 +1,5 @@
-// Models of the cells of a keep mask, their contexts, and their logistic mixing. docs/wire-format-keep.md has the format.
+// Models of the cells of a keep mask, their contexts, and their logistic mixing. docs/wire-format-keep.md has the
+// format.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -13,8 +14,8 @@ namespace lidarcodec {
 
 inline constexpr std::size_t kKeepModels = 4;
 
-// Logistic mixing of several models (Mahoney 2005). The learning rate is four times that of `Mixer`: a mask has few kept cells,
-// and each message begins with new weights.
+// Logistic mixing of several models (Mahoney 2005). The learning rate is four times that of `Mixer`: a mask has few
+// kept cells, and each message begins with new weights.
 class KeepMixer {
  public:
   KeepMixer() { weights_.fill(26214); }  // 0.4
@@ -52,7 +53,8 @@ inline constexpr auto kGapClass = [] {
   return classes;
 }();
 
-// Classes of the number of rows since a direction was last kept, by these limits, and of the number of directions kept nearby.
+// Classes of the number of rows since a direction was last kept, by these limits, and of the number of directions kept
+// nearby.
 inline constexpr std::array<std::uint8_t, 4> kAgeLimits = {1, 2, 4, 8};
 constexpr std::uint32_t crowd_class(std::uint32_t count) {
   return count < 3 ? count : count < 5 ? 3 : count < 9 ? 4 : count < 16 ? 5 : 6;
@@ -95,7 +97,8 @@ class RowsAbove {
   // The directions of each level among the first 64, a bit each.
   static constexpr auto kOfLevel = [] {
     std::array<std::uint64_t, kFinestDirection + 1> of{};
-    for (std::uint32_t direction = 0; direction < 64; ++direction) of[direction_level(direction)] |= std::uint64_t{1} << direction;
+    for (std::uint32_t direction = 0; direction < 64; ++direction)
+      of[direction_level(direction)] |= std::uint64_t{1} << direction;
     return of;
   }();
 
@@ -107,7 +110,7 @@ class RowsAbove {
     return age;
   }
 
-  std::array<DirectionSet, kAgeLimits.back()> kept_;  // kept by this row, by the one above it, and so on
+  std::array<DirectionSet, kAgeLimits.back()> kept_;    // kept by this row, by the one above it, and so on
   std::array<DirectionSet, kAgeLimits.size()> within_;  // kept by as many rows above as the limit
   DirectionSet lately_;
 };

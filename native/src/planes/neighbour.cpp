@@ -6,7 +6,8 @@
 
 namespace lidarcodec {
 
-std::vector<std::uint8_t> split_by_neighbour(const std::uint8_t* bytes, std::size_t size, const NeighbourGroups& group_of) {
+std::vector<std::uint8_t> split_by_neighbour(const std::uint8_t* bytes, std::size_t size,
+                                             const NeighbourGroups& group_of) {
   std::array<std::size_t, 257> next{};
   std::uint8_t before = 0;
   for (std::size_t i = 0; i < size; ++i) {
@@ -24,8 +25,8 @@ std::vector<std::uint8_t> split_by_neighbour(const std::uint8_t* bytes, std::siz
   return sorted;
 }
 
-std::vector<std::uint8_t> join_by_neighbour(const std::uint8_t* sorted, std::size_t size, const NeighbourGroups& group_of,
-                                            const NeighbourCounts& counts) {
+std::vector<std::uint8_t> join_by_neighbour(const std::uint8_t* sorted, std::size_t size,
+                                            const NeighbourGroups& group_of, const NeighbourCounts& counts) {
   std::array<std::size_t, 256> next{}, end{};
   std::size_t total = 0;
   for (std::size_t g = 0; g < counts.size(); ++g) {
@@ -40,7 +41,8 @@ std::vector<std::uint8_t> join_by_neighbour(const std::uint8_t* sorted, std::siz
   for (std::size_t i = 0; i < size; ++i) {
     const std::size_t group = group_of[before];
     if (next[group] == end[group])
-      throw Error(ErrorCode::Section, "group " + std::to_string(group) + " of bytes ran out at byte " + std::to_string(i));
+      throw Error(ErrorCode::Section,
+                  "group " + std::to_string(group) + " of bytes ran out at byte " + std::to_string(i));
     before = sorted[next[group]++];
     bytes[i] = before;
   }

@@ -1,5 +1,5 @@
-// The functions of predictive/forms.hpp for AVX2: a vector holds a whole slot, or the slots of all contexts. The form is chosen at run
-// time (predictive/paths.hpp), so each function has its own target attribute.
+// The functions of predictive/forms.hpp for AVX2: a vector holds a whole slot, or the slots of all contexts. The form
+// is chosen at run time (predictive/paths.hpp), so each function has its own target attribute.
 #pragma once
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -10,21 +10,23 @@
 #include <cstdint>
 #include <cstring>
 
-#include "predictive/forms.hpp"
 #include "base/processor.hpp"
+#include "predictive/forms.hpp"
 
 namespace lidarcodec {
 
-// Byte shuffles that gather the features of each context. The features are in four vectors of 16 bytes: two of positions, one of
-// classes, one of positions of expected ranges. Packing leaves the positions as {groups 0 1 4 5} and {groups 2 3 6 7}.
+// Byte shuffles that gather the features of each context. The features are in four vectors of 16 bytes: two of
+// positions, one of classes, one of positions of expected ranges. Packing leaves the positions as {groups 0 1 4 5} and
+// {groups 2 3 6 7}.
 struct alignas(32) Avx2Tables {
   using Bytes = std::array<std::uint8_t, 32>;
   static constexpr std::size_t kLanes = 16;
   static_assert(kAllContexts - kFixedContexts <= kLanes);
 
-  std::array<Bytes, 4> two{}, third{};  // shuffles of each vector for the first two features of each context, and for the third
-  Bytes kept{};                         // mask of the bits of the first two that are used
-  Bytes weights{};                      // of the first two; the weighted sum plus the third is twice the slot
+  std::array<Bytes, 4> two{},
+      third{};      // shuffles of each vector for the first two features of each context, and for the third
+  Bytes kept{};     // mask of the bits of the first two that are used
+  Bytes weights{};  // of the first two; the weighted sum plus the third is twice the slot
   alignas(32) std::array<std::uint32_t, kLanes> begins{};
 
   constexpr Avx2Tables() {
@@ -77,7 +79,8 @@ struct Avx2Forms {
     const auto& limits = kLaneLimits[known.scale].of;
 #pragma GCC unroll 7
     for (std::size_t k = 0; k < kPositionLimitCount; ++k) {
-      const __m256i limit = _mm256_broadcastsi128_si256(_mm_load_si128(reinterpret_cast<const __m128i*>(limits[k].data())));
+      const __m256i limit =
+          _mm256_broadcastsi128_si256(_mm_load_si128(reinterpret_cast<const __m128i*>(limits[k].data())));
       for (std::size_t v = 0; v < kPairs; ++v)
         counts[v] = _mm256_add_epi16(counts[v], _mm256_cmpgt_epi16(limit, sizes[v]));
     }
@@ -88,7 +91,8 @@ struct Avx2Forms {
     const __m256i positions = _mm256_packus_epi16(counts[0], counts[1]);
     const __m256i first = _mm256_permute4x64_epi64(positions, 0x44), second = _mm256_permute4x64_epi64(positions, 0xEE);
     const __m256i classes = _mm256_broadcastsi128_si256(classes_of(known));
-    __m256i two = pick(first, second, classes, kAvx2Tables.two), third = pick(first, second, classes, kAvx2Tables.third);
+    __m256i two = pick(first, second, classes, kAvx2Tables.two),
+            third = pick(first, second, classes, kAvx2Tables.third);
     if constexpr (kExpects) {
       const __m256i expected = _mm256_permute4x64_epi64(_mm256_packus_epi16(counts[2], counts[2]), 0x88);
       two = _mm256_or_si256(two, _mm256_shuffle_epi8(expected, load(kAvx2Tables.two[3])));
@@ -143,8 +147,8 @@ struct Avx2Forms {
   }
 
   template <const auto& kUsed>
-  LIDARCODEC_AVX2 static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const MixingWeights& weights,
-                                    std::int16_t* context_odds, Probabilities& chances) {
+  LIDARCODEC_AVX2 static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net,
+                                  const MixingWeights& weights, std::int16_t* context_odds, Probabilities& chances) {
     const __m256i contexts = sum_of<kUsed>(cells, slots);
     store(contexts, context_odds);
     const __m256i quarter = _mm256_adds_epi16(_mm256_mulhi_epi16(load(net), load(weights.of_net.data())),
@@ -153,8 +157,9 @@ struct Avx2Forms {
     store(probabilities_of(_mm256_adds_epi16(half, half)), chances.of.data());
   }
 
-  LIDARCODEC_AVX2 static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds,
-                                            const Probabilities& chances, const Walk& walked) {
+  LIDARCODEC_AVX2 static void learn_mixing(MixingWeights& weights, const std::int16_t* net,
+                                           const std::int16_t* context_odds, const Probabilities& chances,
+                                           const Walk& walked) {
     const __m256i error = error_of(walked, chances);
     const __m256i rate = _mm256_set1_epi16(kMixingRate / 2);
     const __m256i by_net = _mm256_mulhrs_epi16(_mm256_mulhi_epi16(error, load(net)), rate);
@@ -164,7 +169,8 @@ struct Avx2Forms {
   }
 
   template <const auto& kUsed, bool kNetwork>
-  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Probabilities& chances, const Walk& walked) {
+  LIDARCODEC_AVX2 static void learn(std::int16_t* cells, const Slots& slots, const Probabilities& chances,
+                                    const Walk& walked) {
     const __m256i error = error_of(walked, chances);
     alignas(32) std::array<std::array<std::int16_t, kSlotCells>, kRates<kNetwork>.size()> by;
 #pragma GCC unroll 4
@@ -186,14 +192,16 @@ struct Avx2Forms {
   // inputs::GroupWriter, eight differences at a time.
   struct Avx2GroupWriter {
     template <std::size_t Linear, inputs::Slices A, inputs::Slices B>
-    LIDARCODEC_AVX2 static void put(const inputs::Quantiser& quantiser, const inputs::DifferenceGroups& a, const inputs::DifferenceGroups& b, std::int8_t* in) {
+    LIDARCODEC_AVX2 static void put(const inputs::Quantiser& quantiser, const inputs::DifferenceGroups& a,
+                                    const inputs::DifferenceGroups& b, std::int8_t* in) {
       const __m256 units = _mm256_set1_ps(quantiser.units[0]), sixteenths = _mm256_set1_ps(quantiser.units[0] * 16.0f);
       __m256i quarters[4], sizes[4];
 #pragma GCC unroll 4
       for (std::size_t g = 0; g < 4; ++g) {
         const __m256i apart = _mm256_sub_epi32(both(a[g].of, b[g].of), both(a[g].from, b[g].from));
         quarters[g] = _mm256_add_epi32(_mm256_srai_epi32(apart, 2), both(a[g].more, b[g].more));
-        const __m256 size = _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Linear ? sixteenths : units);
+        const __m256 size =
+            _mm256_mul_ps(_mm256_cvtepi32_ps(_mm256_abs_epi32(quarters[g])), g < Linear ? sixteenths : units);
         sizes[g] = g < Linear ? _mm256_cvttps_epi32(_mm256_add_ps(size, _mm256_set1_ps(0.5f))) : log2_16(size);
       }
       // Packing saturates sizes at 127, and keeps the signs of quarters.
@@ -323,13 +331,15 @@ struct Avx2Forms {
     const std::uint32_t seen = (known.returns >> 9 & 7u) | (known.returns >> 7 & 1u) << 3;
     const std::uint32_t direct = known.scale / 2 | known.returns >> 12 << 8 | known.leaves >> 4 << 16 | seen << 24;
     // scale_class of four sizes: exponent and mantissa of a float that holds size + 2 exactly.
-    __m128i sizes = _mm_cvtsi32_si128(static_cast<int>(known.mean_size));  // one by one: a vector load would wait for the stores
+    __m128i sizes =
+        _mm_cvtsi32_si128(static_cast<int>(known.mean_size));  // one by one: a vector load would wait for the stores
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.last_size), 1);
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.up_size), 2);
     sizes = _mm_insert_epi32(sizes, static_cast<int>(known.seen_size), 3);
     const __m128i number = _mm_castps_si128(_mm_cvtepi32_ps(_mm_add_epi32(sizes, _mm_set1_epi32(2))));
     const __m128i mantissa = _mm_and_si128(number, _mm_set1_epi32(0x7FFFFF));
-    const __m128i upper_half = _mm_cmpgt_epi32(mantissa, _mm_set1_epi32(0x3504F3));  // of the octave: the mantissa is above the square root of 2
+    const __m128i upper_half = _mm_cmpgt_epi32(
+        mantissa, _mm_set1_epi32(0x3504F3));  // of the octave: the mantissa is above the square root of 2
     const __m128i halves = _mm_sub_epi32(_mm_slli_epi32(_mm_srli_epi32(number, 23), 1), upper_half);
     constexpr int kFirst = 2 * 127 + 1;  // that of class 0
     const __m128i of_class = _mm_min_epi32(halves, _mm_set1_epi32(kFirst + static_cast<int>(kScaleClasses) - 1));
@@ -338,8 +348,10 @@ struct Avx2Forms {
     return _mm_unpacklo_epi32(_mm_cvtsi32_si128(static_cast<int>(direct)), _mm_packus_epi16(words, words));
   }
 
-  LIDARCODEC_AVX2 static __m256i pick(__m256i first, __m256i second, __m256i classes, const std::array<Avx2Tables::Bytes, 4>& at) {
-    const __m256i positions = _mm256_or_si256(_mm256_shuffle_epi8(first, load(at[0])), _mm256_shuffle_epi8(second, load(at[1])));
+  LIDARCODEC_AVX2 static __m256i pick(__m256i first, __m256i second, __m256i classes,
+                                      const std::array<Avx2Tables::Bytes, 4>& at) {
+    const __m256i positions =
+        _mm256_or_si256(_mm256_shuffle_epi8(first, load(at[0])), _mm256_shuffle_epi8(second, load(at[1])));
     return _mm256_or_si256(positions, _mm256_shuffle_epi8(classes, load(at[2])));
   }
 

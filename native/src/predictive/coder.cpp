@@ -1,12 +1,12 @@
 #include "predictive/coder.hpp"
 
+#include <utility>
+
 #include "base/error.hpp"
 #include "mask/align.hpp"
 #include "mask/rows.hpp"
 #include "predictive/image.hpp"
 #include "predictive/kind.hpp"
-
-#include <utility>
 
 namespace lidarcodec {
 
@@ -41,7 +41,8 @@ std::uint32_t firing_of_first(std::uint32_t firing, std::size_t past) {
 }
 
 // The number of returns after the known columns: those that are coded.
-std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* returns, std::size_t width, std::size_t known) {
+std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* returns, std::size_t width,
+                           std::size_t known) {
   std::size_t before = 0;
   for (std::size_t row = 0; row < kMaskRows && known != 0; ++row)
     for (std::size_t column = 0; column < known; ++column) before += returns[row * width + column] != 0;
@@ -52,7 +53,8 @@ std::size_t returns_behind(const ClosedRows& returned, const std::uint8_t* retur
 
 KnownColumns known_columns(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return kWholeFrame;
-  if (!RangeKind::is_known(data[0]) || !RangeKind::of(data[0]).slab) return kWholeFrame;  // `decode` refuses unknown kinds
+  if (!RangeKind::is_known(data[0]) || !RangeKind::of(data[0]).slab)
+    return kWholeFrame;  // `decode` refuses unknown kinds
   const std::size_t head = head_bytes(kSlabParts, true);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
   return data[head - 1];
@@ -87,7 +89,8 @@ void PredictiveCoder::sample(const std::uint16_t* ranges, const std::uint8_t* re
 }
 
 void PredictiveCoder::change(std::shared_ptr<const RiddleNets> nets) {
-  if ((nets == nullptr) != (nets_ == nullptr)) throw Error(ErrorCode::Section, "networks in the middle of a stream without");
+  if ((nets == nullptr) != (nets_ == nullptr))
+    throw Error(ErrorCode::Section, "networks in the middle of a stream without");
   nets_ = std::move(nets);
 }
 
@@ -98,8 +101,9 @@ void PredictiveCoder::reset() {
 
 std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, const std::uint8_t* returns,
                                                   const RangeCells& whole, const MaskGeometry& geometry,
-                                                  std::uint32_t turn, std::uint32_t firing, const std::uint16_t* expected,
-                                                  KnownColumns known, RiddleSamples* samples, bool quick, std::uint16_t* sent) {
+                                                  std::uint32_t turn, std::uint32_t firing,
+                                                  const std::uint16_t* expected, KnownColumns known,
+                                                  RiddleSamples* samples, bool quick, std::uint16_t* sent) {
   check(whole, geometry, known);
   RangeCells cells = whole;
   cells.free = sent != nullptr && cells.step > 1;
@@ -118,7 +122,9 @@ std::vector<std::uint8_t> PredictiveCoder::encode(const std::uint16_t* ranges, c
   const RangeKind kind{expected != nullptr, known >= 0, net != nullptr, quick && net == nullptr, cells.free};
   if (samples != nullptr) samples->inputs = inputs;
   PredictiveParts<WideEncoder> parts;
-  write_image({path_, model_, {net, samples}, *slab_ends_, kind.slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts, ranges);
+  write_image({path_, model_, {net, samples}, *slab_ends_, kind.slab, kind.quick},
+              {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past), sent}, parts,
+              ranges);
   const std::size_t count = parts_of(kind.slab);
   std::array<const std::vector<std::uint8_t>*, kMostParts> streams{};
   std::size_t size = head_bytes(count, kind.slab);
@@ -146,7 +152,8 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   const MaskLayout layout(geometry);
   const ClosedRows returned(returns, layout, width);
   std::vector<std::uint16_t> image(kMaskRows * width);
-  for (std::size_t row = 0; row < kMaskRows; ++row) std::copy_n(before + row * past, past, image.begin() + static_cast<std::ptrdiff_t>(row * width));
+  for (std::size_t row = 0; row < kMaskRows; ++row)
+    std::copy_n(before + row * past, past, image.begin() + static_cast<std::ptrdiff_t>(row * width));
   if (returns_behind(returned, returns, width, past) == 0) {
     if (size != 0) throw Error(ErrorCode::Section, "ranges where there are no returns");
     return image;
@@ -158,8 +165,8 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
   const RangeKind kind = RangeKind::of(data[0]);
   RangeCells cells = whole;
   cells.free = kind.free;
-  if (!RangeKind::is_known(data[0]) || kind.expected != (expected != nullptr) || kind.slab != slab || kind.network != (net != nullptr) ||
-      (kind.free && cells.step == 1))
+  if (!RangeKind::is_known(data[0]) || kind.expected != (expected != nullptr) || kind.slab != slab ||
+      kind.network != (net != nullptr) || (kind.free && cells.step == 1))
     throw Error(ErrorCode::Section, "ranges of an unknown kind");
   const std::size_t head = head_bytes(count, slab);
   if (size < head) throw Error(ErrorCode::Truncated, "ranges end within their header", size);
@@ -175,7 +182,9 @@ std::vector<std::uint16_t> PredictiveCoder::decode(const std::uint8_t* data, std
     parts[p].interval = parts[p].coder.start();
     at += bytes;
   }
-  read_image({path_, model_, {net, nullptr}, *slab_ends_, slab, kind.quick}, {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts, image.data());
+  read_image({path_, model_, {net, nullptr}, *slab_ends_, slab, kind.quick},
+             {layout, returned, cells, expected, width, past, turn, firing_of_first(firing, past)}, parts,
+             image.data());
   for (std::size_t p = 0; p < count; ++p) parts[p].coder.finish(parts[p].interval);
   return image;
 }

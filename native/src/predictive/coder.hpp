@@ -1,8 +1,8 @@
-// Predictive coder: codes the ranges of a frame's returns by adaptive models of their neighbours. README.md in this folder derives the
-// models, docs/wire-format-predictive.md defines the format.
+// Predictive coder: codes the ranges of a frame's returns by adaptive models of their neighbours. README.md in this
+// folder derives the models, docs/wire-format-predictive.md defines the format.
 //
-// Rows are coded from the top. The four quarters of a row are interleaved: each has its own range coder, all share the models. A core
-// then works on one quarter while another waits for its decision.
+// Rows are coded from the top. The four quarters of a row are interleaved: each has its own range coder, all share the
+// models. A core then works on one quarter while another waits for its decision.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -11,19 +11,20 @@
 #include <optional>
 #include <vector>
 
-#include "mask/coder.hpp"
-#include "predictive/model.hpp"
 #include "base/processor.hpp"
+#include "mask/coder.hpp"
 #include "network/net.hpp"
 #include "network/samples.hpp"
+#include "predictive/model.hpp"
 
 namespace lidarcodec {
 
 // The quantisation of ranges: a cell is `step` range steps wide. The coder computes in sixteenths of a cell.
 struct RangeCells {
-  std::uint32_t step = 1;                        // odd, 1 to 65535
-  std::array<std::int32_t, kMaskRows> level{};   // 0 to 1000, range steps
-  bool free = false;  // cells are counted from the last return (predictive/free_cells.hpp), not from 0; the coder sets it
+  std::uint32_t step = 1;                       // odd, 1 to 65535
+  std::array<std::int32_t, kMaskRows> level{};  // 0 to 1000, range steps
+  bool free =
+      false;  // cells are counted from the last return (predictive/free_cells.hpp), not from 0; the coder sets it
 
   // The quantisation of one row, by value: compilers then know that no loop writes to it.
   struct Row {
@@ -46,7 +47,8 @@ struct SlabEnds;
 using KnownColumns = std::int64_t;
 inline constexpr KnownColumns kWholeFrame = -1;
 
-// The number of known columns that the bytes of a slab need; kWholeFrame for a whole frame, and for no bytes. Raises Truncated.
+// The number of known columns that the bytes of a slab need; kWholeFrame for a whole frame, and for no bytes. Raises
+// Truncated.
 KnownColumns known_columns(const std::uint8_t* data, std::size_t size);
 
 // Networks that give the prior of the trees: for frames alone, and for frames with expected ranges.
@@ -71,9 +73,8 @@ class PredictiveCoder {
   // known: the number of known columns, of W.
   // samples: with a network, receives some of the returns.
   // quick: without a network, uses fewer contexts: less time, a few more bits.
-  // sent: (64, W), receives the ranges as they are decoded; ranges are then free to be the cheapest within half a step. nullptr: ranges
-  // are rounded.
-  // Raises Section if a cell is set in a block that did not fire, or has no range.
+  // sent: (64, W), receives the ranges as they are decoded; ranges are then free to be the cheapest within half a step.
+  // nullptr: ranges are rounded. Raises Section if a cell is set in a block that did not fire, or has no range.
   std::vector<std::uint8_t> encode(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                                    const MaskGeometry& geometry, std::uint32_t turn, std::uint32_t firing,
                                    const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
@@ -82,20 +83,22 @@ class PredictiveCoder {
   // Replaces the networks; the models stay. Raises Section if there were no networks or nets is nullptr, but not both.
   void change(std::shared_ptr<const RiddleNets> nets);
 
-  // The ranges, (64, W), each within half a step, 0 outside of returns. before: (64, known), the ranges of a slab's known columns.
-  // Raises Section or Truncated.
+  // The ranges, (64, W), each within half a step, 0 outside of returns. before: (64, known), the ranges of a slab's
+  // known columns. Raises Section or Truncated.
   std::vector<std::uint16_t> decode(const std::uint8_t* data, std::size_t size, const std::uint8_t* returns,
                                     const RangeCells& cells, const MaskGeometry& geometry,
                                     const std::uint16_t* expected = nullptr, KnownColumns known = kWholeFrame,
                                     const std::uint16_t* before = nullptr);
 
-  // Collects training samples of a frame: inputs of networks, and the leaves and offset bits that they predict. All else is as in `encode`.
+  // Collects training samples of a frame: inputs of networks, and the leaves and offset bits that they predict. All
+  // else is as in `encode`.
   static void sample(const std::uint16_t* ranges, const std::uint8_t* returns, const RangeCells& cells,
                      const MaskGeometry& geometry, std::uint32_t turn, const std::uint16_t* expected,
                      RiddleSamples& samples);
 
  private:
-  // The network for frames with or without expected ranges; nullptr without networks. Raises Section if only the other one is there.
+  // The network for frames with or without expected ranges; nullptr without networks. Raises Section if only the other
+  // one is there.
   const RiddleNet* net_of(bool expects) const;
 
   Path path_;

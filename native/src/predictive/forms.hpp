@@ -1,25 +1,26 @@
-// The computations on all contexts of a return: find the slots, sum the log odds, update the cells. A *form* is a struct of these
-// functions for one kind of processor. All forms give the same results.
+// The computations on all contexts of a return: find the slots, sum the log odds, update the cells. A *form* is a
+// struct of these functions for one kind of processor. All forms give the same results.
 #pragma once
 #include <algorithm>
 #include <array>
 #include <cstdint>
 
 #include "bits/cells.hpp"
-#include "predictive/positions.hpp"
 #include "predictive/model.hpp"
 #include "predictive/net_inputs.hpp"
+#include "predictive/positions.hpp"
 
 namespace lidarcodec {
 
 // Learning rates of a context, of 65536, by how often it was seen: below 6, 24 and 96 times, and from 96 on.
 inline constexpr std::array<std::int16_t, 4> kContextRates = {720, 460, 320, 230};
-inline constexpr std::array<std::int16_t, 4> kNetworkRates = {216, 138, 96, 70};  // with a network as prior: 0.3 times those, rounded to even
+inline constexpr std::array<std::int16_t, 4> kNetworkRates = {
+    216, 138, 96, 70};                            // with a network as prior: 0.3 times those, rounded to even
 inline constexpr std::int16_t kMixingRate = 786;  // of the weights of mixing: 0.012; even, as AVX2 halves rates
 template <bool kNetwork>
 inline constexpr const std::array<std::int16_t, 4>& kRates = kNetwork ? kNetworkRates : kContextRates;
-// The first cell of a slot counts how often it was seen. The count advances by 8192 / 6, 8192 / 18 and 8192 / 72 a time, so that its
-// upper three bits are the number of the rate.
+// The first cell of a slot counts how often it was seen. The count advances by 8192 / 6, 8192 / 18 and 8192 / 72 a
+// time, so that its upper three bits are the number of the rate.
 inline constexpr std::array<std::int16_t, 4> kCountSteps = {1366, 455, 114, 0};
 constexpr std::size_t rate_of_slot(const std::int16_t* slot) { return static_cast<std::uint16_t>(slot[0]) >> 13; }
 static_assert([] {
@@ -81,15 +82,17 @@ struct NarrowForm : PlainProducts {
     name(4, known.firing);
     constexpr std::size_t kOfFeatures = all_contexts<kExpects>().size() - kFixedContexts;
 #pragma GCC unroll 16
-    for (std::size_t i = 0; i < kOfFeatures; ++i)
-      name(kFixedContexts + i, slot_of(context_of_features(i), of));
+    for (std::size_t i = 0; i < kOfFeatures; ++i) name(kFixedContexts + i, slot_of(context_of_features(i), of));
   }
 
-  static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t origin, bool down) { return {ranges, origin, down}; }
+  static NearRanges near(const std::array<std::int32_t, 8>& ranges, std::int32_t origin, bool down) {
+    return {ranges, origin, down};
+  }
   static std::uint32_t from(const NearRanges& near, std::uint32_t so_far) { return near.from(so_far); }
 
   static Cells error_of(const Walk& walked, const Probabilities& chances, std::size_t at) {
-    return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at), Cells::load(chances.of.data() + at));
+    return errors(Cells::load(walked.wanted.data() + at), Cells::load(walked.taken.data() + at),
+                  Cells::load(chances.of.data() + at));
   }
 
   // The sum of log odds. kUsed: the contexts, here and below.
@@ -108,13 +111,15 @@ struct NarrowForm : PlainProducts {
 
   template <const auto& kUsed>
   static void add_up(const std::int16_t* cells, const Slots& slots, Probabilities& chances) {
-    for (std::size_t at = 0; at < kSlotCells; at += 8) probabilities(sum_of<kUsed>(cells, slots, at)).store(chances.of.data() + at);
+    for (std::size_t at = 0; at < kSlotCells; at += 8)
+      probabilities(sum_of<kUsed>(cells, slots, at)).store(chances.of.data() + at);
   }
 
-  // Logistic mixing of the log odds of the contexts with those of a network, net. Writes the log odds of the contexts to context_odds.
+  // Logistic mixing of the log odds of the contexts with those of a network, net. Writes the log odds of the contexts
+  // to context_odds.
   template <const auto& kUsed>
   static void mix(const std::int16_t* cells, const Slots& slots, const std::int16_t* net, const MixingWeights& weights,
-                    std::int16_t* context_odds, Probabilities& chances) {
+                  std::int16_t* context_odds, Probabilities& chances) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) {
       const Cells contexts = sum_of<kUsed>(cells, slots, at);
       contexts.store(context_odds + at);
@@ -125,8 +130,8 @@ struct NarrowForm : PlainProducts {
     }
   }
 
-  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds, const Probabilities& chances,
-                            const Walk& walked) {
+  static void learn_mixing(MixingWeights& weights, const std::int16_t* net, const std::int16_t* context_odds,
+                           const Probabilities& chances, const Walk& walked) {
     for (std::size_t at = 0; at < kSlotCells; at += 8) {
       const Cells error = error_of(walked, chances, at);
       const auto move = [&](std::int16_t* weight, const std::int16_t* of) {

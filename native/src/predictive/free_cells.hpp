@@ -1,7 +1,8 @@
-// Free ranges: cells are counted from the last return of the row, so a range can stay the same as long as it is within the bound.
-// Cells other than the middle one are shifted towards it: ranges that have just left the middle cell lie close to it. The cells then
-// overlap, and an encoder may choose, as in rate-distortion optimised quantisation (Sullivan and Wiegand, "Rate-distortion optimization
-// for video compression", 1998). README.md in this folder derives the prices. The format is docs/wire-format-predictive.md.
+// Free ranges: cells are counted from the last return of the row, so a range can stay the same as long as it is within
+// the bound. Cells other than the middle one are shifted towards it: ranges that have just left the middle cell lie
+// close to it. The cells then overlap, and an encoder may choose, as in rate-distortion optimised quantisation
+// (Sullivan and Wiegand, "Rate-distortion optimization for video compression", 1998). README.md in this folder derives
+// the prices. The format is docs/wire-format-predictive.md.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -41,8 +42,8 @@ class FreeChoice {
   FreeChoice(const FreeCells& cells, std::uint32_t step)
       : cells_(cells), step_(static_cast<std::int32_t>(step)), bound_(step_ / 2) {}
 
-  // The number of the cell. at: the index of the return in the row; end: that of the end of its part. Ranges from `at` on are not yet
-  // coded: they are range steps plus the row's level.
+  // The number of the cell. at: the index of the return in the row; end: that of the end of its part. Ranges from `at`
+  // on are not yet coded: they are range steps plus the row's level.
   std::int32_t cell(const RowTask& row, std::size_t at, std::size_t end, std::int32_t base, const Leaves& leaves,
                     std::uint32_t scale, const Probabilities& chances) const {
     const std::int32_t range = row.ranges[row.cells[at]], away = range - in_steps(base);
@@ -68,7 +69,8 @@ class FreeChoice {
   }
 
   // The cost of a cell, in 1/256 bit.
-  static std::int32_t price(std::int32_t number, const Leaves& leaves, std::uint32_t scale, const Probabilities& chances) {
+  static std::int32_t price(std::int32_t number, const Leaves& leaves, std::uint32_t scale,
+                            const Probabilities& chances) {
     const std::uint32_t leaf = leaves.of(scale, number > 0 ? 1 : 0);
     std::int32_t sum = 256 * leaves.bits[scale][leaf];
     for (std::uint32_t node = 16 + (number < 0 ? 7 - leaf : 8 + leaf); node > 1; node /= 2) {
@@ -88,7 +90,8 @@ class FreeChoice {
     return sum;
   }
 
-  // The cost of a decision with the probability p of 256, in 1/256 bit: -256 log2((p + 1/2) / 256), by repeated squaring.
+  // The cost of a decision with the probability p of 256, in 1/256 bit: -256 log2((p + 1/2) / 256), by repeated
+  // squaring.
   static constexpr auto kBits = [] {
     std::array<std::int32_t, 256> bits{};
     for (std::uint64_t p = 0; p < bits.size(); ++p) {

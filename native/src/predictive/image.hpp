@@ -1,4 +1,5 @@
-// Images of ranges on each path of the processor. write.cpp and read.cpp instantiate all forms, and are compiled in parallel.
+// Images of ranges on each path of the processor. write.cpp and read.cpp instantiate all forms, and are compiled in
+// parallel.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -14,14 +15,15 @@ namespace lidarcodec {
 inline constexpr std::int32_t kMaxLevel = 1000;
 inline constexpr std::int32_t kMaxRange = 65535;
 
-// The state of each row at the end of the last slab. Its ranges are in cells of `step` range steps; step 0: there was no slab.
+// The state of each row at the end of the last slab. Its ranges are in cells of `step` range steps; step 0: there was
+// no slab.
 struct SlabEnds {
   std::array<RowEnd, kMaskRows> of;
   std::uint32_t step = 0;
   bool free = false;
 
-  // Converts the states to the cells of the next slab. start: the first difference. goes_on: whether the slab continues the last
-  // one; otherwise the states are reset.
+  // Converts the states to the cells of the next slab. start: the first difference. goes_on: whether the slab continues
+  // the last one; otherwise the states are reset.
   void begin(const RangeCells& cells, std::uint32_t start, bool goes_on) {
     constexpr auto kMost = static_cast<std::int64_t>(kMaxDifference);
     const std::uint32_t to = cells.step;
@@ -57,7 +59,9 @@ struct ImageCoding {
 };
 
 // Encode or decode the returns of an image of ranges, (64, W): a whole frame or a slab.
-void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts, const std::uint16_t* image);
-void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts, std::uint16_t* image);
+void write_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideEncoder>& parts,
+                 const std::uint16_t* image);
+void read_image(const ImageCoding& on, const RowSource& source, PredictiveParts<WideDecoder>& parts,
+                std::uint16_t* image);
 
 }  // namespace lidarcodec

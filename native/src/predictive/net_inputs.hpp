@@ -1,8 +1,9 @@
 // The inputs of the networks of codec riddle: 72 numbers of 8 bits, or 112 with expected ranges.
 //
-// Differences are counted from the last return of the row in units of the local scale. They are quantised in two ways: linearly, 16
-// steps a unit, up to eight units; and companded, 16 log2(1 + units), as in the mu law of ITU-T G.711. The arithmetic is IEEE 754 single
-// precision without fused operations, so every machine gives the same numbers. docs/wire-format-riddle.md defines their order.
+// Differences are counted from the last return of the row in units of the local scale. They are quantised in two ways:
+// linearly, 16 steps a unit, up to eight units; and companded, 16 log2(1 + units), as in the mu law of ITU-T G.711. The
+// arithmetic is IEEE 754 single precision without fused operations, so every machine gives the same numbers.
+// docs/wire-format-riddle.md defines their order.
 #pragma once
 #include <algorithm>
 #include <array>
@@ -11,8 +12,8 @@
 #include <cstdint>
 #include <cstring>
 
-#include "predictive/tables.hpp"
 #include "network/net.hpp"
+#include "predictive/tables.hpp"
 
 #if defined(__SSE2__)
 #include <emmintrin.h>
@@ -22,28 +23,29 @@
 
 namespace lidarcodec {
 
-// Units in a quarter of a cell, for each scale class c: 4 / 2^((c + 1.5) / 2), as 2^((c + 1.5) / 2) sixteenths are the middle of the class.
+// Units in a quarter of a cell, for each scale class c: 4 / 2^((c + 1.5) / 2), as 2^((c + 1.5) / 2) sixteenths are the
+// middle of the class.
 inline constexpr std::array<float, kScaleClasses> kUnitsInQuarter = {
-    0x1.306fe00000000p+1f, 0x1.ae89fa0000000p+0f, 0x1.306fe00000000p+0f, 0x1.ae89fa0000000p-1f,
-    0x1.306fe00000000p-1f, 0x1.ae89fa0000000p-2f, 0x1.306fe00000000p-2f, 0x1.ae89fa0000000p-3f,
-    0x1.306fe00000000p-3f, 0x1.ae89fa0000000p-4f, 0x1.306fe00000000p-4f, 0x1.ae89fa0000000p-5f,
-    0x1.306fe00000000p-5f, 0x1.ae89fa0000000p-6f, 0x1.306fe00000000p-6f, 0x1.ae89fa0000000p-7f,
-    0x1.306fe00000000p-7f, 0x1.ae89fa0000000p-8f, 0x1.306fe00000000p-8f, 0x1.ae89fa0000000p-9f,
-    0x1.306fe00000000p-9f, 0x1.ae89fa0000000p-10f, 0x1.306fe00000000p-10f, 0x1.ae89fa0000000p-11f,
+    0x1.306fe00000000p+1f,  0x1.ae89fa0000000p+0f,  0x1.306fe00000000p+0f,  0x1.ae89fa0000000p-1f,
+    0x1.306fe00000000p-1f,  0x1.ae89fa0000000p-2f,  0x1.306fe00000000p-2f,  0x1.ae89fa0000000p-3f,
+    0x1.306fe00000000p-3f,  0x1.ae89fa0000000p-4f,  0x1.306fe00000000p-4f,  0x1.ae89fa0000000p-5f,
+    0x1.306fe00000000p-5f,  0x1.ae89fa0000000p-6f,  0x1.306fe00000000p-6f,  0x1.ae89fa0000000p-7f,
+    0x1.306fe00000000p-7f,  0x1.ae89fa0000000p-8f,  0x1.306fe00000000p-8f,  0x1.ae89fa0000000p-9f,
+    0x1.306fe00000000p-9f,  0x1.ae89fa0000000p-10f, 0x1.306fe00000000p-10f, 0x1.ae89fa0000000p-11f,
     0x1.306fe00000000p-11f, 0x1.ae89fa0000000p-12f, 0x1.306fe00000000p-12f, 0x1.ae89fa0000000p-13f,
     0x1.306fe00000000p-13f, 0x1.ae89fa0000000p-14f, 0x1.306fe00000000p-14f, 0x1.ae89fa0000000p-15f,
 };
 
 // What the inputs of a return are computed from. Rows are padded: cells to the left and to the right are read.
 struct Surroundings {
-  std::int32_t base;                 // the last range; all ranges are in sixteenths of a cell
-  const std::int32_t* last;          // the eight last returns of the row, the latest first
-  const std::int32_t *up, *upper;    // the two rows above, from this cell on
-  const std::uint32_t* sizes;        // differences of the row above, from this cell on
-  const std::uint8_t *here, *above, *below;  // masks of this row, of the row above and of the row below
+  std::int32_t base;                                   // the last range; all ranges are in sixteenths of a cell
+  const std::int32_t* last;                            // the eight last returns of the row, the latest first
+  const std::int32_t *up, *upper;                      // the two rows above, from this cell on
+  const std::uint32_t* sizes;                          // differences of the row above, from this cell on
+  const std::uint8_t *here, *above, *below;            // masks of this row, of the row above and of the row below
   const std::int32_t *seen, *seen_above, *seen_below;  // expected ranges; only with them
   const std::uint8_t* known;                           // mask of the expected ranges
-  std::int32_t level, bias;           // smoothed differences from the row above and from expected ranges; sixteenths
+  std::int32_t level, bias;  // smoothed differences from the row above and from expected ranges; sixteenths
   std::uint32_t size1, size2, mean, miss;  // RowState (predictive/row_state.hpp)
   std::uint32_t scale, leaves, row, gap, step;
   bool begun;
@@ -54,8 +56,8 @@ namespace inputs {
 using Floats = float __attribute__((vector_size(16)));
 using Ints = std::int32_t __attribute__((vector_size(16)));
 
-// 16 log2 x for x >= 1, rounded down, linear within each octave (Mitchell, "Computer multiplication and division using binary logarithms",
-// 1962): exponent and upper four bits of the mantissa of a float.
+// 16 log2 x for x >= 1, rounded down, linear within each octave (Mitchell, "Computer multiplication and division using
+// binary logarithms", 1962): exponent and upper four bits of the mantissa of a float.
 inline Ints log2_16(Floats x) { return (std::bit_cast<Ints>(x) - 0x3f800000) >> 19; }
 inline std::int32_t log2_16(std::uint32_t x) {
   return (std::bit_cast<std::int32_t>(static_cast<float>(x)) - 0x3f800000) >> 19;
@@ -144,7 +146,8 @@ struct Quantiser {
   }
 };
 
-// Writes the four groups of differences a to the slices A, and b to B. Of each four the first `Linear` are linear, the others companded.
+// Writes the four groups of differences a to the slices A, and b to B. Of each four the first `Linear` are linear, the
+// others companded.
 struct GroupWriter {
   template <std::size_t Linear, Slices A, Slices B>
   static void put(const Quantiser& quantiser, const DifferenceGroups& a, const DifferenceGroups& b, std::int8_t* in) {
@@ -157,7 +160,8 @@ struct GroupWriter {
   static void put_four(const Quantiser& quantiser, const DifferenceGroups& groups, std::int8_t* in) {
     for (std::size_t g = 0; g < To.size(); ++g) {
       if (To[g].count == 0) continue;
-      const Ints quarters = groups[g].quarters(), numbers = g < Linear ? quantiser.linear(quarters) : quantiser.companded(quarters);
+      const Ints quarters = groups[g].quarters(),
+                 numbers = g < Linear ? quantiser.linear(quarters) : quantiser.companded(quarters);
       std::array<std::int8_t, 4> bytes;
       inputs::put(numbers, bytes.data());
       std::memcpy(in + To[g].at, bytes.data(), To[g].count);
@@ -170,7 +174,8 @@ struct GroupWriter {
 // Computes the inputs of a return. Writer: GroupWriter, or the same for vectors of a processor.
 template <bool kExpects, class Writer = inputs::GroupWriter>
 inline void find_inputs(const Surroundings& s, std::int8_t* in) {
-  using inputs::four, inputs::Ints, inputs::put, inputs::put_flags, inputs::Differences, inputs::DifferenceGroups, inputs::Slices, inputs::kNoSlices;
+  using inputs::four, inputs::Ints, inputs::put, inputs::put_flags, inputs::Differences, inputs::DifferenceGroups,
+      inputs::Slices, inputs::kNoSlices;
   const std::int32_t base = s.base;
   const Ints bases = Ints{} + base;
   const inputs::Quantiser quantiser = {inputs::Floats{} + kUnitsInQuarter[s.scale]};
@@ -187,13 +192,20 @@ inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   if constexpr (kExpects) {
     constexpr Slices kSeen = {{{69, 3}, {72, 4}, {76, 2}, {78, 4}}}, kSeenOn = {{{82, 2}, {84, 4}, {88, 2}, {90, 3}}},
                      kResidual = {{{106, 2}, {108, 4}, {93, 4}, {97, 4}}};
-    const Ints seen = four(s.seen), bias = Ints{} + (s.bias >> 2), last_only = {0, 0, 0, -1}, third_only = {0, 0, -1, 0};
+    const Ints seen = four(s.seen), bias = Ints{} + (s.bias >> 2), last_only = {0, 0, 0, -1},
+               third_only = {0, 0, -1, 0};
     const std::int32_t next_below = s.seen_below[1], this_below = s.seen_below[0];
-    const Differences below = {Ints{this_below, next_below, this_below, 0}, Ints{base, base, s.seen[0], 0}, bias & last_only};
-    const Differences last = {Ints{s.up[2], s.up[3], 0, next_below}, Ints{s.seen_above[2], s.seen_above[3], 0, this_below}, bias & third_only};
-    Writer::template put<4, kRow, kSeen>(quantiser, row, {levelled, away(s.seen - 3), away(s.seen + 1), away(s.seen + 3)}, in);
-    Writer::template put<2, kAbove, kResidual>(quantiser, above, {apart(s.up, s.seen_above), last, apart(s.up - 1, s.seen_above - 1), below}, in);
-    Writer::template put<0, kAround, kSeenOn>(quantiser, around, {away(s.seen - 1), away(s.seen + 1), Differences{seen, bases, bias}, apart(s.seen, s.seen - 1)}, in);
+    const Differences below = {Ints{this_below, next_below, this_below, 0}, Ints{base, base, s.seen[0], 0},
+                               bias & last_only};
+    const Differences last = {Ints{s.up[2], s.up[3], 0, next_below},
+                              Ints{s.seen_above[2], s.seen_above[3], 0, this_below}, bias & third_only};
+    Writer::template put<4, kRow, kSeen>(quantiser, row,
+                                         {levelled, away(s.seen - 3), away(s.seen + 1), away(s.seen + 3)}, in);
+    Writer::template put<2, kAbove, kResidual>(
+        quantiser, above, {apart(s.up, s.seen_above), last, apart(s.up - 1, s.seen_above - 1), below}, in);
+    Writer::template put<0, kAround, kSeenOn>(
+        quantiser, around,
+        {away(s.seen - 1), away(s.seen + 1), Differences{seen, bases, bias}, apart(s.seen, s.seen - 1)}, in);
   } else {
     constexpr Slices kLevelled = {{{69, 3}, {}, {}, {}}};
     Writer::template put<4, kRow, kLevelled>(quantiser, row, {levelled}, in);
@@ -209,8 +221,10 @@ inline void find_inputs(const Surroundings& s, std::int8_t* in) {
   const auto native = static_cast<std::uint32_t>(std::max(base >> 4, 1)) * s.step;
   const auto leaves = static_cast<std::int32_t>(s.leaves);
   put(sizes(s.size1, s.size2, s.mean, s.sizes[-1]), sizes(s.sizes[0], s.sizes[1], s.sizes[2], s.sizes[4]),
-      Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90, inputs::log2_16(s.step) - 48, 8 * (leaves >> 4 & 15) - 60},
-      Ints{8 * (leaves & 15) - 60, 2 * static_cast<std::int32_t>(s.row) - 64, inputs::log2_16(s.gap), s.begun ? 32 : 0}, in + 39);
+      Ints{4 * static_cast<std::int32_t>(s.scale) - 50, inputs::log2_16(native) / 2 - 90, inputs::log2_16(s.step) - 48,
+           8 * (leaves >> 4 & 15) - 60},
+      Ints{8 * (leaves & 15) - 60, 2 * static_cast<std::int32_t>(s.row) - 64, inputs::log2_16(s.gap), s.begun ? 32 : 0},
+      in + 39);
   put_flags(s.here - 3, in + 55);
   put_flags(s.here + 1, in + 58);
   put_flags(s.above - 1, in + 61);

@@ -1,4 +1,5 @@
-// The positions of the neighbours of a return: their differences from the last return, quantised to 0 to 15 (model.hpp).
+// The positions of the neighbours of a return: their differences from the last return, quantised to 0 to 15
+// (model.hpp).
 //
 // The plain form defines the results. The forms for SSE2 and NEON give the same ones, and compute 32 positions at once.
 #pragma once
@@ -12,7 +13,8 @@
 
 namespace lidarcodec {
 
-// Ranges of the neighbours, in sixteenths of a cell. A group is four adjacent ones, from left to right; groups overlap in memory.
+// Ranges of the neighbours, in sixteenths of a cell. A group is four adjacent ones, from left to right; groups overlap
+// in memory.
 struct Neighbours {
   const std::int32_t* last;   // the second to the fifth last return of the row
   const std::int32_t* above;  // from the cell before this one in the row above; six are read
@@ -46,12 +48,14 @@ inline constexpr auto kLaneLimits = [] {
 }();
 
 // Differences in quarters of a cell, within 32767, in eight groups of four:
-//   the last returns; the row above, corrected by the level; the row above; its gradients from a cell to the next; its central
-//   differences, halved; the second row above; its vertical gradients, from the row above; its gradients.
-// With expected ranges there are four more groups: this row, corrected by the bias; this row; its gradients; and the residuals of the
-// row above. n is the number of limits that are at most |difference|. The position is 8 + n, or 7 - n if the difference is negative.
+//   the last returns; the row above, corrected by the level; the row above; its gradients from a cell to the next; its
+//   central differences, halved; the second row above; its vertical gradients, from the row above; its gradients.
+// With expected ranges there are four more groups: this row, corrected by the bias; this row; its gradients; and the
+// residuals of the row above. n is the number of limits that are at most |difference|. The position is 8 + n, or 7 - n
+// if the difference is negative.
 
-// The distances of eight ranges, in cells: upwards from the lower end of a cell, or downwards from it, where the first cell below is 0.
+// The distances of eight ranges, in cells: upwards from the lower end of a cell, or downwards from it, where the first
+// cell below is 0.
 struct NearRanges {
   alignas(32) std::array<std::int32_t, 8> away;
 
@@ -93,7 +97,8 @@ struct PlainPositions {
   static void of_expected(const Expected& expected, std::uint32_t scale, std::uint8_t* positions) {
     for (std::size_t i = 0; i < 4; ++i) {
       const std::int32_t here = expected.here[i], plain = quarters(here - expected.base);
-      const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain, quarters(expected.here[i + 1] - here),
+      const std::array<std::int32_t, 4> differences = {plain + expected.bias, plain,
+                                                       quarters(expected.here[i + 1] - here),
                                                        quarters(expected.came[i] - expected.above[i])};
       for (std::size_t group = 0; group < differences.size(); ++group)
         positions[4 * group + i] = position_of(differences[group], scale);
@@ -209,7 +214,8 @@ struct Positions {
 
   static void of_neighbours(const Neighbours& around, std::uint32_t scale, std::uint8_t* positions) {
     const int32x4_t base = vdupq_n_s32(around.base), level = vdupq_n_s32(around.level);
-    const int32x4_t above = vld1q_s32(around.above), next = vld1q_s32(around.above + 1), upper = vld1q_s32(around.upper);
+    const int32x4_t above = vld1q_s32(around.above), next = vld1q_s32(around.above + 1),
+                    upper = vld1q_s32(around.upper);
     const int32x4_t plain = quarters(vsubq_s32(above, base));
     const int16x8_t d[4] = {
         pack(quarters(vsubq_s32(vld1q_s32(around.last), base)), vaddq_s32(plain, level)),

@@ -6,25 +6,27 @@
 #include <cstdint>
 #include <type_traits>
 
-#include "bits/cells.hpp"
 #include "base/error.hpp"
+#include "bits/cells.hpp"
+#include "bits/wide_coder.hpp"
+#include "network/samples.hpp"
+#include "predictive/beyond.hpp"
 #include "predictive/forms.hpp"
 #include "predictive/model.hpp"
-#include "predictive/beyond.hpp"
-#include "network/samples.hpp"
-#include "bits/wide_coder.hpp"
 
 namespace lidarcodec {
 
 // Learning rates, of 65536: 0.01, and less where a network gives the prior.
 inline constexpr std::int32_t kOffsetRate = 655;
 inline constexpr std::int32_t kNetworkOffsetRate = 120;
-// The prior of one more octave: log odds of half a natural unit, a probability of 0.62 (native/src/bits/README.md, Cells).
+// The prior of one more octave: log odds of half a natural unit, a probability of 0.62 (native/src/bits/README.md,
+// Cells).
 inline constexpr std::int32_t kOctaveLogOdds = 32768 / 6 / 2;
-inline constexpr std::uint32_t kMaxOctaves = 17;  // beyond the last leaf; 17 octaves are 2^17 - 1 cells, more than any range
+inline constexpr std::uint32_t kMaxOctaves =
+    17;  // beyond the last leaf; 17 octaves are 2^17 - 1 cells, more than any range
 
-// The leaves of each scale: the distance at which each begins, and log2 of its width. The width of the last one is that of its first
-// octave.
+// The leaves of each scale: the distance at which each begins, and log2 of its width. The width of the last one is that
+// of its first octave.
 struct Leaves {
 #if defined(__wasm__)  // small, for the page; encoders compare 32 bits faster
   using Begin = std::uint16_t;
@@ -52,7 +54,8 @@ struct Leaves {
 };
 inline constexpr Leaves kLeaves(kLeafBits), kQuickLeaves(kQuickLeafBits);
 
-// The number of modelled offset bits, by leaf. The density is steepest in the middle (research/notes/offset-bits-by-leaf.md).
+// The number of modelled offset bits, by leaf. The density is steepest in the middle
+// (research/notes/offset-bits-by-leaf.md).
 inline constexpr std::array<std::uint8_t, 8> kDepths = {4, 1, 1, 1, 2, 2, 2, 3};
 
 // `Coder` is WideEncoder or WideDecoder.
@@ -65,17 +68,20 @@ class RangeDecisions {
   // limit: largest range, in cells.
   RangeDecisions(PredictiveModel& model, std::int32_t limit) : model_(model), limit_(limit) {}
 
-  // Whether no range is so far from its base. The limit is doubled, since a base from a slab with another step may exceed the largest range.
+  // Whether no range is so far from its base. The limit is doubled, since a base from a slab with another step may
+  // exceed the largest range.
   bool is_too_far(std::uint32_t away) const { return away > 2 * static_cast<std::uint32_t>(limit_); }
 
   // The first modelled offset bits of a difference in a leaf; kNone where there are fewer.
-  static std::array<std::uint8_t, RiddleSamples::kOffsets> first_offsets(std::uint32_t scale, std::uint32_t leaf, std::uint32_t away) {
+  static std::array<std::uint8_t, RiddleSamples::kOffsets> first_offsets(std::uint32_t scale, std::uint32_t leaf,
+                                                                         std::uint32_t away) {
     std::array<std::uint8_t, RiddleSamples::kOffsets> bits;
     bits.fill(RiddleSamples::kNone);
     const std::uint32_t l = leaf < 8 ? 7 - leaf : leaf - 8;
     if (l == 7) return bits;
     std::uint32_t left = kLeaves.bits[scale][l];
-    for (std::size_t i = 0; i < std::min<std::size_t>(bits.size(), kDepths[l]) && left > 0; ++i) bits[i] = (away - kLeaves.begins[scale][l]) >> --left & 1u;
+    for (std::size_t i = 0; i < std::min<std::size_t>(bits.size(), kDepths[l]) && left > 0; ++i)
+      bits[i] = (away - kLeaves.begins[scale][l]) >> --left & 1u;
     return bits;
   }
 
@@ -83,7 +89,8 @@ class RangeDecisions {
   std::uint32_t decide(Coder& coder, WideInterval& interval, std::int16_t& a, std::int16_t& b, std::int32_t offset,
                        std::uint32_t bit, std::int32_t rate = kOffsetRate) {
     const std::int32_t sum = std::clamp(a + b + offset, -32768, 32767);
-    const auto t = static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities` in bits/cells.hpp
+    const auto t =
+        static_cast<std::uint32_t>(65534 - 2 * (sum < 0 ? -1 - sum : sum));  // as `probabilities` in bits/cells.hpp
     const std::uint32_t square = (t * t) >> 16;
     const auto rare = std::max(static_cast<std::int32_t>((square * t) >> 18), std::int32_t{kRarest});
     const std::int32_t p = sum < 0 ? rare : kOne - rare;
@@ -110,9 +117,10 @@ class RangeDecisions {
     }
   }
 
-  // Encodes or decodes, and returns, the distance of a return beyond the last leaf by its second tree. begin: the least distance.
-  [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondTree& at, std::uint32_t begin,
-                                              std::uint32_t away) {
+  // Encodes or decodes, and returns, the distance of a return beyond the last leaf by its second tree. begin: the least
+  // distance.
+  [[gnu::noinline]] std::uint32_t beyond_leaf(Coder& coder, WideInterval& interval, const BeyondTree& at,
+                                              std::uint32_t begin, std::uint32_t away) {
     BeyondCells& cells = model_.beyond;
     std::uint32_t leaf = 0, in = 0;
     if constexpr (!kReads) {
@@ -128,7 +136,9 @@ class RangeDecisions {
       if (octave > kMaxOctaves || is_too_far(from))
         throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       const std::uint32_t end = from + (1u << left);
-      if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], kOctaveLogOdds, in >= end) == 0) break;
+      if (decide(coder, interval, cells.more[2 * octave + back], cells.of_scale[at.scale], kOctaveLogOdds, in >= end) ==
+          0)
+        break;
       from = end;
     }
     for (std::uint32_t depth = 0; left > 0 && depth < BeyondCells::kDepth; ++depth) {
@@ -174,7 +184,8 @@ class RangeDecisions {
       std::int16_t* const of = all + slot * kSlotCells;
       const std::size_t rate = rate_of_slot(of);
       for (std::size_t v = 0; v < 2; ++v) {
-        const Cells wanted = Cells::load(walked.wanted.data() + 8 * v), taken = Cells::load(walked.taken.data() + 8 * v);
+        const Cells wanted = Cells::load(walked.wanted.data() + 8 * v),
+                    taken = Cells::load(walked.taken.data() + 8 * v);
         (Cells::load(of + 8 * v) + moves(wanted, taken, p[v], kBeyondRates[rate])).store(of + 8 * v);
       }
       of[0] = static_cast<std::int16_t>(of[0] + kCountSteps[rate]);

@@ -13,14 +13,16 @@ namespace lidarcodec {
 
 // The neighbouring rows, aligned with this one and padded.
 struct RowSurroundings {
-  const std::uint16_t* returns;              // of each cell: Known::returns
-  const std::int32_t* above;                 // ranges, here and below in sixteenths of a cell; nullptr for the first row
-  const std::int32_t* upper;                 // the row above that; nullptr for the first two
-  const std::uint32_t* sizes;                // differences in the row above
-  const std::uint32_t* sizes_around;         // 3 times the difference of a cell, 1 of the left cell, 2 of each of two right cells
+  const std::uint16_t* returns;  // of each cell: Known::returns
+  const std::int32_t* above;     // ranges, here and below in sixteenths of a cell; nullptr for the first row
+  const std::int32_t* upper;     // the row above that; nullptr for the first two
+  const std::uint32_t* sizes;    // differences in the row above
+  const std::uint32_t*
+      sizes_around;  // 3 times the difference of a cell, 1 of the left cell, 2 of each of two right cells
   // Expected ranges, filled from the left where none is known; nullptr without.
   const std::int32_t *expected = nullptr, *expected_above = nullptr;
-  // For networks: expected ranges of the row below; masks, 0 and 1, of this row and its neighbours; mask of the expected ranges.
+  // For networks: expected ranges of the row below; masks, 0 and 1, of this row and its neighbours; mask of the
+  // expected ranges.
   const std::int32_t* expected_below = nullptr;
   const std::uint8_t *mask = nullptr, *above_mask = nullptr, *below_mask = nullptr, *known = nullptr;
   std::uint32_t row = 0;
@@ -29,15 +31,17 @@ struct RowSurroundings {
   std::uint32_t first_firing = 0;          // slot of the row's first one
 };
 
-// The state of a row, or of a part of one, from its returns so far, without the last ranges. Differences are in sixteenths of a cell.
+// The state of a row, or of a part of one, from its returns so far, without the last ranges. Differences are in
+// sixteenths of a cell.
 struct RowState {
-  bool begun = false;                            // there was a return
-  std::uint32_t size1 = 0, size2 = 0, mean = 0;  // the last difference; smoothed: those before it with gain 1/2, all with gain 1/8
-  std::int32_t level = 0;                        // smoothed difference from the row above
-  std::int32_t bias = 0;                         // smoothed difference from the expected ranges
-  std::uint32_t miss = 0;                        // smoothed size of that difference after the bias is subtracted
-  std::uint32_t leaves = 0x88;                   // of the last two returns
-  std::uint32_t last_cell = 0;                   // of the last return
+  bool begun = false;  // there was a return
+  std::uint32_t size1 = 0, size2 = 0,
+                mean = 0;       // the last difference; smoothed: those before it with gain 1/2, all with gain 1/8
+  std::int32_t level = 0;       // smoothed difference from the row above
+  std::int32_t bias = 0;        // smoothed difference from the expected ranges
+  std::uint32_t miss = 0;       // smoothed size of that difference after the bias is subtracted
+  std::uint32_t leaves = 0x88;  // of the last two returns
+  std::uint32_t last_cell = 0;  // of the last return
 
   static RowState at_start(std::uint32_t start) {
     RowState state;
@@ -100,7 +104,8 @@ struct PredictivePart : RowState {
   }
 
  private:
-  // Filled from the end, so that no range is moved. A vector load of ranges that were just moved would wait for their stores.
+  // Filled from the end, so that no range is moved. A vector load of ranges that were just moved would wait for their
+  // stores.
   std::vector<std::int32_t> ranges_;
   std::int32_t* at_ = nullptr;
 };

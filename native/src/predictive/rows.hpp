@@ -6,17 +6,17 @@
 #include <cstdint>
 #include <type_traits>
 
-#include "bits/cells.hpp"
 #include "base/error.hpp"
-#include "predictive/free_cells.hpp"
-#include "predictive/forms.hpp"
-#include "predictive/model.hpp"
-#include "predictive/range_decisions.hpp"
-#include "predictive/net_inputs.hpp"
+#include "bits/cells.hpp"
+#include "bits/wide_coder.hpp"
 #include "network/net.hpp"
 #include "network/samples.hpp"
+#include "predictive/forms.hpp"
+#include "predictive/free_cells.hpp"
+#include "predictive/model.hpp"
+#include "predictive/net_inputs.hpp"
+#include "predictive/range_decisions.hpp"
 #include "predictive/row_state.hpp"
-#include "bits/wide_coder.hpp"
 
 namespace lidarcodec {
 
@@ -27,9 +27,9 @@ struct NetworkUse {
 };
 
 // Codes rows of ranges; `Coder` is WideEncoder or WideDecoder, `Forms` those of predictive/forms.hpp for the processor.
-// The four quarters of a row, or two rows of a slab, are interleaved return by return. A processor then works on one while another
-// waits, and loads the weights of a network once for all.
-// kNetwork: a network gives the prior, and returns beyond the last leaf have a second tree.
+// The four quarters of a row, or two rows of a slab, are interleaved return by return. A processor then works on one
+// while another waits, and loads the weights of a network once for all. kNetwork: a network gives the prior, and
+// returns beyond the last leaf have a second tree.
 template <class Coder, class Forms, bool kExpects, bool kNetwork>
 class PredictiveRows : RangeDecisions<Coder> {
   using Decisions = RangeDecisions<Coder>;
@@ -41,10 +41,19 @@ class PredictiveRows : RangeDecisions<Coder> {
   using Parts = PredictiveParts<Coder>;
 
   // cells: the quantisation; limit: the largest range, in cells; network: for kNetwork; quick: never with kNetwork.
-  PredictiveRows(PredictiveModel& model, const NetworkUse& network, const RangeCells& cells, std::int32_t limit, bool quick, Parts& parts)
-      : Decisions(model, limit), network_(network), step_(cells.step), start_(kStartDifference / step_ + 5),
-        first_(static_cast<std::int32_t>(kStartRange / step_ * 16)), free_(cells.free), half_(cells.free ? 8 : 0),
-        lowest_(-2 * half_), highest_(16 * limit + 2 * half_), free_cells_(step_), quick_(!kNetwork && quick),
+  PredictiveRows(PredictiveModel& model, const NetworkUse& network, const RangeCells& cells, std::int32_t limit,
+                 bool quick, Parts& parts)
+      : Decisions(model, limit),
+        network_(network),
+        step_(cells.step),
+        start_(kStartDifference / step_ + 5),
+        first_(static_cast<std::int32_t>(kStartRange / step_ * 16)),
+        free_(cells.free),
+        half_(cells.free ? 8 : 0),
+        lowest_(-2 * half_),
+        highest_(16 * limit + 2 * half_),
+        free_cells_(step_),
+        quick_(!kNetwork && quick),
         parts_(parts) {
     model.begin(quick_);
   }
@@ -79,18 +88,22 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::int32_t first() const { return first_; }   // the first range, sixteenths of a cell
 
  private:
-  // A return's first difference and range if there is none before: 30 range steps in sixteenths, and 2500 range steps (5 m of an HDL-64E).
+  // A return's first difference and range if there is none before: 30 range steps in sixteenths, and 2500 range steps
+  // (5 m of an HDL-64E).
   static constexpr std::uint32_t kStartDifference = 480, kStartRange = 2500;
-  // Decisions of a return, at most: two trees of four, the modelled offset bits, the octaves, and four to spare for plain bits.
+  // Decisions of a return, at most: two trees of four, the modelled offset bits, the octaves, and four to spare for
+  // plain bits.
   static constexpr std::size_t kMostDecisions = 8 + OffsetCells::kDepth + kMaxOctaves + 4;
   // Exponential smoothing (Brown 1956) of the level: gain 11 of 32.
   static constexpr std::int32_t kLevelGain = 11;
-  // Differences above this position limit, 3.6 times the scale, are outliers: they reset the level and do not move the bias.
+  // Differences above this position limit, 3.6 times the scale, are outliers: they reset the level and do not move the
+  // bias.
   static constexpr std::size_t kOutlierLimit = 5;
 
   static constexpr auto &kAll = all_contexts<kExpects>(), &kQuick = quick_contexts<kExpects>();
 
-  static constexpr std::size_t kFlatRow = 16, kFlatRowLeft = 4;  // cells of a row that stands for a missing one; those to the left
+  static constexpr std::size_t kFlatRow = 16,
+                               kFlatRowLeft = 4;  // cells of a row that stands for a missing one; those to the left
 
   struct NetworkState {
     NetValues values;
@@ -117,7 +130,8 @@ class PredictiveRows : RangeDecisions<Coder> {
   // Codes the returns of N parts: interleaved as long as all have some, then one by one.
   template <std::size_t N>
   void code_in_turns(const std::array<const RowTask*, N>& rows, const std::array<std::size_t, N>& counts) {
-    const std::size_t all = *std::min_element(counts.begin(), counts.end()), most = *std::max_element(counts.begin(), counts.end());
+    const std::size_t all = *std::min_element(counts.begin(), counts.end()),
+                      most = *std::max_element(counts.begin(), counts.end());
     Forms::run([&] {
       for (std::size_t i = 0; i < all; ++i) step<N>(rows);
       for (std::size_t i = all; i < most; ++i)
@@ -153,13 +167,17 @@ class PredictiveRows : RangeDecisions<Coder> {
         for (Pending& at : pending) at.net.values.out.fill(0);
       }
       for (Pending& at : pending)
-        Forms::template mix<kAll>(model_.cells(), at.slots, at.net.values.out.data(), model_.mixing_weights[at.scale], at.net.context_odds.data(), at.chances);
+        Forms::template mix<kAll>(model_.cells(), at.slots, at.net.values.out.data(), model_.mixing_weights[at.scale],
+                                  at.net.context_odds.data(), at.chances);
     }
     if constexpr (!kReads) {
       if (free_) {
         const FreeChoice choice(free_cells_, step_);
         for (std::size_t p = 0; p < N; ++p)
-          locate(pending[p], choice.cell(*rows[p], parts[p].next, parts[p].stop, pending[p].base, leaves(), pending[p].scale, pending[p].chances), leaf[p], away[p]);
+          locate(pending[p],
+                 choice.cell(*rows[p], parts[p].next, parts[p].stop, pending[p].base, leaves(), pending[p].scale,
+                             pending[p].chances),
+                 leaf[p], away[p]);
       }
     }
 #pragma GCC unroll 4
@@ -180,26 +198,31 @@ class PredictiveRows : RangeDecisions<Coder> {
     std::array<std::int32_t, N> of_leaf{};
     if constexpr (kNetwork) {
       if (network_.net != nullptr)
-        for (std::size_t p = 0; p < N; ++p) of_leaf[p] = network_.net->template leaf_odds<Forms>(pending[p].net.values, node[p] - 16);
+        for (std::size_t p = 0; p < N; ++p)
+          of_leaf[p] = network_.net->template leaf_odds<Forms>(pending[p].net.values, node[p] - 16);
     }
     for (std::size_t p = 0; p < N; ++p) {
       learn(pending[p], kWalks[node[p]]);
       if constexpr (kNetwork)
-        Forms::learn_mixing(model_.mixing_weights[pending[p].scale], pending[p].net.values.out.data(), pending[p].net.context_odds.data(), pending[p].chances, kWalks[node[p]]);
+        Forms::learn_mixing(model_.mixing_weights[pending[p].scale], pending[p].net.values.out.data(),
+                            pending[p].net.context_odds.data(), pending[p].chances, kWalks[node[p]]);
       PredictivePart<Coder>& part = parts[p];
       const std::uint32_t came = node[p] - 16;
       const bool down = came < 8;
-      const std::uint32_t in = offset(part, interval[p], rows[p]->about, pending[p], down ? 7 - came : came - 8, down, of_leaf[p], away[p]);
+      const std::uint32_t in =
+          offset(part, interval[p], rows[p]->about, pending[p], down ? 7 - came : came - 8, down, of_leaf[p], away[p]);
       part.interval = interval[p];
       if constexpr (kNetwork && !kReads) {
         if (network_.samples != nullptr && network_.samples->next_is_taken())
-          network_.samples->take(pending[p].net.values, came, first_offsets(pending[p].scale, came, in), pending[p].chances.of.data(), of_cells_);
+          network_.samples->take(pending[p].net.values, came, first_offsets(pending[p].scale, came, in),
+                                 pending[p].chances.of.data(), of_cells_);
       }
       const auto d = static_cast<std::int32_t>(in);
       const std::int32_t number = down ? -1 - d : d, whole = pending[p].base + 16 * number;
       const std::int32_t range = free_ ? free_cells_.middle(pending[p].base, number) : whole;
       if constexpr (kReads) {
-        if (range < lowest_ || range > highest_) throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
+        if (range < lowest_ || range > highest_)
+          throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
       }
       rows[p]->ranges[pending[p].cell] = range;
       update_state(part, rows[p]->about, pending[p], range, came);
@@ -216,7 +239,8 @@ class PredictiveRows : RangeDecisions<Coder> {
   }
 
   // The base of free cells.
-  static std::int32_t free_base(const PredictivePart<Coder>& part, const RowSurroundings& about, const Pending& pending) {
+  static std::int32_t free_base(const PredictivePart<Coder>& part, const RowSurroundings& about,
+                                const Pending& pending) {
     const std::int32_t last = part.last[0];
     if constexpr (kExpects) {
       if (expects(about, pending.cell))
@@ -226,9 +250,11 @@ class PredictiveRows : RangeDecisions<Coder> {
   }
 
   // Finds the contexts of the next return of a part.
-  void find_contexts(const PredictivePart<Coder>& part, const RowSurroundings& about, std::uint32_t cell, Pending& pending) {
+  void find_contexts(const PredictivePart<Coder>& part, const RowSurroundings& about, std::uint32_t cell,
+                     Pending& pending) {
     pending.cell = cell;
-    if (about.upper == nullptr) [[unlikely]] pending.flat_row.fill(part.last[0]);
+    if (about.upper == nullptr) [[unlikely]]
+      pending.flat_row.fill(part.last[0]);
     const std::int32_t* const flat_row = pending.flat_row.data() + kFlatRowLeft - 1;
     pending.up = about.above != nullptr ? about.above + cell - 1 : flat_row;
     pending.upper = about.upper != nullptr ? about.upper + cell - 1 : flat_row;
@@ -245,8 +271,9 @@ class PredictiveRows : RangeDecisions<Coder> {
     known.last_size = part.size1;
     known.up_size = about.sizes[cell];
     if constexpr (kExpects) {
-      known.expected = {about.expected + cell - 1, about.above != nullptr ? about.expected_above + cell - 1 : pending.up,
-                        pending.up, base, part.bias >> (kDifferenceBits - 2)};
+      known.expected = {about.expected + cell - 1,
+                        about.above != nullptr ? about.expected_above + cell - 1 : pending.up, pending.up, base,
+                        part.bias >> (kDifferenceBits - 2)};
       known.seen_size = part.miss;
     }
     Forms::template find<kExpects>(known, pending.slots);
@@ -264,18 +291,22 @@ class PredictiveRows : RangeDecisions<Coder> {
 
   // These two use the contexts of the kind.
   void add_up(Pending& pending) {
-    if (!quick_) [[unlikely]] return add_up_all(pending);
+    if (!quick_) [[unlikely]]
+      return add_up_all(pending);
     Forms::template add_up<kQuick>(model_.cells(), pending.slots, pending.chances);
   }
   void learn(const Pending& pending, const Walk& walked) {
     if constexpr (kNetwork) {
       Forms::template learn<kAll, true>(model_.cells(), pending.slots, pending.chances, walked);
     } else {
-      if (!quick_) [[unlikely]] return learn_all(pending, walked);
+      if (!quick_) [[unlikely]]
+        return learn_all(pending, walked);
       Forms::template learn<kQuick, false>(model_.cells(), pending.slots, pending.chances, walked);
     }
   }
-  [[gnu::noinline]] void add_up_all(Pending& pending) { Forms::template add_up<kAll>(model_.cells(), pending.slots, pending.chances); }
+  [[gnu::noinline]] void add_up_all(Pending& pending) {
+    Forms::template add_up<kAll>(model_.cells(), pending.slots, pending.chances);
+  }
   [[gnu::noinline]] void learn_all(const Pending& pending, const Walk& walked) {
     Forms::template learn<kAll, false>(model_.cells(), pending.slots, pending.chances, walked);
   }
@@ -314,30 +345,38 @@ class PredictiveRows : RangeDecisions<Coder> {
   }
 
   // The distances of the neighbours, the likeliest first.
-  NearRanges near_ranges(const PredictivePart<Coder>& part, const RowSurroundings& about, const Pending& pending, bool down) {
+  NearRanges near_ranges(const PredictivePart<Coder>& part, const RowSurroundings& about, const Pending& pending,
+                         bool down) {
     const std::int32_t *up = pending.up, levelled = up[1] + part.level, origin = pending.base - half_;
     if constexpr (kExpects) {
       if (expects(about, pending.cell)) {
         const std::int32_t seen = about.expected[pending.cell] + part.bias;
-        return Forms::near({seen, up[1], up[2], part.last[1], pending.upper[1], up[0], part.last[2], levelled}, origin, down);
+        return Forms::near({seen, up[1], up[2], part.last[1], pending.upper[1], up[0], part.last[2], levelled}, origin,
+                           down);
       }
     }
-    return Forms::near({up[1], up[2], part.last[1], pending.upper[1], up[0], part.last[2], levelled, up[3]}, origin, down);
+    return Forms::near({up[1], up[2], part.last[1], pending.upper[1], up[0], part.last[2], levelled, up[3]}, origin,
+                       down);
   }
 
-  static bool expects(const RowSurroundings& about, std::uint32_t cell) { return (about.returns[cell] >> 11 & 1u) != 0; }
+  static bool expects(const RowSurroundings& about, std::uint32_t cell) {
+    return (about.returns[cell] >> 11 & 1u) != 0;
+  }
 
-  // Codes the distance of a return within its leaf or beyond the last one, and returns it. net_odds: the network's log odds of the first
-  // offset bit. Each further bit takes half as much: where the logarithm of the density is linear, half the distance gives half the
-  // log odds.
+  // Codes the distance of a return within its leaf or beyond the last one, and returns it. net_odds: the network's log
+  // odds of the first offset bit. Each further bit takes half as much: where the logarithm of the density is linear,
+  // half the distance gives half the log odds.
   std::uint32_t offset(PredictivePart<Coder>& part, WideInterval& interval, const RowSurroundings& about,
-                       const Pending& pending, std::uint32_t leaf, bool down, std::int32_t net_odds, std::uint32_t away) {
+                       const Pending& pending, std::uint32_t leaf, bool down, std::int32_t net_odds,
+                       std::uint32_t away) {
     std::uint32_t begin = leaves().begins[pending.scale][leaf], left = leaves().bits[pending.scale][leaf];
     if (leaf < 7 && left == 0) return begin;
     if constexpr (kNetwork) {
       if (leaf == 7) {
         const auto least = static_cast<std::int32_t>(begin);
-        return beyond_leaf(part.coder, interval, {anchors(part, about, pending), pending.base - half_, down, least, pending.scale}, begin, away);
+        return beyond_leaf(part.coder, interval,
+                           {anchors(part, about, pending), pending.base - half_, down, least, pending.scale}, begin,
+                           away);
       }
     }
     if constexpr (!kNetwork) {
@@ -346,15 +385,17 @@ class PredictiveRows : RangeDecisions<Coder> {
     OffsetCells& cells = model_.offsets;
     const NearRanges near = near_ranges(part, about, pending, down);
     std::uint32_t end = begin + (1u << left);
-    std::uint32_t from_begin = Forms::from(near, begin), from_end = Forms::from(near, end);  // neighbours at least so far
+    std::uint32_t from_begin = Forms::from(near, begin),
+                  from_end = Forms::from(near, end);  // neighbours at least so far
     if (leaf == 7) {
       for (std::uint32_t octave = 0;; ++octave) {
         if (octave >= kMaxOctaves || this->is_too_far(begin))
           throw Error(ErrorCode::Section, "a range beyond what the sensor can give");
         const std::uint32_t here = from_begin & ~from_end, beyond = from_end;
         const std::uint32_t neighbours = (here & 3) | (beyond & 3) << 2 | (here & 12) << 2 | (beyond & 8) << 3;
-        const std::uint32_t more = decide(part.coder, interval, cells.more[octave * 128 + neighbours],
-                                          cells.more_of_scale[pending.scale * 32 + octave], kOctaveLogOdds, away >= end);
+        const std::uint32_t more =
+            decide(part.coder, interval, cells.more[octave * 128 + neighbours],
+                   cells.more_of_scale[pending.scale * 32 + octave], kOctaveLogOdds, away >= end);
         if (more == 0) break;
         begin = end;
         end = begin + (1u << ++left);
@@ -366,14 +407,16 @@ class PredictiveRows : RangeDecisions<Coder> {
     for (std::uint32_t depth = 0; left > 0 && depth < kDepths[leaf]; ++depth) {
       --left;
       const std::uint32_t middle = begin + (1u << left), from_middle = Forms::from(near, middle);
-      // The likeliest neighbour in this interval, if there is one, predicts the half. The first neighbour has cells of its own.
+      // The likeliest neighbour in this interval, if there is one, predicts the half. The first neighbour has cells of
+      // its own.
       const std::uint32_t any = from_begin & ~from_end, likeliest = any & (0u - any);
       const std::uint32_t prediction = any == 0 ? 0 : 1 + ((from_middle & likeliest) != 0) + 2 * (likeliest != 1);
       std::int16_t& a = cells.near[(prediction * 4 + depth) * 32 + side];
       std::int16_t& b = cells.leaf[(pending.scale * 8 + leaf) * 4 + depth];
       if constexpr (kNetwork && !kReads)
         if (depth < of_cells_.size()) of_cells_[depth] = a + b;
-      if (decide(part.coder, interval, a, b, net_odds >> depth, away >= middle, kNetwork ? kNetworkOffsetRate : kOffsetRate) != 0) {
+      if (decide(part.coder, interval, a, b, net_odds >> depth, away >= middle,
+                 kNetwork ? kNetworkOffsetRate : kOffsetRate) != 0) {
         begin = middle;
         from_begin = from_middle;
       } else {
@@ -392,14 +435,15 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kExpects) {
       const std::int32_t* const seen = about.expected + pending.cell;
       const std::int32_t below = about.expected_below != nullptr ? about.expected_below[pending.cell] : seen[0];
-      return {seen[1], seen[0], below, seen[2], up[1], up[2], bounded(seen[0] + part.bias), seen[-1], upper[1], last[1]};
+      return {seen[1],  seen[0],  below,  seen[2], up[1], up[2], bounded(seen[0] + part.bias),
+              seen[-1], upper[1], last[1]};
     }
     return {up[1], up[2], up[3], upper[1], bounded(up[1] + part.level), up[0], last[1], upper[2], last[2], upper[3]};
   }
 
   // Updates the state of a part after a return.
-  void update_state(PredictivePart<Coder>& part, const RowSurroundings& about, const Pending& pending, std::int32_t range,
-              std::uint32_t leaf) {
+  void update_state(PredictivePart<Coder>& part, const RowSurroundings& about, const Pending& pending,
+                    std::int32_t range, std::uint32_t leaf) {
     const std::uint32_t size = difference(range - pending.base);
     part.size2 = (part.size2 + part.size1) / 2;
     part.size1 = size;
@@ -407,7 +451,8 @@ class PredictiveRows : RangeDecisions<Coder> {
     part.leaves = part.leaves >> 4 | leaf << 4;
     const std::int32_t level = range - pending.up[1];
     const std::int32_t apart = level - part.level;
-    const auto outlier = static_cast<std::int32_t>(kPositionLimits[pending.scale][kOutlierLimit]);  // quarters of a cell
+    const auto outlier =
+        static_cast<std::int32_t>(kPositionLimits[pending.scale][kOutlierLimit]);  // quarters of a cell
     if (!part.begun || std::abs(apart) > 4 * outlier) {
       part.level = level;
     } else {
@@ -416,7 +461,9 @@ class PredictiveRows : RangeDecisions<Coder> {
     if constexpr (kExpects) {
       if (expects(about, pending.cell)) {
         const std::int32_t off = range - about.expected[pending.cell], by = off - part.bias;
-        part.miss += (static_cast<std::int32_t>(difference(by >> kDifferenceBits << kDifferenceBits)) - static_cast<std::int32_t>(part.miss)) / 4;
+        part.miss += (static_cast<std::int32_t>(difference(by >> kDifferenceBits << kDifferenceBits)) -
+                      static_cast<std::int32_t>(part.miss)) /
+                     4;
         if (std::abs(by) <= 4 * outlier) part.bias += by / 4;
       }
     }
@@ -428,8 +475,8 @@ class PredictiveRows : RangeDecisions<Coder> {
   std::uint32_t step_;
   std::uint32_t start_;
   std::int32_t first_;
-  bool free_;           // free cells
-  std::int32_t half_;   // half a free cell, from its lower end to its middle; 0 for whole cells
+  bool free_;                      // free cells
+  std::int32_t half_;              // half a free cell, from its lower end to its middle; 0 for whole cells
   std::int32_t lowest_, highest_;  // limits of ranges, sixteenths of a cell
   FreeCells free_cells_;
   bool quick_;

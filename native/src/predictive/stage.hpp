@@ -20,7 +20,7 @@ struct RowSource {
   const std::uint16_t* expected;  // (64, W), 0 where no range is expected; nullptr without
   std::size_t width, past;
   std::uint32_t turn;
-  std::uint32_t firing;  // of column 0, modulo kFirings
+  std::uint32_t firing;           // of column 0, modulo kFirings
   std::uint16_t* sent = nullptr;  // (64, W), receives the ranges as a decoder gets them; or nullptr
 };
 
@@ -45,13 +45,14 @@ struct FilledRow {
   }
 };
 
-// Known::returns of each of the n cells of a row, from the masks of this row (m), of the row above (a), of the row below (b), and of
-// the expected ranges (e).
+// Known::returns of each of the n cells of a row, from the masks of this row (m), of the row above (a), of the row
+// below (b), and of the expected ranges (e).
 template <bool kExpects>
 void describe_returns(const std::uint8_t* m, const std::uint8_t* a, const std::uint8_t* b, const std::uint8_t* e,
-                 std::size_t n, std::uint16_t* around) {
+                      std::size_t n, std::uint16_t* around) {
   for (std::size_t k = 0; k < n; ++k, ++m, ++a, ++b) {
-    std::uint32_t is = m[-1] | m[-2] << 1 | m[1] << 2 | m[2] << 3 | b[0] << 4 | b[-1] << 5 | b[1] << 6 | a[0] << 7 | a[1] << 8;
+    std::uint32_t is =
+        m[-1] | m[-2] << 1 | m[1] << 2 | m[2] << 3 | b[0] << 4 | b[-1] << 5 | b[1] << 6 | a[0] << 7 | a[1] << 8;
     if constexpr (kExpects) {
       is |= e[-1] << 9 | e[1] << 10 | e[0] << 11;
       ++e;
@@ -60,7 +61,8 @@ void describe_returns(const std::uint8_t* m, const std::uint8_t* a, const std::u
   }
 }
 
-// The expected ranges of a row, closed up, in sixteenths of a cell. Gaps are filled from the left, those at the start from the right.
+// The expected ranges of a row, closed up, in sixteenths of a cell. Gaps are filled from the left, those at the start
+// from the right.
 struct ExpectedRow {
   std::vector<std::int32_t> ranges;
   std::vector<std::uint8_t> known;
@@ -74,17 +76,37 @@ class RowStage {
  public:
   // start, begin: the first difference and the first range, in sixteenths of a cell.
   RowStage(const RowSource& source, std::size_t first, std::uint32_t start, std::int32_t begin)
-      : source_(source), first_(first), start_(start), begin_(begin), here_(source.width), before_(source.width),
-        earlier_(source.width), above_(source.width), upper_(source.width), expected_here_(source.width),
-        expected_above_(source.width), expected_below_(source.width), sizes_(source.width), mask_(source.width), above_mask_(source.width),
-        below_mask_(source.width), known_(source.width), returns_(source.width + 1), expected_row_(source.width),
-        expected_row_above_(source.width), expected_row_below_(source.width), around_(source.width),
-        sizes_around_(source.width), firings_(source.width) {
+      : source_(source),
+        first_(first),
+        start_(start),
+        begin_(begin),
+        here_(source.width),
+        before_(source.width),
+        earlier_(source.width),
+        above_(source.width),
+        upper_(source.width),
+        expected_here_(source.width),
+        expected_above_(source.width),
+        expected_below_(source.width),
+        sizes_(source.width),
+        mask_(source.width),
+        above_mask_(source.width),
+        below_mask_(source.width),
+        known_(source.width),
+        returns_(source.width + 1),
+        expected_row_(source.width),
+        expected_row_above_(source.width),
+        expected_row_below_(source.width),
+        around_(source.width),
+        sizes_around_(source.width),
+        firings_(source.width) {
     if constexpr (kExpects) close_up_expected(first, expected_row_below_);
-    for (std::size_t c = 0; c < source.width; ++c) firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
+    for (std::size_t c = 0; c < source.width; ++c)
+      firings_[c] = static_cast<std::uint8_t>((source.firing + c) % kFirings);
   }
 
-  // Begins a row. Reads the ranges that are known or to be encoded from the image. Raises Section if a return has no range.
+  // Begins a row. Reads the ranges that are known or to be encoded from the image. Raises Section if a return has no
+  // range.
   template <class Image>
   RowTask begin(std::size_t row, Image* image) {
     row_ = row;
@@ -94,9 +116,7 @@ class RowStage {
     const auto seen = [&](std::size_t other, const auto* from, auto& to) {
       layout.align(from, other, row, layout.shift(other, row, source_.turn), to);
     };
-    const auto all = [&](auto& of, auto value) {
-      std::fill(of.cells() - 8, of.cells() + n + 8, value);
-    };
+    const auto all = [&](auto& of, auto value) { std::fill(of.cells() - 8, of.cells() + n + 8, value); };
     layout.align(is_return, row, row, 0, mask_);
     RowSurroundings about{around_.data(), nullptr, nullptr, sizes_.cells(), sizes_around_.data()};
     if (row >= 1) {
@@ -130,7 +150,8 @@ class RowStage {
     about.columns = layout.columns(row).data();
     about.firings = firings_.data();
     about.first_firing = static_cast<std::uint32_t>(row) * kFirings;
-    describe_returns<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n, around_.data());
+    describe_returns<kExpects>(mask_.cells(), above_mask_.cells(), below_mask_.cells(), known_.cells(), n,
+                               around_.data());
     const std::uint32_t* z = sizes_.cells();
     for (std::size_t k = 0; k < n; ++k, ++z) sizes_around_[k] = 3 * z[0] + z[-1] + 2 * (z[1] + z[2]);
     count_ = 0;
@@ -219,8 +240,8 @@ class RowStage {
     }
   }
 
-  // Reads the ranges of the returns that are known or to be encoded, and the differences of the known ones. Ranges that are to be encoded
-  // freely are only levelled, not quantised.
+  // Reads the ranges of the returns that are known or to be encoded, and the differences of the known ones. Ranges that
+  // are to be encoded freely are only levelled, not quantised.
   template <class Image>
   void take(Image* of_row) {
     const std::vector<std::uint32_t>& columns = source_.layout.columns(row_);

@@ -9,7 +9,8 @@ namespace lidarcodec {
 namespace {
 
 unsigned activity_of(std::uint32_t sum) {
-  return 31u - static_cast<unsigned>(std::countl_zero(2u * sum + 1u));  // the bit width of the sum; the argument is never 0
+  return 31u -
+         static_cast<unsigned>(std::countl_zero(2u * sum + 1u));  // the bit width of the sum; the argument is never 0
 }
 
 // The last four absolute differences, at most 32768 each.
@@ -26,7 +27,8 @@ class Activity {
 
  private:
   std::uint32_t last_ = 0, second_ = 0, third_ = 0;
-  std::uint32_t before_ = 0;  // sum of the three before the last one, computed early to shorten the chain of dependencies
+  std::uint32_t before_ =
+      0;  // sum of the three before the last one, computed early to shorten the chain of dependencies
 };
 
 // Differences and activities of values that are all known: the same, in loops that compilers vectorise.
@@ -106,7 +108,8 @@ std::vector<std::uint16_t> join_by_activity(const std::uint16_t* differences, st
   for (std::size_t i = 0; i < size; ++i) {
     const std::size_t group = group_of[activity.bits()];
     if (next[group] == end[group])
-      throw Error(ErrorCode::Section, "group " + std::to_string(group) + " of differences ran out at value " + std::to_string(i));
+      throw Error(ErrorCode::Section,
+                  "group " + std::to_string(group) + " of differences ran out at value " + std::to_string(i));
     const std::uint16_t difference = differences[next[group]++];
     before = static_cast<std::uint16_t>(before + difference);
     values[i] = before;

@@ -1,4 +1,5 @@
-// The orthonormal 8 x 8 discrete cosine transform (DCT-II) of JPEG (ITU-T T.81, A.3.3), on floats. Loops that compilers vectorise.
+// The orthonormal 8 x 8 discrete cosine transform (DCT-II) of JPEG (ITU-T T.81, A.3.3), on floats. Loops that compilers
+// vectorise.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -62,13 +63,9 @@ inline Block product(const Block& a, const Block& b) {
 }  // namespace dct
 
 // Coefficients of a block, vertical frequency by row.
-inline Block forward_dct(const Block& x) {
-  return dct::product(dct::product(dct::kBasis, x), dct::kBasisTransposed);
-}
+inline Block forward_dct(const Block& x) { return dct::product(dct::product(dct::kBasis, x), dct::kBasisTransposed); }
 
 // The samples of a block from its coefficients.
-inline Block inverse_dct(const Block& c) {
-  return dct::product(dct::product(dct::kBasisTransposed, c), dct::kBasis);
-}
+inline Block inverse_dct(const Block& c) { return dct::product(dct::product(dct::kBasisTransposed, c), dct::kBasis); }
 
 }  // namespace lidarcodec

@@ -3,14 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
-#include "ranges/dct.hpp"
 #include "base/error.hpp"
+#include "ranges/dct.hpp"
 
 namespace lidarcodec {
 
 namespace {
 
-// Over-relaxation of the projections, which halves the rounds, and the last threshold in quantiser steps. Fitted to KITTI drives.
+// Over-relaxation of the projections, which halves the rounds, and the last threshold in quantiser steps. Fitted to
+// KITTI drives.
 constexpr float kRelaxation = 1.6f, kLastThreshold = 0.8f;
 
 // Interpolates linearly between known samples, and extends the first and the last one. False: no sample is known.
@@ -61,8 +62,7 @@ void project(const Tile& tile, const StepTable& steps, unsigned rounds) {
   for (unsigned round = 0; round < rounds; ++round) {
     tile.read(block);
     Block c = forward_dct(block);
-    const float factor =
-        kLastThreshold + static_cast<float>(rounds - 1 - round) / static_cast<float>(rounds);
+    const float factor = kLastThreshold + static_cast<float>(rounds - 1 - round) / static_cast<float>(rounds);
     for (std::size_t i = 1; i < c.size(); ++i)
       if (std::abs(c[i]) < factor * static_cast<float>(steps[i])) c[i] = 0;
     tile.write_holes(inverse_dct(c));

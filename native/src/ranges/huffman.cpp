@@ -17,7 +17,8 @@ std::array<std::size_t, kSymbols + 1> depths(const std::array<std::uint32_t, kSy
   std::iota(root.begin(), root.end(), std::size_t{0});
   for (;;) {
     std::size_t least = kSymbols + 1, second = kSymbols + 1;
-    for (std::size_t i = 0; i <= kSymbols; ++i) {  // of equal weights the later symbol gets deeper, and the reserved leaf deepest
+    for (std::size_t i = 0; i <= kSymbols;
+         ++i) {  // of equal weights the later symbol gets deeper, and the reserved leaf deepest
       if (!weight[i]) continue;
       if (least > kSymbols || weight[i] <= weight[least]) {
         second = least;
@@ -45,7 +46,8 @@ HuffmanTable best_table(const std::array<std::uint32_t, kSymbols>& occurs) {
   for (std::size_t d : depth)
     if (d) ++count[d];
   for (std::size_t length = count.size() - 1; length > kMaxCodeBits; --length) {
-    while (count[length]) {  // limits the length (T.81, figure K.3): one leaf of a pair moves up to its parent, the other pairs with a shorter code
+    while (count[length]) {  // limits the length (T.81, figure K.3): one leaf of a pair moves up to its parent, the
+                             // other pairs with a shorter code
       std::size_t shorter = length - 2;
       while (!count[shorter]) --shorter;
       count[length] -= 2;

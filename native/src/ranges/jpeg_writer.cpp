@@ -4,8 +4,8 @@
 #include <bit>
 #include <cmath>
 
-#include "ranges/dct.hpp"
 #include "base/error.hpp"
+#include "ranges/dct.hpp"
 #include "ranges/huffman.hpp"
 
 namespace lidarcodec {
@@ -14,7 +14,8 @@ namespace {
 
 constexpr std::size_t kCoefficients = kSide * kSide;
 constexpr std::uint8_t kEndOfBlock = 0x00, kSixteenZeros = 0xF0;
-// Quantisation with a dead zone: coefficients below 0.6 steps become 0, which saves bits at an equal mean squared error.
+// Quantisation with a dead zone: coefficients below 0.6 steps become 0, which saves bits at an equal mean squared
+// error.
 constexpr float kRounding = 0.4f;
 
 constexpr std::array<std::uint8_t, kCoefficients> make_zigzag() {
@@ -40,8 +41,8 @@ struct Symbol {
 Symbol symbol_of(int value, unsigned run, bool first) {
   const unsigned size = static_cast<unsigned>(std::bit_width(static_cast<unsigned>(std::abs(value))));
   const int extra = value < 0 ? value + (1 << size) - 1 : value;
-  return {static_cast<std::uint8_t>(run << 4 | size), static_cast<std::uint8_t>(size), static_cast<std::uint16_t>(extra),
-          first};
+  return {static_cast<std::uint8_t>(run << 4 | size), static_cast<std::uint8_t>(size),
+          static_cast<std::uint16_t>(extra), first};
 }
 
 class Quantiser {
@@ -153,7 +154,8 @@ std::vector<std::uint8_t> write_jpeg(const float* samples, std::size_t rows, std
   const auto symbols = symbols_of(samples, rows, width, bits, steps);
   std::array<std::uint32_t, kSymbols> dc_counts{}, ac_counts{};
   for (const Symbol& s : symbols) ++(s.first ? dc_counts : ac_counts)[s.name];
-  if (std::all_of(ac_counts.begin(), ac_counts.end(), [](std::uint32_t n) { return n == 0; })) ac_counts[kEndOfBlock] = 1;
+  if (std::all_of(ac_counts.begin(), ac_counts.end(), [](std::uint32_t n) { return n == 0; }))
+    ac_counts[kEndOfBlock] = 1;
   const HuffmanTable dc = best_table(dc_counts), ac = best_table(ac_counts);
 
   Writer out;

@@ -1,7 +1,7 @@
 // A JPEG of one component (ITU-T T.81, sequential, Huffman), 8 or 12 bits a sample, with any quantisation table.
 //
-// The usual tables are for the eye, which tolerates errors of high frequencies. For the least mean squared error all coefficients
-// have the same step, which saves 20 % of the bits.
+// The usual tables are for the eye, which tolerates errors of high frequencies. For the least mean squared error all
+// coefficients have the same step, which saves 20 % of the bits.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -31,7 +31,8 @@ class Search {
     chosen_.reserve(most_);
   }
 
-  // Chooses the first point of each voxel of that side. Gives the number of voxels, extrapolated if it is above `most_`.
+  // Chooses the first point of each voxel of that side. Gives the number of voxels, extrapolated if it is above
+  // `most_`.
   double choose(std::int32_t side) {
     std::fill(table_.begin(), table_.end(), kFree);
     chosen_.clear();
@@ -49,7 +50,8 @@ class Search {
       if (table_[at] == key) continue;
       table_[at] = key;
       chosen_.push_back(static_cast<std::uint32_t>(i));
-      if (chosen_.size() == most_) return static_cast<double>(most_) * static_cast<double>(count) / static_cast<double>(i + 1);
+      if (chosen_.size() == most_)
+        return static_cast<double>(most_) * static_cast<double>(count) / static_cast<double>(i + 1);
     }
     return static_cast<double>(chosen_.size());
   }
@@ -65,7 +67,8 @@ class Search {
   int shift_ = 0;
 };
 
-// The number of voxels falls with about the power 1.6 of their side: side * ratio^0.625, from square roots, which are exact.
+// The number of voxels falls with about the power 1.6 of their side: side * ratio^0.625, from square roots, which are
+// exact.
 double stretched(double side, double ratio) { return side * std::sqrt(ratio) * std::sqrt(std::sqrt(std::sqrt(ratio))); }
 
 }  // namespace
@@ -82,7 +85,7 @@ Picked pick_cells(const std::int32_t* xyz, const std::uint32_t* order, std::size
   const std::size_t enough = want + want / 50;
   const double aim = static_cast<double>(want + enough) / 2;
   std::int32_t small = kLeastSide - 1, large = kMostSide + 1;  // sides that give too many, and too few
-  std::vector<std::uint32_t> most, least;                     // the best choice of too few, and of enough
+  std::vector<std::uint32_t> most, least;                      // the best choice of too few, and of enough
   for (int i = 0; i < kMostTries; ++i) {
     const double cells = search.choose(picked.side);
     const std::size_t found = search.chosen().size();
@@ -94,7 +97,8 @@ Picked pick_cells(const std::int32_t* xyz, const std::uint32_t* order, std::size
     double next = stretched(picked.side, cells / aim);
     if (!(next > small && next < large) || i > 4) next = std::sqrt(static_cast<double>(small) * large);
     if (i > 12) next = (static_cast<double>(small) + large) / 2;
-    picked.side = std::clamp(static_cast<std::int32_t>(next), std::max(small + 1, kLeastSide), std::min(large - 1, kMostSide));
+    picked.side =
+        std::clamp(static_cast<std::int32_t>(next), std::max(small + 1, kLeastSide), std::min(large - 1, kMostSide));
   }
   const std::vector<std::uint32_t>& best = least.empty() ? most : least;
   picked.places.reserve(best.size());

@@ -3,8 +3,8 @@
 #include <array>
 #include <utility>
 
-#include "motion/directions.hpp"
 #include "base/error.hpp"
+#include "motion/directions.hpp"
 
 namespace lidarcodec {
 
@@ -57,7 +57,8 @@ Lattice lattice_of(const std::uint32_t* cell, std::size_t count, const Columns& 
     std::uint32_t before = kDirections;
     for (std::size_t column = 0; column < width; ++column) {
       const std::uint32_t direction = direction_of(azimuth[column], aside);
-      of_column[column] = static_cast<std::uint8_t>(direction == before ? kSharedDirection : direction_level(direction));
+      of_column[column] =
+          static_cast<std::uint8_t>(direction == before ? kSharedDirection : direction_level(direction));
       before = direction;
     }
     for (; n < count && cell[n] < end; ++n) {

@@ -15,12 +15,12 @@ struct Returns {
   std::vector<std::uint32_t> cell;  // (N,), row * W + column
 };
 
-// ranges: (64, W), steps of 2 mm, 0 = no return. Every return has a point; a beam steeper than 75 degrees points straight up
-// or down. Raises Section if an azimuth is out of range.
+// ranges: (64, W), steps of 2 mm, 0 = no return. Every return has a point; a beam steeper than 75 degrees points
+// straight up or down. Raises Section if an azimuth is out of range.
 Returns returns_of(const std::uint16_t* ranges, const Columns& columns, const BeamTable& table);
 
-// How cheap returns are to send. level: (N,), 0 to 27, the lattice level of the direction times kRowLevels plus that of the row.
-// order: (N,), places in the list, by rising level, then in range-image order.
+// How cheap returns are to send. level: (N,), 0 to 27, the lattice level of the direction times kRowLevels plus that of
+// the row. order: (N,), places in the list, by rising level, then in range-image order.
 struct Lattice {
   std::vector<std::uint32_t> order;
   std::vector<std::uint8_t> level;

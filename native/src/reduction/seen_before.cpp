@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "motion/directions.hpp"
 #include "base/error.hpp"
+#include "motion/directions.hpp"
 
 namespace lidarcodec {
 namespace {
@@ -12,7 +12,8 @@ namespace {
 constexpr float kLengthM = 1.0f / 16'000.0f;
 
 constexpr float kFarthestM = 40.0f;  // further returns may be the first on their surface
-constexpr float kReachM = 0.25f, kReachPerMetre = 0.008f;  // distance of a neighbour, at most, and what is added with range
+constexpr float kReachM = 0.25f,
+                kReachPerMetre = 0.008f;  // distance of a neighbour, at most, and what is added with range
 
 // Occupied voxels around the current position: a column of 64 voxels is a word.
 constexpr float kVoxelM = 0.15f;
@@ -20,10 +21,10 @@ constexpr std::ptrdiff_t kVoxelsAcross = 2 * 272;  // 40.8 m to each side: the f
 constexpr float kOriginM = kVoxelM * (kVoxelsAcross / 2), kLowestM = -kVoxelM * 32;
 
 constexpr std::size_t kSectors = 128;
-constexpr std::size_t kRings = 42;               // of a metre each
+constexpr std::size_t kRings = 42;                  // of a metre each
 constexpr float kStepM = 0.15f, kGradient = 0.12f;  // largest step of the ground, and its largest gradient
-constexpr float kGroundHeightM = 0.25f;                    // returns less high above the ground count as ground
-constexpr std::size_t kNearRings = 12;           // those that give the sensor's height
+constexpr float kGroundHeightM = 0.25f;             // returns less high above the ground count as ground
+constexpr std::size_t kNearRings = 12;              // those that give the sensor's height
 constexpr float kNone = 1e9f;
 
 class OccupancyGrid {
@@ -38,10 +39,12 @@ class OccupancyGrid {
       const float py = t[4] * x + t[5] * y + t[6] * z + t[7] + kOriginM;
       const float pz = t[8] * x + t[9] * y + t[10] * z + t[11] - kLowestM;
       // Comparisons with NaN are false, so NaN is left out, too.
-      if (!(px >= 0.0f && px < 2 * kOriginM && py >= 0.0f && py < 2 * kOriginM && pz >= 0.0f && pz < 64 * kVoxelM)) continue;
+      if (!(px >= 0.0f && px < 2 * kOriginM && py >= 0.0f && py < 2 * kOriginM && pz >= 0.0f && pz < 64 * kVoxelM))
+        continue;
       const auto cx = std::min(static_cast<std::ptrdiff_t>(px / kVoxelM), kVoxelsAcross - 1);
       const auto cy = std::min(static_cast<std::ptrdiff_t>(py / kVoxelM), kVoxelsAcross - 1);
-      columns_[static_cast<std::size_t>(cx * kVoxelsAcross + cy)] |= std::uint64_t{1} << std::min(static_cast<int>(pz / kVoxelM), 63);
+      columns_[static_cast<std::size_t>(cx * kVoxelsAcross + cy)] |= std::uint64_t{1}
+                                                                     << std::min(static_cast<int>(pz / kVoxelM), 63);
     }
   }
 
@@ -49,7 +52,8 @@ class OccupancyGrid {
   bool near(float x, float y, float z, float reach) const {
     const float px = x + kOriginM, py = y + kOriginM, pz = z - kLowestM;
     if (pz < 0.0f || pz >= 64 * kVoxelM) return true;
-    const auto cx = static_cast<std::ptrdiff_t>(std::floor(px / kVoxelM)), cy = static_cast<std::ptrdiff_t>(std::floor(py / kVoxelM));
+    const auto cx = static_cast<std::ptrdiff_t>(std::floor(px / kVoxelM)),
+               cy = static_cast<std::ptrdiff_t>(std::floor(py / kVoxelM));
     if (found(cx, cy, px, py, pz, reach)) return true;
     const auto most = static_cast<std::ptrdiff_t>(reach / kVoxelM) + 1;
     for (std::ptrdiff_t around = 1; around <= most; ++around) {
@@ -68,7 +72,8 @@ class OccupancyGrid {
     if (cx < 0 || cy < 0 || cx >= kVoxelsAcross || cy >= kVoxelsAcross) return false;
     const std::uint64_t column = columns_[static_cast<std::size_t>(cx * kVoxelsAcross + cy)];
     if (column == 0) return false;
-    const float dx = (static_cast<float>(cx) + 0.5f) * kVoxelM - px, dy = (static_cast<float>(cy) + 0.5f) * kVoxelM - py;
+    const float dx = (static_cast<float>(cx) + 0.5f) * kVoxelM - px,
+                dy = (static_cast<float>(cy) + 0.5f) * kVoxelM - py;
     const float left = reach * reach - dx * dx - dy * dy;
     if (left < 0.0f) return false;
     const float high = std::sqrt(left);

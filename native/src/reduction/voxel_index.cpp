@@ -39,7 +39,8 @@ VoxelIndex::VoxelIndex(const double* points, std::size_t count, double cell_m) :
   std::vector<std::pair<std::uint64_t, std::uint32_t>> keyed(count);
   for (std::size_t i = 0; i < count; ++i) {
     Place place;
-    if (!place_of(points + 3 * i, place)) throw Error(ErrorCode::Settings, "a point that is not finite, or too far away");
+    if (!place_of(points + 3 * i, place))
+      throw Error(ErrorCode::Settings, "a point that is not finite, or too far away");
     keyed[i] = {key_of(place), static_cast<std::uint32_t>(i)};
   }
   std::sort(keyed.begin(), keyed.end());

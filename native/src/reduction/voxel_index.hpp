@@ -19,8 +19,8 @@ class VoxelIndex {
   // A query that is not finite or out of range marks nothing. Throws Error(Settings) for a reach beyond 8 cells.
   void mark_near(const double* queries, std::size_t count, double reach_m, std::uint8_t* marks) const;
 
-  // For each of `count` queries the point nearest to it within `reach_m`, -1 if there is none; of several at one distance any,
-  // but the same at each call. Throws Error(Settings) for a reach beyond 8 cells.
+  // For each of `count` queries the point nearest to it within `reach_m`, -1 if there is none; of several at one
+  // distance any, but the same at each call. Throws Error(Settings) for a reach beyond 8 cells.
   void nearest(const double* queries, std::size_t count, double reach_m, std::int32_t* found) const;
 
  private:

@@ -64,8 +64,10 @@ std::vector<T> joined(const std::vector<T>& a, std::size_t a_width, const std::v
   std::vector<T> both;
   both.reserve(rows * (a_width + b_width));
   for (std::size_t r = 0; r < rows; ++r) {
-    both.insert(both.end(), a.begin() + static_cast<std::ptrdiff_t>(r * a_width), a.begin() + static_cast<std::ptrdiff_t>((r + 1) * a_width));
-    both.insert(both.end(), b.begin() + static_cast<std::ptrdiff_t>(r * b_width), b.begin() + static_cast<std::ptrdiff_t>((r + 1) * b_width));
+    both.insert(both.end(), a.begin() + static_cast<std::ptrdiff_t>(r * a_width),
+                a.begin() + static_cast<std::ptrdiff_t>((r + 1) * a_width));
+    both.insert(both.end(), b.begin() + static_cast<std::ptrdiff_t>(r * b_width),
+                b.begin() + static_cast<std::ptrdiff_t>((r + 1) * b_width));
   }
   return both;
 }
@@ -75,7 +77,8 @@ std::vector<T> ending(const std::vector<T>& image, std::size_t width, std::size_
   std::vector<T> end;
   end.reserve(rows * columns);
   for (std::size_t r = 0; r < rows; ++r)
-    end.insert(end.end(), image.begin() + static_cast<std::ptrdiff_t>((r + 1) * width - columns), image.begin() + static_cast<std::ptrdiff_t>((r + 1) * width));
+    end.insert(end.end(), image.begin() + static_cast<std::ptrdiff_t>((r + 1) * width - columns),
+               image.begin() + static_cast<std::ptrdiff_t>((r + 1) * width));
   return end;
 }
 
@@ -85,7 +88,8 @@ std::vector<std::uint8_t> MaskMemory::before(const Columns& columns, const Halve
   std::vector<std::uint8_t> cells(kRows * columns.width);
   for (std::size_t row = 0; row < kRows; ++row) {
     const std::uint16_t* azimuth = columns.azimuth + half[row] * columns.width;
-    for (std::size_t c = 0; c < columns.width; ++c) cells[row * columns.width + c] = sent_[row * kDirections + azimuth[c] / kStep];
+    for (std::size_t c = 0; c < columns.width; ++c)
+      cells[row * columns.width + c] = sent_[row * kDirections + azimuth[c] / kStep];
   }
   return cells;
 }
@@ -93,18 +97,21 @@ std::vector<std::uint8_t> MaskMemory::before(const Columns& columns, const Halve
 void MaskMemory::remember(const std::uint8_t* mask, const Columns& columns, const Halves& half) {
   for (std::size_t row = 0; row < kRows; ++row) {
     const std::uint16_t* azimuth = columns.azimuth + half[row] * columns.width;
-    for (std::size_t c = 0; c < columns.width; ++c) sent_[row * kDirections + azimuth[c] / kStep] = mask[row * columns.width + c];
+    for (std::size_t c = 0; c < columns.width; ++c)
+      sent_[row * kDirections + azimuth[c] / kStep] = mask[row * columns.width + c];
   }
 }
 
 Edge Edge::last(std::size_t columns) const {
   if (columns >= width) return *this;
-  return {columns, ending(ranges, width, columns, kRows), ending(expected, width, columns, kRows), ending(fired, width, columns, 2)};
+  return {columns, ending(ranges, width, columns, kRows), ending(expected, width, columns, kRows),
+          ending(fired, width, columns, 2)};
 }
 
 Edge Edge::and_then(const Edge& other) const {
   return {width + other.width, joined(ranges, width, other.ranges, other.width, kRows),
-          joined(expected, width, other.expected, other.width, kRows), joined(fired, width, other.fired, other.width, 2)};
+          joined(expected, width, other.expected, other.width, kRows),
+          joined(fired, width, other.fired, other.width, 2)};
 }
 
 void StreamMemory::forget() {
@@ -125,7 +132,8 @@ const Motion& StreamMemory::motion(const std::uint8_t* data, std::size_t size) {
   return *motion_;
 }
 
-std::vector<std::uint16_t> StreamMemory::expected(const Motion& motion, const Columns& columns, const BeamTable& table) const {
+std::vector<std::uint16_t> StreamMemory::expected(const Motion& motion, const Columns& columns,
+                                                  const BeamTable& table) const {
   return expected_ranges(seen_, table, motion, columns);
 }
 
@@ -134,9 +142,14 @@ Edge StreamMemory::edge(std::size_t columns) const {
   return edge_.last(columns);
 }
 
-void StreamMemory::remember(const std::vector<std::uint16_t>& ranges, const Columns& columns, const Halves& half, bool slab) {
-  waiting_.push_back({ranges, {columns.azimuth, columns.azimuth + 2 * columns.width}, {columns.fired, columns.fired + 2 * columns.width},
-                      half, columns.width, swept(columns)});
+void StreamMemory::remember(const std::vector<std::uint16_t>& ranges, const Columns& columns, const Halves& half,
+                            bool slab) {
+  waiting_.push_back({ranges,
+                      {columns.azimuth, columns.azimuth + 2 * columns.width},
+                      {columns.fired, columns.fired + 2 * columns.width},
+                      half,
+                      columns.width,
+                      swept(columns)});
   std::size_t sweep = 0, wide = 0;
   for (const Sent& sent : waiting_) sweep += sent.swept, wide += sent.width;
   while (!waiting_.empty()) {

@@ -1,5 +1,6 @@
-// What a stream has shown since its last message that needs no other: the rules are docs/wire-format.md ("Mask and keep"),
-// docs/wire-format-motion.md and docs/wire-format-predictive.md ("Slabs"), in Python lidarcodec/motion/history.py.
+// What a stream has shown since its last message that needs no other: the rules are docs/wire-format.md ("Mask and
+// keep"), docs/wire-format-motion.md and docs/wire-format-predictive.md ("Slabs"), in Python
+// lidarcodec/motion/history.py.
 #pragma once
 #include <array>
 #include <cstddef>

@@ -14,26 +14,32 @@ std::vector<std::size_t> columns_of(std::uint8_t kind, std::size_t width, Bytes 
   std::vector<std::size_t> columns;
   if (kind == kRegular && data.size() == 4) {
     const std::size_t step = little_endian(data, 0, 2), phase = little_endian(data, 2, 2);
-    if (phase >= step) damaged("a lattice of every " + std::to_string(step) + ". column from " + std::to_string(phase) + " on");
+    if (phase >= step)
+      damaged("a lattice of every " + std::to_string(step) + ". column from " + std::to_string(phase) + " on");
     for (std::size_t at = 0; at < width; ++at)
       if (at == 0 || at == width - 1 || (at >= phase && (at - phase) % step == 0)) columns.push_back(at);
     return columns;
   }
-  if (kind != kListed) damaged("a lattice section of kind " + std::to_string(kind) + " with " + std::to_string(data.size()) + " bytes of columns");
+  if (kind != kListed)
+    damaged("a lattice section of kind " + std::to_string(kind) + " with " + std::to_string(data.size()) +
+            " bytes of columns");
   const std::optional<std::vector<std::uint8_t>> gaps = outside.inflated(data, 2 * width);
-  if (!gaps || gaps->size() % 2 != 0 || gaps->size() > 2 * width) damaged("a lattice section whose list of columns is damaged");
+  if (!gaps || gaps->size() % 2 != 0 || gaps->size() > 2 * width)
+    damaged("a lattice section whose list of columns is damaged");
   std::size_t column = 0;
   for (std::size_t i = 0; i < gaps->size(); i += 2) {
     const std::size_t gap = little_endian(*gaps, i, 2);
     column += gap;
-    if (column >= width || (i > 0 && gap == 0)) damaged("a lattice section with columns beyond the " + std::to_string(width) + " of its frame, or twice");
+    if (column >= width || (i > 0 && gap == 0))
+      damaged("a lattice section with columns beyond the " + std::to_string(width) + " of its frame, or twice");
     columns.push_back(column);
   }
   return columns;
 }
 
 template <class Number>
-std::vector<Number> widened(const std::vector<Number>& narrow, std::size_t rows, std::size_t width, const std::vector<std::size_t>& columns) {
+std::vector<Number> widened(const std::vector<Number>& narrow, std::size_t rows, std::size_t width,
+                            const std::vector<std::size_t>& columns) {
   std::vector<Number> wide(rows * width);
   for (std::size_t row = 0; row < rows; ++row)
     for (std::size_t i = 0; i < columns.size(); ++i) wide[row * width + columns[i]] = narrow[row * columns.size() + i];
@@ -49,7 +55,8 @@ std::uint16_t turned(std::int64_t here, std::int64_t way, std::int64_t gap) {
 }
 
 // Straight between the columns that were sent, the short way round.
-std::vector<std::uint16_t> widened_azimuth(const std::vector<std::uint16_t>& narrow, std::size_t width, const std::vector<std::size_t>& columns) {
+std::vector<std::uint16_t> widened_azimuth(const std::vector<std::uint16_t>& narrow, std::size_t width,
+                                           const std::vector<std::size_t>& columns) {
   const std::size_t count = columns.size();
   std::vector<std::uint16_t> wide(2 * width);
   for (std::size_t half = 0; half < 2; ++half)
@@ -57,9 +64,13 @@ std::vector<std::uint16_t> widened_azimuth(const std::vector<std::uint16_t>& nar
       const bool more = i + 1 < count;
       const std::int64_t here = narrow[half * count + i];
       const std::size_t gap = (more ? columns[i + 1] : width) - columns[i];
-      const std::int64_t way = more ? (narrow[half * count + i + 1] - here + std::int64_t{kTurn + kTurn / 2}) % std::int64_t{kTurn} - std::int64_t{kTurn / 2} : 0;
+      const std::int64_t way =
+          more ? (narrow[half * count + i + 1] - here + std::int64_t{kTurn + kTurn / 2}) % std::int64_t{kTurn} -
+                     std::int64_t{kTurn / 2}
+               : 0;
       for (std::size_t place = 0; place < gap; ++place)
-        wide[half * width + columns[i] + place] = turned(here, way * static_cast<std::int64_t>(place), static_cast<std::int64_t>(gap));
+        wide[half * width + columns[i] + place] =
+            turned(here, way * static_cast<std::int64_t>(place), static_cast<std::int64_t>(gap));
       for (std::size_t c = 0; i == 0 && c < columns[0]; ++c) wide[half * width + c] = static_cast<std::uint16_t>(here);
     }
   return wide;
@@ -68,14 +79,20 @@ std::vector<std::uint16_t> widened_azimuth(const std::vector<std::uint16_t>& nar
 }  // namespace
 
 Planes in_own_columns(const Planes& narrow, Bytes section, const Outside& outside) {
-  if (section.size() < kHeadBytes) throw Error(ErrorCode::Truncated, "a lattice section of " + std::to_string(section.size()) + " bytes", section.size());
+  if (section.size() < kHeadBytes)
+    throw Error(ErrorCode::Truncated, "a lattice section of " + std::to_string(section.size()) + " bytes",
+                section.size());
   const std::size_t width = little_endian(section, 1, 2), packets = little_endian(section, 3, 2);
   const std::size_t behind = kHeadBytes + little_endian(section, 5, 2), side = little_endian(section, 7, 4);
-  if (width > kMostColumns || packets > kMostPackets) damaged("a lattice of " + std::to_string(width) + " columns and " + std::to_string(packets) + " packets");
-  if (behind + side > section.size()) throw Error(ErrorCode::Truncated, "a lattice section ends within what it announces", section.size());
-  const std::vector<std::size_t> columns = columns_of(section[0], width, section.subspan(kHeadBytes, behind - kHeadBytes), outside);
+  if (width > kMostColumns || packets > kMostPackets)
+    damaged("a lattice of " + std::to_string(width) + " columns and " + std::to_string(packets) + " packets");
+  if (behind + side > section.size())
+    throw Error(ErrorCode::Truncated, "a lattice section ends within what it announces", section.size());
+  const std::vector<std::size_t> columns =
+      columns_of(section[0], width, section.subspan(kHeadBytes, behind - kHeadBytes), outside);
   if (columns.size() != narrow.width || (width > 0 && columns.empty()))
-    damaged("a lattice of " + std::to_string(columns.size()) + " columns for a frame of " + std::to_string(narrow.width));
+    damaged("a lattice of " + std::to_string(columns.size()) + " columns for a frame of " +
+            std::to_string(narrow.width));
   if (side == 0 && (packets > 0 || section.size() > behind)) damaged("a lattice of packets without side information");
   Planes whole;
   whole.width = width;

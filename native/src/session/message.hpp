@@ -9,12 +9,34 @@
 namespace lidarcodec {
 
 enum class SectionType : std::uint8_t {
-  Range = 1, Mask, Intensity, Azimuth, Side, Calibration, Keep, Motion, Weights, Pose, Filler, Lattice, Position
+  Range = 1,
+  Mask,
+  Intensity,
+  Azimuth,
+  Side,
+  Calibration,
+  Keep,
+  Motion,
+  Weights,
+  Pose,
+  Filler,
+  Lattice,
+  Position
 };
 
 // Numbers that name codecs in messages.
 enum class Codec : std::uint16_t {
-  Raw = 1, Zstd, Pcodec, Png, Jxl, Jpeg, JpegLayered, H264, H264Log, Riddle, Predictive
+  Raw = 1,
+  Zstd,
+  Pcodec,
+  Png,
+  Jxl,
+  Jpeg,
+  JpegLayered,
+  H264,
+  H264Log,
+  Riddle,
+  Predictive
 };
 
 // "pcodec"; "" of a number that is no codec's.
@@ -39,7 +61,9 @@ struct Message {
   // That of frame 0. Raises Section if there is none or two.
   Bytes section(SectionType type) const;
   // The same, or nothing if there is none. Raises Section if there are two.
-  std::optional<Bytes> find(SectionType type) const { return has(type) ? std::optional<Bytes>(section(type)) : std::nullopt; }
+  std::optional<Bytes> find(SectionType type) const {
+    return has(type) ? std::optional<Bytes>(section(type)) : std::nullopt;
+  }
   // Bytes of all sections together.
   std::size_t section_bytes() const;
 };
@@ -47,8 +71,8 @@ struct Message {
 inline constexpr std::size_t kMostColumns = 24'576;
 inline constexpr std::size_t kMostMessage = 64u << 20;
 
-// The message of exactly these bytes: size and checksum are checked before any field is believed. Raises Header, Version,
-// Truncated, Checksum or Section.
+// The message of exactly these bytes: size and checksum are checked before any field is believed. Raises Header,
+// Version, Truncated, Checksum or Section.
 Message read_message(Bytes data);
 
 }  // namespace lidarcodec

@@ -33,14 +33,18 @@ std::optional<std::uint64_t> stated_size(Bytes data) {
 
 }  // namespace
 
-std::optional<std::vector<std::uint16_t>> Outside::picture(Codec, Bytes, std::size_t, std::size_t) const { return std::nullopt; }
+std::optional<std::vector<std::uint16_t>> Outside::picture(Codec, Bytes, std::size_t, std::size_t) const {
+  return std::nullopt;
+}
 
 std::optional<std::vector<std::uint8_t>> Outside::weights(const std::string&) const { return std::nullopt; }
 
 std::vector<std::uint8_t> zstd_frame(const Outside& outside, Bytes data, std::size_t size) {
-  if (stated_size(data) != size) throw Error(ErrorCode::Section, "not one zstd frame of " + std::to_string(size) + " bytes");
+  if (stated_size(data) != size)
+    throw Error(ErrorCode::Section, "not one zstd frame of " + std::to_string(size) + " bytes");
   std::vector<std::uint8_t> plain(size);
-  if (!outside.unzstd(data, plain)) throw Error(ErrorCode::Section, "a damaged zstd frame, of " + std::to_string(size) + " bytes");
+  if (!outside.unzstd(data, plain))
+    throw Error(ErrorCode::Section, "a damaged zstd frame, of " + std::to_string(size) + " bytes");
   return plain;
 }
 

@@ -1,5 +1,5 @@
-// What a session is given from outside: decompression, pictures and weights, of which each program that embeds the core has its
-// own. An answer is checked as bytes of a message are.
+// What a session is given from outside: decompression, pictures and weights, of which each program that embeds the core
+// has its own. An answer is checked as bytes of a message are.
 #pragma once
 #include <cstdint>
 #include <optional>
@@ -23,13 +23,14 @@ class Outside {
   // Whether it opens pictures of a codec; by default of none.
   virtual bool opens_pictures(Codec) const { return false; }
   // The samples of a picture of 16 bits, row after row; nothing if it is damaged or has another size.
-  virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width, std::size_t height) const;
+  virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width,
+                                                            std::size_t height) const;
   // The weight file of a name, 16 hex digits, that no message has brought; by default none is known.
   virtual std::optional<std::vector<std::uint8_t>> weights(const std::string& name) const;
 };
 
-// The `size` bytes of data that are one zstd frame and nothing else. The size that it states is looked at before memory is
-// taken. Raises Section.
+// The `size` bytes of data that are one zstd frame and nothing else. The size that it states is looked at before memory
+// is taken. Raises Section.
 std::vector<std::uint8_t> zstd_frame(const Outside& outside, Bytes data, std::size_t size);
 
 }  // namespace lidarcodec

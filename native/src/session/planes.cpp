@@ -22,7 +22,8 @@ constexpr std::uint16_t kTurn = 36'000;
 std::vector<std::uint8_t> decode_grouped(Bytes data, std::size_t count, const Outside& outside) {
   const std::size_t groups = data.empty() ? 0 : data[0];
   const std::size_t at = 1 + groups * kGroupBytes;
-  if (groups == 0 || data.size() < at) damaged(std::to_string(groups) + " groups of intensities in " + std::to_string(data.size()) + " bytes");
+  if (groups == 0 || data.size() < at)
+    damaged(std::to_string(groups) + " groups of intensities in " + std::to_string(data.size()) + " bytes");
   NeighbourGroups group_of{};
   NeighbourCounts counts{};
   std::vector<std::size_t> sizes(groups);
@@ -30,7 +31,8 @@ std::vector<std::uint8_t> decode_grouped(Bytes data, std::size_t count, const Ou
   int before = -1;
   for (std::size_t g = 0; g < groups; ++g) {
     const std::size_t entry = 1 + g * kGroupBytes;
-    if (data[entry] <= before || (g == 0 && data[entry] != 0)) damaged("a group of intensities that begins at " + std::to_string(data[entry]));
+    if (data[entry] <= before || (g == 0 && data[entry] != 0))
+      damaged("a group of intensities that begins at " + std::to_string(data[entry]));
     before = data[entry];
     std::fill(group_of.begin() + before, group_of.end(), static_cast<std::uint8_t>(g));
     counts[g] = static_cast<std::uint32_t>(little_endian(data, entry + 1, 4));
@@ -53,9 +55,11 @@ std::vector<std::uint8_t> decode_grouped(Bytes data, std::size_t count, const Ou
 template <class Number>
 std::vector<Number> image(Bytes data, std::size_t rows, std::size_t width, const char* what) {
   if (data.size() != rows * width * sizeof(Number))
-    damaged(std::string("a raw ") + what + " section of " + std::to_string(data.size()) + " bytes, not " + std::to_string(rows * width * sizeof(Number)));
+    damaged(std::string("a raw ") + what + " section of " + std::to_string(data.size()) + " bytes, not " +
+            std::to_string(rows * width * sizeof(Number)));
   std::vector<Number> values(rows * width);
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<Number>(little_endian(data, i * sizeof(Number), sizeof(Number)));
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = static_cast<Number>(little_endian(data, i * sizeof(Number), sizeof(Number)));
   return values;
 }
 
@@ -65,7 +69,8 @@ void decode_intensities(const Message& message, const Outside& outside, const Se
   planes.intensity.assign(planes.returns.size(), 0);
   const std::optional<Bytes> section = message.find(SectionType::Intensity);
   if (!section) return;
-  if (section->empty() || section->front() >= kForms) damaged("an intensity section of " + std::to_string(section->size()) + " bytes, or of an unknown form");
+  if (section->empty() || section->front() >= kForms)
+    damaged("an intensity section of " + std::to_string(section->size()) + " bytes, or of an unknown form");
   const bool modelled = section->front() >= kModelled;
   const bool all_fired = section->front() % kModelled == kAllFired;
   Bytes coded = section->subspan(1), others;
@@ -77,9 +82,11 @@ void decode_intensities(const Message& message, const Outside& outside, const Se
   }
   const std::vector<std::uint8_t>& returns = planes.returns;
   if (modelled) {
-    planes.intensity = decode_intensity(coded.data(), coded.size(), returns.data(), sensor.geometry(planes.width, planes.fired.data()));
+    planes.intensity = decode_intensity(coded.data(), coded.size(), returns.data(),
+                                        sensor.geometry(planes.width, planes.fired.data()));
   } else {
-    const auto count = static_cast<std::size_t>(std::count_if(returns.begin(), returns.end(), [](std::uint8_t r) { return r != 0; }));
+    const auto count =
+        static_cast<std::size_t>(std::count_if(returns.begin(), returns.end(), [](std::uint8_t r) { return r != 0; }));
     const std::vector<std::uint8_t> values = decode_grouped(coded, count, outside);
     for (std::size_t i = 0, from = 0; i < returns.size(); ++i)
       if (returns[i] != 0) planes.intensity[i] = values[from++];
@@ -110,7 +117,8 @@ std::optional<std::array<double, 12>> decode_pose(const Message& message) {
       const double dot = r(i, 0) * r(j, 0) + r(i, 1) * r(j, 1) + r(i, 2) * r(j, 2);
       if (!(std::abs(dot - (i == j ? 1.0 : 0.0)) < kRounded)) damaged("a pose that is no rigid transform");
     }
-  const double determinant = r(0, 0) * (r(1, 1) * r(2, 2) - r(1, 2) * r(2, 1)) - r(0, 1) * (r(1, 0) * r(2, 2) - r(1, 2) * r(2, 0)) +
+  const double determinant = r(0, 0) * (r(1, 1) * r(2, 2) - r(1, 2) * r(2, 1)) -
+                             r(0, 1) * (r(1, 0) * r(2, 2) - r(1, 2) * r(2, 0)) +
                              r(0, 2) * (r(1, 0) * r(2, 1) - r(1, 1) * r(2, 0));
   if (!(determinant > 0)) damaged("a pose that is no rigid transform");
   return pose;
@@ -138,13 +146,15 @@ Planes decode_raw(const Message& message, const Sensor& sensor) {
     planes.fired[width + c] = halves[c] >> 1;
   }
   planes.intensity.assign(kRows * width, 0);
-  if (const std::optional<Bytes> coded = message.find(SectionType::Intensity)) planes.intensity = image<std::uint8_t>(*coded, kRows, width, "intensity");
+  if (const std::optional<Bytes> coded = message.find(SectionType::Intensity))
+    planes.intensity = image<std::uint8_t>(*coded, kRows, width, "intensity");
   planes.returns.resize(kRows * width);
   for (std::size_t row = 0; row < kRows; ++row)
     for (std::size_t c = 0; c < width; ++c) {
       const std::size_t cell = row * width + c;
       planes.returns[cell] = planes.range[cell] != 0;
-      if (planes.fired[sensor.beams.half[row] * width + c] == 0 && (planes.range[cell] != 0 || planes.intensity[cell] != 0))
+      if (planes.fired[sensor.beams.half[row] * width + c] == 0 &&
+          (planes.range[cell] != 0 || planes.intensity[cell] != 0))
         damaged("a raw message with returns in cells that were not fired");
     }
   return planes;

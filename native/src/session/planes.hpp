@@ -14,11 +14,11 @@ namespace lidarcodec {
 // A frame, W columns. Images are (64, W) or, of halves of columns, (2, W), row after row.
 struct Planes {
   std::size_t width = 0;
-  std::vector<std::uint16_t> range;      // (64, W), range steps; 0: no return
-  std::vector<std::uint16_t> azimuth;    // (2, W), 0.01 degree, 0 to 35999
-  std::vector<std::uint8_t> intensity;   // (64, W)
-  std::vector<std::uint8_t> fired;       // (2, W), 0 or 1
-  std::vector<std::uint8_t> returns;     // (64, W), 0 or 1
+  std::vector<std::uint16_t> range;     // (64, W), range steps; 0: no return
+  std::vector<std::uint16_t> azimuth;   // (2, W), 0.01 degree, 0 to 35999
+  std::vector<std::uint8_t> intensity;  // (64, W)
+  std::vector<std::uint8_t> fired;      // (2, W), 0 or 1
+  std::vector<std::uint8_t> returns;    // (64, W), 0 or 1
 };
 
 // Fills `intensity`, 0 where nothing was sent. Raises Section or Truncated.

@@ -7,9 +7,17 @@
 namespace lidarcodec {
 namespace {
 
-constexpr double kAngle = 1e-8, kLength = 1e-7;  // steps of the calibration table, rad and m
+constexpr double kAngle = 1e-8, kLength = 1e-7;                       // steps of the calibration table, rad and m
 constexpr double kNearAcross = 2.4, kNearAlong = 1.93, kFar = 25.04;  // HDL-64E S3 manual rev. K, appendix F; m
-enum Field : std::size_t { kRotation, kVertical, kDistance, kDistanceX, kDistanceY, kVerticalOffset, kHorizontalOffset };
+enum Field : std::size_t {
+  kRotation,
+  kVertical,
+  kDistance,
+  kDistanceX,
+  kDistanceY,
+  kVerticalOffset,
+  kHorizontalOffset
+};
 
 struct Ray {
   double rotation, cos_vertical, sin_vertical, distance, across, along, up, aside;
@@ -20,8 +28,14 @@ std::array<Ray, kRows> rays_of(const Sensor& sensor) {
   for (std::size_t row = 0; row < kRows; ++row) {
     const auto of = [&](Field field) { return sensor.value(field, row) * (field <= kVertical ? kAngle : kLength); };
     const double distance = of(kDistance);
-    rays[row] = {of(kRotation), std::cos(of(kVertical)), std::sin(of(kVertical)), distance, (of(kDistanceX) - distance) / (kFar - kNearAcross),
-                 (of(kDistanceY) - distance) / (kFar - kNearAlong), of(kVerticalOffset), of(kHorizontalOffset)};
+    rays[row] = {of(kRotation),
+                 std::cos(of(kVertical)),
+                 std::sin(of(kVertical)),
+                 distance,
+                 (of(kDistanceX) - distance) / (kFar - kNearAcross),
+                 (of(kDistanceY) - distance) / (kFar - kNearAlong),
+                 of(kVerticalOffset),
+                 of(kHorizontalOffset)};
   }
   return rays;
 }
@@ -40,19 +54,22 @@ std::vector<CloudPoint> points_of(const SessionFrame& frame) {
       const std::size_t cell = row * planes.width + column;
       if (planes.range[cell] == 0) continue;
       const Ray& ray = rays[row];
-      const double beta = planes.azimuth[sensor.beams.half[row] * planes.width + column] * std::numbers::pi / 18'000 - ray.rotation;
+      const double beta =
+          planes.azimuth[sensor.beams.half[row] * planes.width + column] * std::numbers::pi / 18'000 - ray.rotation;
       const double cos_beta = std::cos(beta), sin_beta = std::sin(beta);
       const double distance = planes.range[cell] * step + ray.distance;
       const double flat = distance * ray.cos_vertical - (ros ? ray.up * ray.sin_vertical : 0);
       double x = flat * cos_beta + ray.aside * sin_beta, y = ray.aside * cos_beta - flat * sin_beta;
       double z = distance * ray.sin_vertical + ray.up * (ros ? ray.cos_vertical : 1);
       if (ros) {
-        const double along = ray.along * std::max(kFar - std::abs(x), 0.0), across = ray.across * std::max(kFar - std::abs(y), 0.0);
+        const double along = ray.along * std::max(kFar - std::abs(x), 0.0),
+                     across = ray.across * std::max(kFar - std::abs(y), 0.0);
         x += along * ray.cos_vertical * cos_beta;
         y -= across * ray.cos_vertical * sin_beta;
         z += along * ray.sin_vertical;
       }
-      points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), planes.intensity[cell], sensor.laser[row], static_cast<std::uint8_t>(row)});
+      points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), planes.intensity[cell],
+                        sensor.laser[row], static_cast<std::uint8_t>(row)});
     }
   return points;
 }

@@ -13,6 +13,7 @@ namespace lidarcodec {
 std::pair<std::uint32_t, Bytes> split_step(Bytes section);
 
 // (64, W), 0 outside of `returns`. Raises Section or Truncated.
-std::vector<std::uint16_t> decode_quantised(const Message& message, const Outside& outside, const std::vector<std::uint8_t>& returns);
+std::vector<std::uint16_t> decode_quantised(const Message& message, const Outside& outside,
+                                            const std::vector<std::uint8_t>& returns);
 
 }  // namespace lidarcodec

@@ -20,7 +20,9 @@ bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec ==
 
 void check_codec(Codec codec, const Outside& outside) {
   const std::string name = name_of(codec);
-  if (name.empty()) throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)), 12);
+  if (name.empty())
+    throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)),
+                12);
   const bool is_picture = codec == Codec::Png;
   if (is_picture && !outside.opens_pictures(codec))
     throw Error(ErrorCode::Version, "codec " + name + " needs a decoder of pictures, and none was given", 12);
@@ -38,7 +40,8 @@ struct RiddleHead {
 
 RiddleHead riddle_head(Bytes coded) {
   if (coded.size() < 1 + kNameBytes) throw Error(ErrorCode::Truncated, "ranges end within their header", coded.size());
-  if (coded[0] < kPlainEffort || coded[0] > kMostEffort) throw Error(ErrorCode::Section, "ranges of effort " + std::to_string(coded[0]) + ": 1 to 4 are known");
+  if (coded[0] < kPlainEffort || coded[0] > kMostEffort)
+    throw Error(ErrorCode::Section, "ranges of effort " + std::to_string(coded[0]) + ": 1 to 4 are known");
   return {coded[0], hex(coded.subspan(1, kNameBytes))};
 }
 
@@ -79,10 +82,15 @@ const SessionFrame& Session::push(Bytes data) {
   const Message message = read_message(data);
   check_codec(message.codec, *outside_);
   begin_stream(message);
-  if (message.frame_count != 1) throw Error(ErrorCode::Section, "a message of " + std::to_string(message.frame_count) + " frames of a codec that sends one each");
+  if (message.frame_count != 1)
+    throw Error(ErrorCode::Section,
+                "a message of " + std::to_string(message.frame_count) + " frames of a codec that sends one each");
   const std::shared_ptr<const Sensor> sensor = sensors_.of(message, *outside_);
   if (message.needs && message.needs != last_)
-    throw Error(ErrorCode::Reference, "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) + ", which was not decoded: ask for a key frame", *message.needs);
+    throw Error(ErrorCode::Reference,
+                "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) +
+                    ", which was not decoded: ask for a key frame",
+                *message.needs);
   Planes planes = decode(message, *sensor);
   if (!message.needs) masks_.forget();
   masks_.remember(planes.returns.data(), columns_of(planes), sensor->beams.half);
@@ -165,7 +173,8 @@ void Session::decode_mask_of(const Message& message, const Sensor& sensor, Plane
 }
 
 // What the ranges of the message at hand are expected to be; nullptr without a MOTION section. Raises Section.
-const std::vector<std::uint16_t>* Session::expected(const Message& message, const Sensor& sensor, const Planes& planes) {
+const std::vector<std::uint16_t>* Session::expected(const Message& message, const Sensor& sensor,
+                                                    const Planes& planes) {
   if (!expected_ && message.has(SectionType::Motion)) {
     const Bytes data = message.section(SectionType::Motion);
     motion_ = memory_.motion(data.data(), data.size());
@@ -177,9 +186,11 @@ const std::vector<std::uint16_t>* Session::expected(const Message& message, cons
 void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes& planes) {
   const bool learned = message.codec == Codec::Riddle;
   if (learned) {
-    const auto returns = static_cast<std::size_t>(std::count_if(planes.returns.begin(), planes.returns.end(), [](std::uint8_t r) { return r != 0; }));
+    const auto returns = static_cast<std::size_t>(
+        std::count_if(planes.returns.begin(), planes.returns.end(), [](std::uint8_t r) { return r != 0; }));
     if (message.section_bytes() * kReturnsPerByte < returns)
-      throw Error(ErrorCode::Section, "sections of " + std::to_string(message.section_bytes()) + " bytes for " + std::to_string(returns) + " returns: too few");
+      throw Error(ErrorCode::Section, "sections of " + std::to_string(message.section_bytes()) + " bytes for " +
+                                          std::to_string(returns) + " returns: too few");
     shelf_.take_all(message, *outside_);
   }
   const std::vector<std::uint16_t>* const foreseen = expected(message, sensor, planes);
@@ -193,7 +204,8 @@ void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes
   if (known != kWholeFrame) {
     decode_slab(coded, cells, static_cast<std::size_t>(known), foreseen, sensor, planes);
   } else {
-    planes.range = coder_->decode(coded.data(), coded.size(), planes.returns.data(), cells, sensor.geometry(planes.width, planes.fired.data()),
+    planes.range = coder_->decode(coded.data(), coded.size(), planes.returns.data(), cells,
+                                  sensor.geometry(planes.width, planes.fired.data()),
                                   foreseen == nullptr ? nullptr : foreseen->data());
     memory_.forget_edge();
   }
@@ -201,22 +213,26 @@ void Session::decode_ranges(const Message& message, const Sensor& sensor, Planes
 }
 
 // Ranges of a slab, with the columns before it as if they were its own.
-void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t before, const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes) {
-  const std::vector<std::uint16_t> foreseen = expected == nullptr ? std::vector<std::uint16_t>(planes.returns.size()) : *expected;
+void Session::decode_slab(Bytes coded, const RangeCells& cells, std::size_t before,
+                          const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes) {
+  const std::vector<std::uint16_t> foreseen =
+      expected == nullptr ? std::vector<std::uint16_t>(planes.returns.size()) : *expected;
   const Edge edge = memory_.edge(before);
-  const Edge all = edge.and_then({planes.width, {planes.returns.begin(), planes.returns.end()}, foreseen, planes.fired});
+  const Edge all =
+      edge.and_then({planes.width, {planes.returns.begin(), planes.returns.end()}, foreseen, planes.fired});
   std::vector<std::uint8_t> known(all.ranges.size());
-  std::transform(all.ranges.begin(), all.ranges.end(), known.begin(), [](std::uint16_t r) { return std::uint8_t{r != 0}; });
-  const std::vector<std::uint16_t> image =
-      coder_->decode(coded.data(), coded.size(), known.data(), cells, sensor.geometry(all.width, all.fired.data()),
-                     expected == nullptr ? nullptr : all.expected.data(), static_cast<KnownColumns>(edge.width), edge.ranges.data());
+  std::transform(all.ranges.begin(), all.ranges.end(), known.begin(),
+                 [](std::uint16_t r) { return std::uint8_t{r != 0}; });
+  const std::vector<std::uint16_t> image = coder_->decode(
+      coded.data(), coded.size(), known.data(), cells, sensor.geometry(all.width, all.fired.data()),
+      expected == nullptr ? nullptr : all.expected.data(), static_cast<KnownColumns>(edge.width), edge.ranges.data());
   const Edge own = Edge{all.width, image, all.expected, all.fired}.last(planes.width);
   planes.range = own.ranges;
   memory_.keep_edge(own);
 }
 
-// Codes with the networks that a message names from now on. What was learned stays where a stream goes on with other weights
-// for the same effort. Raises Section or Reference.
+// Codes with the networks that a message names from now on. What was learned stays where a stream goes on with other
+// weights for the same effort. Raises Section or Reference.
 void Session::use_networks(const Message& message, std::uint8_t effort, const std::string& name) {
   const Used wanted{effort == kPlainEffort ? "" : name, effort};
   const Shelf::Weights weights = effort == kPlainEffort ? nullptr : shelf_.find(name, message.frame_index, *outside_);
@@ -228,7 +244,8 @@ void Session::use_networks(const Message& message, std::uint8_t effort, const st
   else
     coder_ = std::make_unique<PredictiveCoder>(quickest_path(), nets);
   used_ = wanted;
-  if (message.needs && !goes_on) throw Error(ErrorCode::Section, "another effort than that of the frame before, which it goes on from");
+  if (message.needs && !goes_on)
+    throw Error(ErrorCode::Section, "another effort than that of the frame before, which it goes on from");
 }
 
 std::string Session::missing_weights(Bytes data) const {

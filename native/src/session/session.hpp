@@ -1,8 +1,8 @@
-// Decoder of one stream: bytes of messages in, planes of frames out. The same for every program that embeds the core; what
-// each of them has of its own is given from outside. The format is docs/wire-format.md.
+// Decoder of one stream: bytes of messages in, planes of frames out. The same for every program that embeds the core;
+// what each of them has of its own is given from outside. The format is docs/wire-format.md.
 //
-// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Other codecs are
-// refused by name.
+// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Other codecs
+// are refused by name.
 #pragma once
 #include <array>
 #include <memory>
@@ -32,16 +32,16 @@ class Session {
  public:
   explicit Session(std::unique_ptr<const Outside> outside) : outside_(std::move(outside)) {}
 
-  // The frame of a message. It holds until the next call. Raises Header, Version, Truncated, Checksum, Section, or Reference
-  // where a key message has to come first; then goes on with the next message.
+  // The frame of a message. It holds until the next call. Raises Header, Version, Truncated, Checksum, Section, or
+  // Reference where a key message has to come first; then goes on with the next message.
   const SessionFrame& push(Bytes message);
 
-  // Takes a CALIBRATION section that a message of the stream brought before this session began: else the stream could not be
-  // decoded before its next key message. Raises Section.
+  // Takes a CALIBRATION section that a message of the stream brought before this session began: else the stream could
+  // not be decoded before its next key message. Raises Section.
   void give_calibration(Bytes section);
 
-  // Name of weights that a message needs and that are not here yet, as far as the message says so: "" if there are none.
-  // Where weights can be had, but take their time, ask before `push`, and have `Outside::weights` give them then.
+  // Name of weights that a message needs and that are not here yet, as far as the message says so: "" if there are
+  // none. Where weights can be had, but take their time, ask before `push`, and have `Outside::weights` give them then.
   std::string missing_weights(Bytes message) const;
 
  private:
@@ -57,7 +57,8 @@ class Session {
   void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
   const std::vector<std::uint16_t>* expected(const Message& message, const Sensor& sensor, const Planes& planes);
   void decode_ranges(const Message& message, const Sensor& sensor, Planes& planes);
-  void decode_slab(Bytes coded, const RangeCells& cells, std::size_t before, const std::vector<std::uint16_t>* expected, const Sensor& sensor, Planes& planes);
+  void decode_slab(Bytes coded, const RangeCells& cells, std::size_t before, const std::vector<std::uint16_t>* expected,
+                   const Sensor& sensor, Planes& planes);
   void use_networks(const Message& message, std::uint8_t effort, const std::string& name);
 
   std::unique_ptr<const Outside> outside_;
@@ -72,7 +73,7 @@ class Session {
   // Of codecs that expect ranges.
   MaskStream mask_stream_;
   StreamMemory memory_;
-  Motion motion_;                                        // of the message at hand
+  Motion motion_;                                       // of the message at hand
   std::optional<std::vector<std::uint16_t>> expected_;  // (64, W), of the message at hand, once it is asked for
   std::unique_ptr<PredictiveCoder> coder_;
   std::optional<Used> used_;

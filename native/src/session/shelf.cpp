@@ -9,7 +9,8 @@ namespace lidarcodec {
 
 // Those of a name, which were then used last; nullptr if they are not among these.
 Shelf::Weights Shelf::used(std::deque<Weights>& kept, const std::string& name) {
-  const auto found = std::find_if(kept.begin(), kept.end(), [&](const Weights& weights) { return weights->name == name; });
+  const auto found =
+      std::find_if(kept.begin(), kept.end(), [&](const Weights& weights) { return weights->name == name; });
   if (found == kept.end()) return nullptr;
   Weights weights = *found;
   kept.erase(found);
@@ -28,14 +29,17 @@ void Shelf::take_all(const Message& message, const Outside& outside) {
   for (const Section& section : message.sections)
     if (section.type == static_cast<std::uint8_t>(SectionType::Weights)) ++(is_update(section.data) ? updates : files);
   if (files > 1 || updates > 1)
-    throw Error(ErrorCode::Section, "a message with " + std::to_string(files + updates) + " sections of weights: one file and one update may be");
+    throw Error(ErrorCode::Section, "a message with " + std::to_string(files + updates) +
+                                        " sections of weights: one file and one update may be");
   for (const Section& section : message.sections) {
     if (section.type != static_cast<std::uint8_t>(SectionType::Weights)) continue;
     if (!is_update(section.data)) {
       put(brought_, std::make_shared<WeightFile>(read_weights(section.data)));
     } else if (used(brought_, names_of_update(section.data).to) == nullptr) {
       Weights base;
-      const auto find_base = [&](const std::string& name) -> const WeightFile& { return *(base = find(name, message.frame_index, outside)); };
+      const auto find_base = [&](const std::string& name) -> const WeightFile& {
+        return *(base = find(name, message.frame_index, outside));
+      };
       put(brought_, std::make_shared<WeightFile>(applied_update(section.data, find_base)));
     }
   }
@@ -51,7 +55,8 @@ Shelf::Weights Shelf::find(const std::string& name, std::uint64_t frame, const O
       return weights;
     }
   }
-  throw Error(ErrorCode::Reference, "weights " + name + " have not arrived yet: they come with a key frame, so ask for one", frame);
+  throw Error(ErrorCode::Reference,
+              "weights " + name + " have not arrived yet: they come with a key frame, so ask for one", frame);
 }
 
 bool Shelf::has(const std::string& name) const {

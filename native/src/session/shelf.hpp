@@ -14,14 +14,16 @@ class Shelf {
  public:
   using Weights = std::shared_ptr<const WeightFile>;
 
-  // Takes the WEIGHTS sections of a message, in order: one file and one update at most. Raises Section, Reference, or as
-  // read_weights and applied_update do.
+  // Takes the WEIGHTS sections of a message, in order: one file and one update at most. Raises Section, Reference, or
+  // as read_weights and applied_update do.
   void take_all(const Message& message, const Outside& outside);
 
-  // The weights of a name, for a frame. Raises Reference if they are not here, or as read_weights does for those of outside.
+  // The weights of a name, for a frame. Raises Reference if they are not here, or as read_weights does for those of
+  // outside.
   Weights find(const std::string& name, std::uint64_t frame, const Outside& outside);
 
-  // Name of weights that a message needs and that are neither here nor in it; "" if there are none. name: those of its ranges.
+  // Name of weights that a message needs and that are neither here nor in it; "" if there are none. name: those of its
+  // ranges.
   std::string missing(const Message& message, const std::string& name, const Outside& outside) const;
 
   // Forgets what a stream has brought.

@@ -1,5 +1,5 @@
-// The body of a house: walls with recessed windows, doors and shop fronts. They are computed where a beam hits the wall, instead of
-// being stored as thousands of boxes.
+// The body of a house: walls with recessed windows, doors and shop fronts. They are computed where a beam hits the
+// wall, instead of being stored as thousands of boxes.
 #pragma once
 #include "simulator/scene.hpp"
 

@@ -1,8 +1,8 @@
-// Arithmetic of the simulator, with the same bits on every machine. Doubles use only + - * / and square roots, which IEEE 754
-// rounds exactly; sine and logarithm are polynomials; random numbers are hashes of place, time and purpose.
+// Arithmetic of the simulator, with the same bits on every machine. Doubles use only + - * / and square roots, which
+// IEEE 754 rounds exactly; sine and logarithm are polynomials; random numbers are hashes of place, time and purpose.
 //
-// A rule for all of simulator/: an expression draws at most once from a generator, because C++ does not define the order of
-// evaluation. Draw into named values, or inside braces, which are evaluated from left to right.
+// A rule for all of simulator/: an expression draws at most once from a generator, because C++ does not define the
+// order of evaluation. Draw into named values, or inside braces, which are evaluated from left to right.
 #pragma once
 #include <bit>
 #include <cmath>
@@ -63,7 +63,8 @@ constexpr double kTurnsPerRadian = 0.15915494309189533577;  // 1 / (2 pi)
 inline double sin_of(double radians) { return sin_turns(radians * kTurnsPerRadian); }
 inline double cos_of(double radians) { return cos_turns(radians * kTurnsPerRadian); }
 
-// Natural logarithm of a positive normal number, error below 1e-12: of the mantissa m by the series of 2 artanh((m - 1) / (m + 1)).
+// Natural logarithm of a positive normal number, error below 1e-12: of the mantissa m by the series of 2 artanh((m - 1)
+// / (m + 1)).
 constexpr double kRootOfTwo = 1.4142135623730951, kLogOfTwo = 0.69314718055994530942;
 inline double log_of(double x) {
   const auto bits = std::bit_cast<std::uint64_t>(x);
@@ -85,8 +86,8 @@ inline double log_of(double x) {
   return exponent * kLogOfTwo + 2.0 * (s + s * q * p);
 }
 
-// The diamond angle of (x, y): it rises with the angle, from 0 at +x and 1 at +y to 4, and sorts directions without an arc tangent.
-// Its derivative by the angle in radians is between 0.5 and 1.
+// The diamond angle of (x, y): it rises with the angle, from 0 at +x and 1 at +y to 4, and sorts directions without an
+// arc tangent. Its derivative by the angle in radians is between 0.5 and 1.
 inline double diamond_angle(double x, double y) {
   const double ax = abs_of(x);
   const double ay = abs_of(y);
@@ -122,8 +123,8 @@ inline std::uint64_t hash_of(std::uint64_t a, std::int64_t b, std::int64_t c, st
 // 0 <= result < 1.
 inline double unit_of(std::uint64_t h) { return static_cast<double>(h >> 11) * 0x1p-53; }
 
-// A faster hash of a cell of space, for leaves and textures. The three factors are from Ericson, "Real-time collision detection"
-// (2005), section 7.1.3.
+// A faster hash of a cell of space, for leaves and textures. The three factors are from Ericson, "Real-time collision
+// detection" (2005), section 7.1.3.
 inline std::uint32_t cell_hash(std::uint32_t seed, std::int64_t x, std::int64_t y, std::int64_t z) {
   std::uint32_t h = seed ^ (static_cast<std::uint32_t>(x) * 0x8DA6B343u) ^
                     (static_cast<std::uint32_t>(y) * 0xD8163841u) ^ (static_cast<std::uint32_t>(z) * 0xCB1AB31Fu);
@@ -136,7 +137,8 @@ inline std::uint32_t cell_hash(std::uint32_t seed, std::int64_t x, std::int64_t 
 }
 inline double unit32(std::uint32_t h) { return h * 0x1p-32; }
 
-// About standard normal: the sum of four uniform numbers, with one of two widths. Kurtosis 3.4, as measured on real returns.
+// About standard normal: the sum of four uniform numbers, with one of two widths. Kurtosis 3.4, as measured on real
+// returns.
 inline double normal_of(std::uint64_t h, double pick) {
   const auto sum = static_cast<std::int64_t>((h & 0xFFFF) + ((h >> 16) & 0xFFFF) + ((h >> 32) & 0xFFFF) + (h >> 48));
   // Four uniform numbers of 0 to 65535: mean 2 * 65535, standard deviation 65536 / sqrt(3).

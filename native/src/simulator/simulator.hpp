@@ -59,7 +59,8 @@ class Simulator {
 class PoseFinder {
  public:
   explicit PoseFinder(const SimulatorOptions& options);
-  // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0. A time before the last one drives again from the start.
+  // T_world_sensor, 16 numbers each, at `count` times >= 0 since packet 0. A time before the last one drives again from
+  // the start.
   void at(const std::int64_t* t_ns, std::size_t count, double* out);
 
  private:

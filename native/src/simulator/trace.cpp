@@ -151,8 +151,8 @@ void trace_ellipsoid(const Part& p, const LocalRay& r, Hit& hit) {
   accept(r, hit, t, abs_of(dot(n, r.d)) / std::sqrt(dot(n, n)), p.material);
 }
 
-// Leaves: cells of one or two decimetres hold a leaf or none, more often in clumps and below the outer shell. The cells of a tree
-// are the same for all beams; how deep a beam gets varies, as in a real crown.
+// Leaves: cells of one or two decimetres hold a leaf or none, more often in clumps and below the outer shell. The cells
+// of a tree are the same for all beams; how deep a beam gets varies, as in a real crown.
 template <typename Inside>
 void walk_leaves(const LocalRay& r, Hit& hit, double in, double out, double density, double cell,
                  const Inside& inside) {

@@ -1,5 +1,5 @@
-// The interface of a scene to the sensor: the pose of the car, the objects around it, and the ground. Times are nanoseconds since
-// the start of the drive and never go back.
+// The interface of a scene to the sensor: the pose of the car, the objects around it, and the ground. Times are
+// nanoseconds since the start of the drive and never go back.
 #pragma once
 #include <array>
 #include <cstdint>

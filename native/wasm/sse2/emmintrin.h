@@ -1,5 +1,6 @@
-// The SSE2 functions that the core uses, by the vectors of WebAssembly: its forms for SSE2 then run in a browser as they are.
-// Compiled with __SSE2__ defined; a function that is missing here is an error of the compiler, and to be added.
+// The SSE2 functions that the core uses, by the vectors of WebAssembly: its forms for SSE2 then run in a browser as
+// they are. Compiled with __SSE2__ defined; a function that is missing here is an error of the compiler, and to be
+// added.
 #pragma once
 #include <wasm_simd128.h>
 
@@ -40,14 +41,17 @@ inline __m128i _mm_mullo_epi16(__m128i a, __m128i b) { return wasm_i16x8_mul(a, 
 inline __m128i _mm_madd_epi16(__m128i a, __m128i b) { return wasm_i32x4_dot_i16x8(a, b); }
 // The upper halves of eight products.
 inline __m128i _mm_mulhi_epi16(__m128i a, __m128i b) {
-  return wasm_i16x8_shuffle(wasm_i32x4_extmul_low_i16x8(a, b), wasm_i32x4_extmul_high_i16x8(a, b), 1, 3, 5, 7, 9, 11, 13, 15);
+  return wasm_i16x8_shuffle(wasm_i32x4_extmul_low_i16x8(a, b), wasm_i32x4_extmul_high_i16x8(a, b), 1, 3, 5, 7, 9, 11,
+                            13, 15);
 }
 inline __m128i _mm_mulhi_epu16(__m128i a, __m128i b) {
-  return wasm_i16x8_shuffle(wasm_u32x4_extmul_low_u16x8(a, b), wasm_u32x4_extmul_high_u16x8(a, b), 1, 3, 5, 7, 9, 11, 13, 15);
+  return wasm_i16x8_shuffle(wasm_u32x4_extmul_low_u16x8(a, b), wasm_u32x4_extmul_high_u16x8(a, b), 1, 3, 5, 7, 9, 11,
+                            13, 15);
 }
 
 // A macro, since what it picks has to be a constant.
-#define _mm_shuffle_epi32(a, picked) wasm_i32x4_shuffle(a, a, (picked) & 3, (picked) >> 2 & 3, (picked) >> 4 & 3, (picked) >> 6 & 3)
+#define _mm_shuffle_epi32(a, picked) \
+  wasm_i32x4_shuffle(a, a, (picked) & 3, (picked) >> 2 & 3, (picked) >> 4 & 3, (picked) >> 6 & 3)
 
 inline __m128i _mm_packs_epi32(__m128i a, __m128i b) { return wasm_i16x8_narrow_i32x4(a, b); }
 inline __m128i _mm_packs_epi16(__m128i a, __m128i b) { return wasm_i8x16_narrow_i16x8(a, b); }

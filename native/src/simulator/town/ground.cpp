@@ -126,7 +126,8 @@ void TownGround::shade(const Ray& ray, double t, bool road, Hit& hit) {
   const double gradient_x = (static_cast<double>(s[1].height) - s[0].height) * (1.0 / kStep);
   const double gradient_y = (static_cast<double>(s[kCells + 1].height) - s[0].height) * (1.0 / kStep);
   const V3& d = ray.direction;
-  const double cosine = (gradient_x * d.x + gradient_y * d.y - d.z) / std::sqrt(1.0 + gradient_x * gradient_x + gradient_y * gradient_y);
+  const double cosine =
+      (gradient_x * d.x + gradient_y * d.y - d.z) / std::sqrt(1.0 + gradient_x * gradient_x + gradient_y * gradient_y);
   const double grown = growth(m) * unit32(cell_hash(static_cast<std::uint32_t>(ray.luck), 7, 7, 7));
   hit.t = grown > 0 ? max_of(t - min_of(grown / max_of(-d.z, 0.02), 0.3 + 0.03 * t), 0.5) : t;
   hit.cosine = max_of(cosine, 0.005);

@@ -1,7 +1,7 @@
 // The ground of the town: carriageway with a crown, kerbs, pavement, yards, closed streets; and where a beam hits it.
 //
-// Distances to the kerb and heights are on a grid of 0.5 m, in a cache of tiles of 32 m. Memory is bounded, however far the car
-// drives.
+// Distances to the kerb and heights are on a grid of 0.5 m, in a cache of tiles of 32 m. Memory is bounded, however far
+// the car drives.
 #pragma once
 #include <array>
 #include <memory>

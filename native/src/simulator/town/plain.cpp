@@ -1,7 +1,7 @@
 // Plain scenes with the layouts of the reduction experiments: `street` (facades, trees, parked cars: easy) and `road`
-// (bare and wide, a guard rail, cars alongside, far bushes: hard). Two more are hard: `bend`, with wide bends, a rail on one side
-// and traffic, and `motorway`, with a rail in the middle and lorries and vans alongside. They are endless: the objects of each
-// stretch of 60 m are drawn from the seed.
+// (bare and wide, a guard rail, cars alongside, far bushes: hard). Two more are hard: `bend`, with wide bends, a rail
+// on one side and traffic, and `motorway`, with a rail in the middle and lorries and vans alongside. They are endless:
+// the objects of each stretch of 60 m are drawn from the seed.
 #include <map>
 
 #include "simulator/town/models.hpp"
@@ -27,9 +27,9 @@ constexpr Mate kBendMates[] = {{12.0, 0.0, 1.2, Vehicle::Van},
                                {-11.0, 0.3, 0.8, Vehicle::Saloon},
                                {21.0, -3.5, 0.0, Vehicle::Estate},
                                {30.0, 0.1, 0.6, Vehicle::Truck}};
-constexpr Mate kMotorwayMates[] = {{16.0, 0.1, 1.0, Vehicle::Saloon},    {-13.0, 0.2, 0.7, Vehicle::Estate},
-                                   {4.0, -3.8, 0.5, Vehicle::Truck},     {-22.0, -3.6, 0.0, Vehicle::Van},
-                                   {27.0, -3.7, 0.0, Vehicle::Truck},    {9.0, 3.6, 1.5, Vehicle::Offroad},
+constexpr Mate kMotorwayMates[] = {{16.0, 0.1, 1.0, Vehicle::Saloon},   {-13.0, 0.2, 0.7, Vehicle::Estate},
+                                   {4.0, -3.8, 0.5, Vehicle::Truck},    {-22.0, -3.6, 0.0, Vehicle::Van},
+                                   {27.0, -3.7, 0.0, Vehicle::Truck},   {9.0, 3.6, 1.5, Vehicle::Offroad},
                                    {-7.0, 3.5, 0.9, Vehicle::Hatchback}};
 
 struct Stretch {
@@ -182,7 +182,7 @@ class Plain final : public World {
       s.add(bx, by, {leaves(0, 0, 0.8, r, r, r, 0.25, 0.14)}, Label::Vegetation, rng.next());
     }
     if (kind_ == Kind::Bend && side > 0) return;
-    const bool between = kind_ == Kind::Motorway && side > 0;  // the two directions
+    const bool between = kind_ == Kind::Motorway && side > 0;   // the two directions
     for (double rail = x0; rail < x0 + kStretch; rail += 12.0)  // in pieces that follow the ground
       s.add(rail, between ? 5.6 : side * 11.07,
             {box(M::Metal, 0, 12.0, -0.07, 0.07, 0.35, 0.75), cylinder(M::Metal, 1.0, 0, 0.05, -0.1, 0.7),
@@ -190,7 +190,9 @@ class Plain final : public World {
             Label::Other, 8);
   }
 
-  void add_car(double x, double y, double vx, std::uint64_t id) { add_vehicle(x + 2.15, y, vx, id, models_.plain_car()); }
+  void add_car(double x, double y, double vx, std::uint64_t id) {
+    add_vehicle(x + 2.15, y, vx, id, models_.plain_car());
+  }
 
   // The middle of the vehicle at x along the road and y beside its middle.
   void add_vehicle(double x, double y, double vx, std::uint64_t id, const Model& car) {

@@ -1,5 +1,5 @@
-// The plan of the endless town: two families of slightly curved streets about 100 m apart, closed stretches, the height of the
-// land, and the use of each block. Everything is a function of the seed and the place.
+// The plan of the endless town: two families of slightly curved streets about 100 m apart, closed stretches, the height
+// of the land, and the use of each block. Everything is a function of the seed and the place.
 #pragma once
 #include <cstdint>
 

@@ -6,7 +6,8 @@ namespace {
 constexpr double kAccelerate = 1.5, kBrake = 2.2, kHeadway = 1.3, kStandstill = 2.2;
 constexpr double kFarAway = 185.0;  // beyond the reach of all lasers: cars appear and disappear here
 
-// The intelligent driver model (Treiber, Hennecke and Helbing 2000): acceleration for a gap to an object with the speed `ahead`.
+// The intelligent driver model (Treiber, Hennecke and Helbing 2000): acceleration for a gap to an object with the speed
+// `ahead`.
 double follow(double v, double wanted, double gap, double ahead) {
   const double r = v / wanted;
   const double free = 1.0 - r * r * r * r;
@@ -83,7 +84,8 @@ void Traffic::spawn(bool at_start) {
 }
 
 bool Traffic::red(const Leg& leg) const {
-  // Where two busy streets cross there are lights: 20 s for one, 20 s for the other, and 3 s of red for both in between.
+  // Where two busy streets cross there are lights: 20 s for one, 20 s for the other, and 3 s of red for both in
+  // between.
   const auto busy = [&](bool along_y, std::int64_t index) {
     const StreetClass kind = town_.street(along_y, index).kind;
     return kind == StreetClass::Main || kind == StreetClass::Avenue;

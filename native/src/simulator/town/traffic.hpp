@@ -1,5 +1,5 @@
-// Cars that drive through the town: they keep their distance, stop at lights, give way at crossings, and turn. Those that are far
-// away are replaced out of sight. The first car carries the sensor.
+// Cars that drive through the town: they keep their distance, stop at lights, give way at crossings, and turn. Those
+// that are far away are replaced out of sight. The first car carries the sensor.
 #pragma once
 #include <vector>
 
