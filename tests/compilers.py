@@ -24,7 +24,8 @@ ROOT = Path(__file__).parents[1]
 SOURCES = (
     "predictive/*",
     "network/*",
-    "base/processor",
+    "base/*",
+    "bits/*",
     "mask/*",
     "motion/*",
     "planes/intensity_*",
