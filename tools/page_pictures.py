@@ -69,8 +69,13 @@ def main() -> None:
             httpx.patch(settings, json=changes, timeout=30.0).raise_for_status()
             page.wait_for_timeout(SETTLE_MS)
 
-        take(opened(WINDOW, "light"), "page-light.jpg", 900)
-        take(opened(PHONE, "dark"), "page-narrow.jpg", 300)
+        for size, scheme, name, width in (
+            (WINDOW, "light", "page-light.jpg", 900),
+            (PHONE, "dark", "page-narrow.jpg", 300),
+        ):
+            page = opened(size, scheme)
+            take(page, name, width)
+            page.close()  # each page that draws in software takes a processor from the others
         page = opened(WINDOW, "dark")
         take(page, "page.jpg", 1200)
         change(page, codec="jpeg")
