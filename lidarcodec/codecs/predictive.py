@@ -1,19 +1,13 @@
 """`predictive`: what is likely is learned while coding, from the returns around each return. No weights, any sensor.
 
-Half a bit to two thirds of a bit a return less than `pcodec`, and two to three times the time: 6.2 bits lossless, 2.9
-within a centimetre, 1.6 within five on KITTI, 14 ms each way on a Zen 3. `effort=2` takes a third longer over ranges
-lossless, for as many bits in a long stream, and an eighth to a fifth longer within five centimetres, for 1 to 2 % less.
-With `memory`, on by default, a frame goes on from what the one before taught, which saves 0.06 bit, and masks refer to
-those of the last turn; a lost message then costs all frames up to the next key frame.
+Fewer bits than `pcodec`, in two to three times its time (docs/codecs.md). `effort=2` uses more contexts. With `memory`,
+the default, the statistics of a frame continue those of the frame before, and masks refer to masks of the last turn. A
+lost message then costs all frames up to the next key frame.
 
-With `motion` it also expects what the sensor saw a turn ago, moved as the sensor moved since: 0.1 to 0.2 bit less, for
-15 ms more to encode (5 of them to find the motion where frames have no poses) and 10 to decode. Masks then are
-coded by a coder that looks at all of that (`entropy.MaskStream`).
+With `motion` the ranges of a turn ago, moved as the sensor moved since, are a context for ranges and masks
+(`entropy.MaskStream`). Slabs (frames of less than half a turn) continue where the slab before ended.
 
-Slabs (frames of less than half a turn) go on where the one before ended, and cost hardly more than whole frames.
-
-A RANGE section is the step u16, then the bytes of docs/wire-format-predictive.md. A message that needs no other begins
-from nothing; one that does goes on from where that left off.
+A RANGE section is the step u16, then the bytes of docs/wire-format-predictive.md.
 """
 
 from __future__ import annotations
@@ -26,7 +20,7 @@ from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, Encoder, InForce
 from lidarcodec.codecs.frame_encoder import FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings
+from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings, coded_ranges
 from lidarcodec.codecs.referring_decoder import ReferringDecoder
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.frame import Frame
@@ -70,21 +64,7 @@ class PredictiveRanges:
     def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
         """The RANGE section of a frame."""
         stream = self._settings.stream
-        free = np.zeros(frame.range.shape, np.uint16) if stream.is_free else None
-        coded = self._coder.encode(
-            frame.range,
-            frame.valid,
-            frame.fired,
-            frame.sensor,
-            stream.step,
-            level_offsets(frame.sensor),
-            turn=entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None,
-            firing=reference.firing,
-            expected=reference.expected,
-            slab_after=reference.edge,
-            quick=self._settings.own.effort == 1,
-            sent=free,
-        )
+        coded, free = coded_ranges(self._coder, frame, reference, stream, quick=self._settings.own.effort == 1)
         return CodedRanges(with_step(stream.step, coded), free)
 
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from lidarcodec.codecs.base import CodecSettings, InForce
 from lidarcodec.codecs.frame_encoder import Coded
-from lidarcodec.entropy import KnownColumns, MaskStream
+from lidarcodec.entropy import KnownColumns, MaskStream, PredictiveCoder, ReturnSamples, columns_in_turn
 from lidarcodec.frame import Frame
 from lidarcodec.message import Section, SectionType
 from lidarcodec.motion.finder import MotionFinder
@@ -33,6 +33,7 @@ from lidarcodec.planes.sections import encode_planes
 from lidarcodec.ranges.firings import FiringCounter
 from lidarcodec.ranges.image.canvas import level_offsets
 from lidarcodec.ranges.quantise import as_decoded
+from lidarcodec.settings import StreamSettings
 from lidarcodec.units import AZIMUTH_TURN
 
 Ranges = npt.NDArray[np.uint16]
@@ -75,10 +76,42 @@ class Reference(NamedTuple):
 
 
 class CodedRanges(NamedTuple):
-    """data: the RANGE section; free: (64, W) uint16 ranges as a decoder gets them, None where they are rounded."""
+    """data: the bytes; free: (64, W) uint16 ranges as a decoder gets them, None where they are rounded."""
 
     data: bytes
     free: Ranges | None
+
+
+def coded_ranges(
+    coder: PredictiveCoder,
+    frame: Frame,
+    reference: Reference,
+    settings: StreamSettings,
+    *,
+    quick: bool,
+    samples: ReturnSamples | None = None,
+) -> CodedRanges:
+    """The ranges of the frame's `valid` returns as `coder` writes them, without the step in front.
+
+    quick: use the best contexts only; samples: takes what a network may be trained on
+    """
+    free = np.zeros(frame.range.shape, np.uint16) if settings.is_free else None
+    coded = coder.encode(
+        frame.range,
+        frame.valid,
+        frame.fired,
+        frame.sensor,
+        settings.step,
+        level_offsets(frame.sensor),
+        turn=columns_in_turn(frame.azimuth) if frame.fired.all() else None,
+        firing=reference.firing,
+        expected=reference.expected,
+        slab_after=reference.edge,
+        samples=samples,
+        quick=quick,
+        sent=free,
+    )
+    return CodedRanges(coded, free)
 
 
 class RangeCoder(Protocol[OwnReferring]):

@@ -32,7 +32,7 @@ from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, InForce, own_settings
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings
+from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings, coded_ranges
 from lidarcodec.codecs.referring_decoder import ReferringDecoder
 from lidarcodec.entropy import KnownColumns
 from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
@@ -141,23 +141,8 @@ class NetworkRanges:
     def encode(self, frame: Frame, reference: Reference) -> CodedRanges:
         """The RANGE section of a frame. Some of its returns go to the learner, if there is one."""
         stream, learner = self._settings.stream, self._learner
-        free = np.zeros(frame.range.shape, np.uint16) if stream.is_free else None
         samples = None if learner is None else learner.samples_of(frame, expects=reference.expected is not None)
-        coded = self._memory.coder.encode(
-            frame.range,
-            frame.valid,
-            frame.fired,
-            frame.sensor,
-            stream.step,
-            level_offsets(frame.sensor),
-            turn=entropy.columns_in_turn(frame.azimuth) if frame.fired.all() else None,
-            firing=reference.firing,
-            expected=reference.expected,
-            slab_after=reference.edge,
-            samples=samples,
-            quick=True,
-            sent=free,
-        )
+        coded, free = coded_ranges(self._memory.coder, frame, reference, stream, quick=True, samples=samples)
         if learner is not None and samples is not None:
             learner.take(samples, frame.points)
         name = bytes(_NAME_BYTES)

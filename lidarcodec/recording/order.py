@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from lidarcodec import wire
@@ -19,16 +19,19 @@ from lidarcodec.errors import DecodeError
 REACH: Final = 8
 """Largest number of messages by which one may be late and still be sorted. No more are held in memory."""
 
+NONE: Final = -1
+
 Stamped = tuple[int, bytes]
 
 
-def in_sent_order(messages: Iterable[Stamped]) -> Iterator[Stamped]:
+def in_sent_order(messages: Iterable[Stamped], too_late: Callable[[], object] = lambda: None) -> Iterator[Stamped]:
     """The messages of a stream sorted by frame number, if none is more than REACH messages late.
 
     A recorder writes messages as they come in. Decoders need them in the order in which they were sent.
     messages: of one channel, each with its time in ns. A message that cannot be read stays where it is.
+    too_late: called for each message that is later still: frame numbers go back there
     """
-    waiting = _Waiting()
+    waiting = _Waiting(too_late)
     for stamped in messages:
         try:
             header = wire.peek(stamped[1])
@@ -43,23 +46,34 @@ def in_sent_order(messages: Iterable[Stamped]) -> Iterator[Stamped]:
 class _Waiting:
     """The newest messages of one run of a stream, sorted by frame number."""
 
-    def __init__(self) -> None:
+    def __init__(self, too_late: Callable[[], object] = lambda: None) -> None:
+        self._too_late = too_late
         self._stream: int | None = None
         self._messages: list[tuple[int, int, Stamped]] = []
         self._taken = 0
+        self._given = NONE  # frame number of the message that was given last
 
     def take(self, stream: int, index: int, frames: int, stamped: Stamped) -> Iterator[Stamped]:
         """Take a message of `frames` frames; returns the messages that are now in order."""
-        newest = self._messages[-1][0] if self._messages else index
-        if stream != self._stream or newest - index > REACH * frames:  # another run of the publisher
+        newest = self._messages[-1][0] if self._messages else self._given
+        is_other = stream != self._stream
+        is_far_behind = not is_other and newest - index > REACH * frames
+        if is_other or is_far_behind:
             yield from self.rest()
+            self._given = NONE
+        if is_far_behind or index < self._given:
+            self._too_late()
         self._stream = stream
         self._taken += 1
         insort(self._messages, (index, self._taken, stamped))
         if len(self._messages) > REACH:
-            yield self._messages.pop(0)[2]
+            yield self._first()
 
     def rest(self) -> Iterator[Stamped]:
         """All waiting messages, in order."""
-        yield from (stamped for _, _, stamped in self._messages)
-        self._messages.clear()
+        while self._messages:
+            yield self._first()
+
+    def _first(self) -> Stamped:
+        self._given, _, stamped = self._messages.pop(0)
+        return stamped

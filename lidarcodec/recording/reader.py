@@ -41,7 +41,7 @@ class RecordingReader:
     size: bytes of the file
     counts: of the last reading: `cut` (1 if the end is missing), `bytes lost` there, `damaged` chunks and batches,
         `mixed streams`: times that a stream came back behind another one, because two publishers had the same name,
-        `other topics`: messages of topics that were not asked for
+        `late messages`: those too late to be sorted, `other topics`: messages of topics that were not asked for
     """
 
     def __init__(self, stream: IO[bytes], warn: bool = True) -> None:
@@ -72,7 +72,7 @@ class RecordingReader:
         start_ns: begins at the last key message at or before it, or at the first message if there is none before it
         topic: of the channels to read; by default that of the first one that holds messages
         """
-        return in_sent_order(self._as_recorded(start_ns, topic))
+        return in_sent_order(self._as_recorded(start_ns, topic), self._late)
 
     def _as_recorded(self, start_ns: int | None, topic: str | None) -> Iterator[tuple[int, bytes]]:
         streams: dict[int, None] = {}
@@ -305,6 +305,10 @@ class RecordingReader:
     def _mixed(self) -> None:
         self.counts["mixed streams"] += 1
         self._warn(f"{self._name} holds frames of two streams: two publishers used the same name")
+
+    def _late(self) -> None:
+        self.counts["late messages"] += 1
+        self._warn(f"{self._name} holds messages too late to be sorted: frame numbers go back there")
 
     def _of_another_topic(self, topic: str) -> None:
         self.counts["other topics"] += 1

@@ -134,7 +134,7 @@ def _note(reader: RecordingReader, counts: Counter[str]) -> None:
     """Copy the counts of the reader."""
     if reader.counts["cut"]:
         counts["truncated"] = 1
-    for name in ("damaged", "mixed streams"):
+    for name in ("damaged", "mixed streams", "late messages"):
         if reader.counts[name]:
             counts[name] = reader.counts[name]
 

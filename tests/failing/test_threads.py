@@ -47,7 +47,7 @@ def test_a_command_without_threads_fails_or_does_its_work(
     )
     try:
         out, complaint = process.communicate(timeout=ENDS_WITHIN_S if words[0] == "publish" else 15.0)
-    except subprocess.TimeoutExpired:  # it waits for a stream, or for whoever asks: it got the threads that it needs
+    except subprocess.TimeoutExpired:  # it waits for a stream or for requests: it got the threads that it needs
         process.terminate()
         out, complaint = process.communicate(timeout=ENDS_WITHIN_S)
         assert "can't" not in complaint

@@ -143,6 +143,19 @@ def test_messages_that_came_late_are_read_in_the_order_in_which_they_were_sent()
         assert [data for _, data in read_recording(io.BytesIO(recorded(came)))] == sent
 
 
+@pytest.mark.parametrize("late", [9, 15])
+def test_a_message_too_late_to_be_sorted_is_told(late: int, caplog: pytest.LogCaptureFixture) -> None:
+    """Time goes back there, and a codec that predicts cannot decode it: without a word nobody would know why."""
+    sent = drive(25)
+    came = [*sent[:4], *sent[5 : 5 + late], sent[4], *sent[5 + late :]]
+    reader = RecordingReader(io.BytesIO(recorded(came)))
+    found = [wire.peek(data).frame_index for _, data in reader.messages()]
+    assert sorted(found) == list(range(25))
+    assert found != sorted(found)
+    assert reader.counts["late messages"] >= 1
+    assert "too late to be sorted" in caplog.text
+
+
 def test_a_stream_that_begins_again_stays_behind_its_earlier_run() -> None:
     runs = [message(index, index == 0, stream=9) for index in range(300, 310)]
     runs += [message(index, index == 0, stream=9) for index in range(5)]
