@@ -23,7 +23,7 @@ from alembic.runtime.migration import MigrationContext
 from lidarcodec.errors import SettingsError
 from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.migrations import NEWEST, StoreError, configuration, upgrade
-from lidarcodec_server.store import store as store_module
+from lidarcodec_server.store import engine as engine_module
 from lidarcodec_server.store.store import Store
 from lidarcodec_server.store.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
@@ -315,7 +315,7 @@ def test_a_database_that_is_none_is_not_ready(tmp_path):
 
 
 def test_a_database_that_takes_no_changes_is_not_ready(tmp_path, monkeypatch):
-    monkeypatch.setattr(store_module, "BUSY_S", 0.2)
+    monkeypatch.setattr(engine_module, "BUSY_S", 0.2)
     file = tmp_path / "server.db"
     store = Store(f"sqlite:///{file}")
     store.open()

@@ -14,7 +14,7 @@ from contextlib import contextmanager, nullcontext
 from typing import Any, NamedTuple, cast
 
 import sqlalchemy as sa
-from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.engine import Connection
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from lidarcodec.errors import SettingsError
@@ -23,15 +23,14 @@ from lidarcodec.transport.keys import StreamKeys
 from lidarcodec_server.limits import SparseLog
 from lidarcodec_server.migrations import StoreError, upgrade
 from lidarcodec_server.store import database_file
-from lidarcodec_server.store.patience import Patience, never_for_ever
+from lidarcodec_server.store.engine import engine_of
+from lidarcodec_server.store.patience import Patience
 from lidarcodec_server.store.storable import storable
 from lidarcodec_server.store.tables import audit, desired, facts, tokens
 from lidarcodec_server.told import check_settings_size
 
 logger = logging.getLogger(__name__)
 
-BUSY_S = 5.0
-"""How long to wait for a lock, a connection or a statement."""
 NEEDED = "tokens-needed"
 PRUNE_EVERY = 256
 """How many entries of the audit log are written between two looks at its length."""
@@ -76,7 +75,7 @@ class Store:
             if parsed.drivername in ("postgres", "postgresql"):
                 parsed = parsed.set(drivername="postgresql+psycopg")
             self.name = parsed.render_as_string(hide_password=True)
-            self._engine = _engine(parsed)
+            self._engine = engine_of(parsed)
             self._patience = None if parsed.get_backend_name() == "sqlite" else Patience()
             self._file = database_file.file_of(parsed)
             self._opened: database_file.Opened | None = None
@@ -389,32 +388,3 @@ class _TakenError(StoreError):
 
 def _of(keys: StreamKeys) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
     return desired.c.vehicle == keys.vehicle, desired.c.sensor == keys.sensor
-
-
-def _engine(url: sa.URL) -> Engine:
-    """An engine that never waits for ever."""
-    if url.get_backend_name() == "sqlite":
-        engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
-        sa.event.listen(engine, "connect", _sqlite_connects)
-        sa.event.listen(engine, "begin", _sqlite_begins)
-        return engine
-    limits: dict[str, Any] = {}
-    if url.get_backend_name() == "postgresql":
-        milliseconds = int(1e3 * BUSY_S)
-        limits = {"connect_timeout": int(BUSY_S)}
-        limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
-    engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
-    if limits:
-        never_for_ever(engine)
-    return engine
-
-
-def _sqlite_connects(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # transactions are ours: the driver's would leave out changes of the schema
-    for pragma in ("journal_mode=WAL", f"busy_timeout={int(1e3 * BUSY_S)}", "synchronous=FULL"):
-        connection.execute(f"PRAGMA {pragma}").close()
-
-
-def _sqlite_begins(connection: Connection) -> None:
-    writes = connection.get_execution_options().get("writes")
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,42 @@
+"""Engines of the databases that a store uses: none waits without a limit."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection, Engine
+
+from lidarcodec_server.store.patience import never_for_ever
+
+BUSY_S: Final = 5.0
+"""How long to wait for a lock, a connection or a statement."""
+
+
+def engine_of(url: sa.URL) -> Engine:
+    """An engine; each of its waits has a limit."""
+    if url.get_backend_name() == "sqlite":
+        engine = sa.create_engine(url, connect_args={"timeout": BUSY_S})
+        sa.event.listen(engine, "connect", _sqlite_connects)
+        sa.event.listen(engine, "begin", _sqlite_begins)
+        return engine
+    limits: dict[str, Any] = {}
+    if url.get_backend_name() == "postgresql":
+        milliseconds = int(1e3 * BUSY_S)
+        limits = {"connect_timeout": int(BUSY_S)}
+        limits["options"] = f"-c statement_timeout={milliseconds} -c lock_timeout={milliseconds}"
+    engine = sa.create_engine(url, pool_pre_ping=not limits, pool_timeout=BUSY_S, pool_size=4, connect_args=limits)
+    if limits:
+        never_for_ever(engine)
+    return engine
+
+
+def _sqlite_connects(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions are ours: the driver's would leave out changes of the schema
+    for pragma in ("journal_mode=WAL", f"busy_timeout={int(1e3 * BUSY_S)}", "synchronous=FULL"):
+        connection.execute(f"PRAGMA {pragma}").close()
+
+
+def _sqlite_begins(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
