@@ -1,6 +1,6 @@
 // What a page calls: a session (native/src/session) with what the page gives it. Addresses are into the module's
-// memory, and hold until the next call. The caller writes bytes to where `lidarcodec_input` says; the next call reads all
-// of them.
+// memory, and hold until the next call. The caller writes bytes to where `lidarcodec_input` says; the next call reads
+// all of them.
 //
 // Nothing is caught. An error ends the call in the host (errors.cpp), which throws the whole module away.
 #include <cstddef>
