@@ -3,6 +3,7 @@
 import base64
 import json
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -226,3 +227,56 @@ def test_a_call_does_not_wait_without_end_for_another(tmp_path):
         pass
     with locked(tmp_path, wait_s=0.0):
         pass
+
+
+def test_a_removed_name_is_given_to_nobody_while_its_old_certificate_is_valid(tmp_path):
+    """Access rules go by the name in a certificate: the old one of a removed viewer opened what an operator may."""
+    make(tmp_path, ["a.example"], ["car-7"], ["eve", "anna"])
+    certs.run(tmp_path, [], [], ["eve"], [], [], None, None, 30, None)  # the older certificate is the one to outlive
+    make(tmp_path, remove=["eve", "car-7"])
+    for again in ({"operators": ["eve"]}, {"viewers": ["eve"]}, {"vehicles": ["car-7"]}, {"viewers": ["car-7"]}):
+        with pytest.raises(SettingsError, match=r"was removed, and its old certificate is valid until .*another name"):
+            make(tmp_path, **again)
+    state = json.loads((tmp_path / "deployment.json").read_text())
+    left_days = (datetime.fromisoformat(state["removed"]["eve"]) - datetime.now(UTC)).total_seconds() / 86400
+    assert 89.9 < left_days < 90.1
+    assert not (tmp_path / "operator-eve.json5").exists()
+    assert "eve" not in json.dumps(read(tmp_path / "router-a.example.json5")["access_control"])
+    state["removed"]["eve"] = (datetime.now(UTC) - timedelta(seconds=1)).isoformat()
+    (tmp_path / "deployment.json").write_text(json.dumps(state))
+    make(tmp_path, operators=["eve"])
+    assert list(json.loads((tmp_path / "deployment.json").read_text())["removed"]) == ["car-7"]
+
+
+def test_a_name_whose_command_was_killed_before_its_end_is_remembered_too(tmp_path):
+    make(tmp_path, ["a.example"], [], ["anna"])
+    router = tmp_path / "router-a.example.json5"
+    router.unlink()
+    (router / "in the way").mkdir(parents=True)
+    with pytest.raises((SettingsError, SourceError)):
+        make(tmp_path, [], [], ["carl"])
+    (router / "in the way").rmdir()
+    router.rmdir()
+    make(tmp_path, remove=["carl"])
+    with pytest.raises(SettingsError, match="was removed"):
+        make(tmp_path, operators=["carl"])
+
+
+def test_a_renewal_says_how_long_the_older_certificate_stays_valid(tmp_path, capsys):
+    make(tmp_path, ["a.example"], ["car-7"], ["anna"])
+    assert "older certificate" not in capsys.readouterr().out
+    make(tmp_path, [], [], ["anna"])
+    until = json.loads((tmp_path / "deployment.json").read_text())["parties"]["anna"]["longest"][:10]
+    assert f"an older certificate of anna stays valid until {until}" in capsys.readouterr().out
+    make(tmp_path)
+    assert "older certificate" not in capsys.readouterr().out
+    with pytest.raises(SettingsError, match="choose one"):
+        make(tmp_path, [], [], ["anna"], remove=["anna"])
+
+
+def test_with_passwords_a_removed_name_is_free_because_its_password_ends(tmp_path):
+    make(tmp_path, ["a.example"], [], ["eve"], auth="password")
+    old = dict(line.split(":") for line in (tmp_path / "users.txt").read_text().splitlines())["eve"]
+    make(tmp_path, remove=["eve"])
+    make(tmp_path, operators=["eve"])
+    assert old not in (tmp_path / "users.txt").read_text()

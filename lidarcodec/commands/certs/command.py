@@ -33,13 +33,18 @@ _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
 
 
 class Party(BaseModel):
-    """A vehicle, viewer or operator. hosts: addresses of a vehicle that listens itself."""
+    """A vehicle, viewer or operator.
+
+    hosts:   addresses of a vehicle that listens itself
+    until:   end of its newest certificate;  longest: end of the certificate that is valid longest
+    """
 
     model_config = ConfigDict(extra="forbid")
 
     role: Literal["vehicle", "viewer", "operator"]
     hosts: list[str] = []
     until: str | None = None
+    longest: str | None = None
 
 
 class Deployment(BaseModel):
@@ -52,6 +57,8 @@ class Deployment(BaseModel):
     installed: str | None = None
     routers: list[str] = []
     parties: dict[str, Party] = {}
+    removed: dict[str, str] = {}
+    """Names that were removed while a certificate of theirs was valid, and its end: access goes by the name alone."""
 
     def names(self, role: str) -> tuple[str, ...]:
         """Names of the parties with a role."""
@@ -95,11 +102,7 @@ def _change(
     deployment = _read(folder / STATE, auth, port)
     ours = _files(deployment)
     named = _join(deployment, routers, people)
-    gone: dict[str, Party] = {}
-    for name in remove:
-        if name not in deployment.parties:
-            raise SettingsError(f"--remove {name}: {folder / STATE} has no such name", "remove")
-        gone[name] = deployment.parties.pop(name)
+    gone = _take_out(deployment, named, remove, folder / STATE)
     _check(deployment)
     for name in sorted(_files(deployment) - ours):
         if (folder / name).exists():
@@ -107,6 +110,7 @@ def _change(
     if installed is not None:
         deployment.installed = str(installed)
     maker = _Maker(folder, deployment, days)
+    older = _note_ends(deployment, named, days)
     # Saved first, so that every party with a certificate is in the list even if this process is killed.
     _save(folder / STATE, deployment.model_copy(update={"parties": gone | deployment.parties}))
     written = maker.write(named)
@@ -118,7 +122,57 @@ def _change(
         print(f"{folder / left} does not belong to this deployment and was left unchanged")
     for name in written:
         print(folder / name)
+    for name, until in sorted(older.items()):
+        print(
+            f"an older certificate of {name} stays valid until {until[:10]}: if somebody else has it, "
+            f"--remove {name} and give another name"
+        )
     _say_validity(deployment)
+
+
+def _take_out(deployment: Deployment, named: set[str], remove: list[str], path: Path) -> dict[str, Party]:
+    """Take the names to remove out of a deployment, which remembers them while their certificates are valid.
+
+    Raises SettingsError for a name that is unknown, is given at the same time, or was removed and may still be used.
+    """
+    now = datetime.now(UTC)
+    deployment.removed = {name: end for name, end in deployment.removed.items() if datetime.fromisoformat(end) > now}
+    for name in sorted(named & deployment.removed.keys()):
+        role, end = deployment.parties[name].role, deployment.removed[name]
+        raise SettingsError(
+            f"--{role} {name}: this name was removed, and its old certificate is valid until {end[:10]}: "
+            "give another name",
+            role,
+        )
+    gone: dict[str, Party] = {}
+    for name in remove:
+        if name not in deployment.parties:
+            raise SettingsError(f"--remove {name}: {path} has no such name", "remove")
+        if name in named:
+            raise SettingsError(f"--remove {name}: this name is also given to be renewed: choose one", "remove")
+        party = gone[name] = deployment.parties.pop(name)
+        last = party.longest
+        if last is not None and datetime.fromisoformat(last) > now:
+            deployment.removed[name] = last
+    return gone
+
+
+def _note_ends(deployment: Deployment, named: set[str], days: int) -> dict[str, str]:
+    """Note how long the certificates that are made next may be valid, before they are made.
+
+    Returns the names in `named` that have an older certificate which is still valid, and its end.
+    """
+    now = datetime.now(UTC)
+    end = (now + timedelta(days=days, seconds=60)).isoformat(timespec="seconds")
+    older: dict[str, str] = {}
+    for name, party in deployment.parties.items():
+        if not party.hosts and (name not in named or deployment.auth != "certificate"):
+            continue
+        before = party.longest
+        if before is not None and datetime.fromisoformat(before) > now and name in named:
+            older[name] = before
+        party.longest = max(before or end, end, key=datetime.fromisoformat)
+    return older
 
 
 def _read(path: Path, auth: str | None, port: int | None) -> Deployment:
@@ -164,7 +218,8 @@ def _join(deployment: Deployment, routers: list[str], people: dict[str, list[str
             at_hosts = [_host(host) for host in hosts.split(",")] if at else (before.hosts if before else [])
             if at_hosts and role != "vehicle":
                 raise SettingsError(f"--{role} {text}: only vehicles listen: leave out @HOST", role)
-            deployment.parties[name] = Party(role=cast(Literal["vehicle"], role), hosts=at_hosts)
+            kept = before or Party(role=cast(Literal["vehicle"], role))
+            deployment.parties[name] = kept.model_copy(update={"hosts": at_hosts})
     return named
 
 
