@@ -41,7 +41,7 @@ def run(
     with open_source(spec, calibration=calibration, poses=poses) as source:
         if source.live:
             raise SettingsError(f"{spec} is live and has no end: record it first, then annotate the recording")
-        settings = AnnotationSettings(source=what, made_of=identity(source), **given)
+        settings = AnnotationSettings(source=what, made_of=identity(source, spec), **given)
         stop = None if frames is None else skip + frames
         known = None if chained else source.poses
         about = annotate(islice(read_frames(source), skip, stop), folder, settings, known, workers, _stage)

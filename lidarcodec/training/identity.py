@@ -5,12 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from itertools import islice
-from typing import Any
+from typing import Any, Final
 
 import numpy.typing as npt
 
 from lidarcodec.api import read_frames
+from lidarcodec.errors import SourceError
+from lidarcodec.files.regular import open_regular
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.spec import parse
+
+_AT_ONCE: Final = 1 << 20
 
 
 def digest_of(arrays: Iterable[npt.NDArray[Any]]) -> str:
@@ -21,14 +26,27 @@ def digest_of(arrays: Iterable[npt.NDArray[Any]]) -> str:
     return found.hexdigest()[:16]
 
 
-def identity(source: PacketSource) -> str:
-    """A digest of the calibration, the poses and the first frame of a source; 16 hexadecimal digits.
+def identity(source: PacketSource, spec: str) -> str:
+    """A digest of the calibration, the poses and all that a source holds; 16 hexadecimal digits.
 
-    Raises what the source raises.
+    spec: what was opened. A file is read as bytes, a folder as packets, and both to their end: a capture that was still
+    being copied begins with the same frames. Of a simulated drive, which its name describes, the first frame is enough.
+    Raises what the source raises, SourceError.
     """
-    found = hashlib.sha256(source.sensor.hash.encode())
-    for frame in islice(read_frames(source), 1):
-        found.update(frame.range.tobytes() + frame.intensity.tobytes())
+    found, parsed = hashlib.sha256(source.sensor.hash.encode()), parse(spec)
+    if parsed.scheme:
+        for frame in islice(read_frames(source), 1):
+            found.update(frame.range.tobytes() + frame.intensity.tobytes())
+    elif parsed.path.is_file():
+        try:
+            with open_regular(parsed.path) as file:
+                while part := file.read(_AT_ONCE):
+                    found.update(part)
+        except OSError as error:
+            raise SourceError(f"cannot read {parsed.path}: {error.strerror or error}") from None
+    else:
+        for packet in source.packets():
+            found.update(packet.stamp_ns.to_bytes(16, "little", signed=True) + packet.payload)
     if (poses := source.poses) is not None:
         for stamp_ns in poses.stamps_ns.tolist():
             found.update(f"{stamp_ns} {poses.at(stamp_ns)}".encode())

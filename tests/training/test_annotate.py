@@ -225,3 +225,18 @@ def test_a_folder_is_of_one_capture_whatever_its_name(tmp_path: Path) -> None:
         done = run_here(*words)
         assert done.returncode == code, done.stderr
     assert "another calibration, other poses or another capture" in done.stderr
+
+
+def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
+    """It was still being copied: its first frames are the same, and the labels of the others were missing unsaid."""
+    whole, source, out = tmp_path / "whole.pcap", tmp_path / "drive.pcap", tmp_path / "drive"
+    words = ("annotate", source, "--odometry", "small_gicp", "--every", "1", "--out", out)
+    assert run_here("simulate", "sim:street?seed=4", whole, "--frames", 4).returncode == 0
+    source.write_bytes(whole.read_bytes()[: whole.stat().st_size * 5 // 8])
+    for beside in tmp_path.glob("whole_*"):
+        beside.rename(tmp_path / beside.name.replace("whole", "drive"))
+    assert run_here(*words).returncode == 0
+    source.write_bytes(whole.read_bytes())
+    done = run_here(*words)
+    assert done.returncode == 2
+    assert "another calibration, other poses or another capture" in done.stderr

@@ -187,9 +187,7 @@ class SampleStore:
 
     def _check_plan(self) -> None:
         path = self.folder / "plan.json"
-        self._plan["made_of"] = [
-            _identity(spec) for spec, scans in self._sources if not scans and not spec.startswith("sim:")
-        ]
+        self._plan["made_of"] = [_identity(spec) for spec, _ in self._sources if not spec.startswith("sim:")]
         text = json.dumps(self._plan, sort_keys=True, indent=1)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -208,7 +206,7 @@ class SampleStore:
 
 def _identity(spec: str) -> str:
     with open_source(spec) as source:
-        return identity(source)
+        return identity(source, spec)
 
 
 def _says(path: Path, text: str) -> bool:

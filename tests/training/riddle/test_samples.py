@@ -96,6 +96,22 @@ def test_samples_of_another_capture_of_the_same_name_are_not_gone_on_with(tmp_pa
         store.gather(lambda _: None)
 
 
+@pytest.mark.parametrize("scans", [False, True])
+def test_samples_of_a_capture_that_grew_are_not_gone_on_with(tmp_path: Path, scans: bool) -> None:
+    """It was still being copied when the first run began."""
+    capture = tmp_path / "drive.pcap"
+    assert run_here("simulate", "sim:road", capture, "--frames", 4).returncode == 0
+    whole = capture.read_bytes()
+    for share in (5, 8):
+        capture.write_bytes(whole[: len(whole) * share // 8])
+        given: tuple[list[str], list[str]] = ([], [str(capture)]) if scans else ([str(capture)], [])
+        store = SampleStore(tmp_path, "training", HOW, *given)
+        if share == 5:
+            store.gather(lambda _: None)
+    with pytest.raises(SettingsError, match="another folder"):
+        store.gather(lambda _: None)
+
+
 def test_sources_without_samples_of_a_kind_are_told_of(tmp_path: Path) -> None:
     store = SampleStore(tmp_path, "training", HOW, [], ["sim:road?frames=1"])
     store.gather(lambda _: None)
