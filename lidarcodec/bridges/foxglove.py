@@ -38,6 +38,11 @@ INSIDE: Final = "127.0.0.1"
 """Address on which Foxglove's server listens for the gate."""
 WAITING: Final = 4
 """Most messages of each stream that wait for one viewer: a cloud or two, a pose, statistics."""
+ON_THE_WAY: Final = 2
+"""Messages that Foxglove's server holds for a viewer beside those that wait."""
+VIEWER_BYTES: Final = 32 * 2**20
+"""Memory planned for a viewer and a stream. Where clouds are larger than that allows, there is room for fewer."""
+LEAST_VIEWERS: Final = 2
 EVERY_S: Final = 1.0
 
 STATISTICS: Final = "lidarcodec.Statistics"
@@ -88,6 +93,7 @@ class _Channels:
         self.frame_id = f"{key.vehicle}/{key.sensor}"
         self.returns: int | None = None
         self.made_up: int | None = None
+        self.cloud_bytes = 0
         self.bytes = 0
         self.measured_s = time.monotonic()
 
@@ -218,7 +224,10 @@ class FoxgloveBridge:
             frame = filled(frame)
         channels.made_up = int(frame.valid.sum()) - channels.returns
         marks = self._fill is not False  # the same fields in each frame
-        channels.points.log(messages.point_cloud(frame, channels.frame_id, marks=marks), log_time=stamp)
+        data = messages.point_cloud(frame, channels.frame_id, marks=marks)
+        channels.cloud_bytes = len(data)
+        self.gate.make_room(room(self.gate.most, [one.cloud_bytes for one in self._channels.values()]))
+        channels.points.log(data, log_time=stamp)
         self._count(clouds=1)
 
     def _count(self, **numbers: int) -> None:
@@ -231,6 +240,16 @@ class FoxgloveBridge:
                 if channels.statistics.has_sinks():
                     found = _statistics(key, self._streams, channels)
                     channels.statistics.log(json.dumps(found).encode(), log_time=time.time_ns())
+
+
+def room(most: int, cloud_bytes: Sequence[int]) -> int:
+    """How many viewers there is memory for. most: planned ones;  cloud_bytes: of each stream's newest cloud
+
+    >>> room(16, [2_400_000]), room(16, [12_600_000]), room(16, [30_000_000])
+    (16, 7, 2)
+    """
+    waiting = max(cloud_bytes) * (WAITING * len(cloud_bytes) + ON_THE_WAY)
+    return max(LEAST_VIEWERS, min(most, most * VIEWER_BYTES * len(cloud_bytes) // max(waiting, 1)))
 
 
 def _statistics(key: StreamKeys, streams: Streams, channels: _Channels) -> dict[str, Any]:

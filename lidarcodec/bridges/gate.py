@@ -47,6 +47,14 @@ _V6_NETWORK: Final = 64
 """Bits of an IPv6 address that tell one network from another. A host may take any address in its network."""
 
 
+class _Viewer:
+    """A viewer that was let in. waits_since_s: since when bytes wait for it to read them; None if none do"""
+
+    def __init__(self, address: str, task: asyncio.Task[None] | None) -> None:
+        self.address, self.task = address, task
+        self.waits_since_s: float | None = None
+
+
 class Gate:
     """Accepts viewers between `open` and `close`, in its own thread.
 
@@ -62,8 +70,9 @@ class Gate:
         self._listener: socket.socket | None = None
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
+        self._room = most
         self._networks: Counter[str] = Counter()
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._viewers: list[_Viewer] = []
         self._said: set[str] = set()
 
     def listen(self) -> None:
@@ -90,6 +99,10 @@ class Gate:
         )
         self._thread.start()
 
+    def make_room(self, most: int) -> None:
+        """Let in at most so many viewers from now on, and end those beyond, first those that do not read."""
+        self._room = min(most, self.most)
+
     def close(self) -> None:
         """Disconnect all viewers and accept no more; harmless when called twice."""
         self._stop.set()
@@ -107,7 +120,18 @@ class Gate:
         taking = await asyncio.start_server(take, sock=self._listener, limit=_AT_ONCE, backlog=_QUEUE)
         while not self._stop.is_set():
             await asyncio.sleep(_TICK_S)
+            self._end_those_beyond()
         taking.close()  # and the loop ends the tasks of all viewers
+
+    def _end_those_beyond(self) -> None:
+        """End viewers while there is no room for all: first the one that does not read for longest, else the last."""
+        while len(self._viewers) > self._room:
+            waiting = [viewer for viewer in self._viewers if viewer.waits_since_s is not None]
+            last = min(waiting, key=lambda one: one.waits_since_s or 0.0) if waiting else self._viewers[-1]
+            self._viewers.remove(last)
+            self._say("ended", last.address, f"frames are so large that there is memory for {self._room} viewers only")
+            if last.task is not None:
+                last.task.cancel()
 
     async def _take(self, server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one viewer until it disconnects."""
@@ -122,13 +146,17 @@ class Gate:
                 return
             self.counts["viewers"] += 1
             self._networks[network] += 1
+            viewer = _Viewer(address, asyncio.current_task())
+            self._viewers.append(viewer)
             try:
-                await _hand_on(server, reader, writer)
+                await _hand_on(server, reader, writer, viewer)
             except _EndError as error:
                 self._say("ended", address, str(error))
                 writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NOTHING_MORE)
             finally:
                 self._networks[network] -= 1
+                if viewer in self._viewers:
+                    self._viewers.remove(viewer)
         except (OSError, asyncio.CancelledError):  # it has gone, or the bridge ends; asyncio cannot do with the latter
             pass
         finally:
@@ -136,9 +164,9 @@ class Gate:
 
     def _full(self, network: str) -> str | None:
         """Why there is no room for a viewer of a network; None if there is."""
-        share = (self.most + 1) // 2
-        if self._networks.total() >= self.most:
-            return f"{self.most} viewers are connected, which is the limit"
+        share = (self._room + 1) // 2
+        if self._networks.total() >= self._room:
+            return f"{self._room} viewers are connected, which is the limit"
         if self._networks[network] >= share:
             return f"{share} viewers from its address are connected, which is half of the limit"
         return None
@@ -155,7 +183,9 @@ class _EndError(Exception):
     """A viewer has to go."""
 
 
-async def _hand_on(server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _hand_on(
+    server: tuple[str, int], reader: asyncio.StreamReader, writer: asyncio.StreamWriter, viewer: _Viewer
+) -> None:
     """Hand bytes on between a viewer and the server until one of them ends. Raises _EndError, OSError."""
     outer: socket.socket = writer.get_extra_info("socket")
     outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_VIEWER)
@@ -169,7 +199,7 @@ async def _hand_on(server: tuple[str, int], reader: asyncio.StreamReader, writer
     except BaseException:
         inner.close()
         raise
-    ways = [asyncio.create_task(_ask(reader, questions)), asyncio.create_task(_answer(answers, writer))]
+    ways = [asyncio.create_task(_ask(reader, questions)), asyncio.create_task(_answer(answers, writer, viewer))]
     try:
         done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
         for way in done:
@@ -191,7 +221,7 @@ async def _ask(viewer: asyncio.StreamReader, server: asyncio.StreamWriter) -> No
         await _send(server, data)
 
 
-async def _answer(server: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
+async def _answer(server: asyncio.StreamReader, writer: asyncio.StreamWriter, viewer: _Viewer) -> None:
     """Hand on what the server sends, until it ends. Raises _EndError, OSError."""
     try:
         async with asyncio.timeout(BEGIN_S):
@@ -199,7 +229,9 @@ async def _answer(server: asyncio.StreamReader, viewer: asyncio.StreamWriter) ->
     except TimeoutError:
         raise _EndError(f"it sent no request within {BEGIN_S:g} s") from None
     while data:
-        await _send(viewer, data)
+        viewer.waits_since_s = asyncio.get_running_loop().time()
+        await _send(writer, data)
+        viewer.waits_since_s = None
         data = await server.read(_AT_ONCE)
 
 

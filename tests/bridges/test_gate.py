@@ -126,6 +126,51 @@ def test_a_viewer_that_sends_too_much_is_ended(gate):
     assert 15 <= sent < 99
 
 
+def test_where_frames_are_large_viewers_that_do_not_read_give_way(gate):
+    """Four frames wait for each, of 30 MB or of 2: memory was bounded by frames, not by bytes."""
+    one = gate(6)
+    with contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(viewer(one, f"127.0.0.{1 + number % 2}")) for number in range(5)]
+        eventually(lambda: all(seen.waits_since_s is not None for seen in one._viewers) and len(one._viewers) == 5)
+        reads = stack.enter_context(viewer(one, "127.0.0.3"))
+        assert is_in(reads)
+        stop = threading.Event()
+
+        def read() -> None:
+            while not stop.is_set() and reads.recv(1 << 20):
+                pass
+
+        thread = threading.Thread(target=read)
+        thread.start()
+        one.make_room(2)
+        eventually(lambda: one.counts["ended"] == 4)
+        stop.set()
+        thread.join(10.0)
+        assert is_in(reads)
+        assert len(one._viewers) == 2
+        with viewer(one, "127.0.0.4") as late:
+            assert not is_in(late)
+        del idle
+
+
+def test_room_for_viewers_is_counted_in_bytes(network, monkeypatch):
+    foxglove = pytest.importorskip("foxglove")
+    from lidarcodec.bridges import foxglove as bridges
+    from tests.bridges.test_foxglove import Viewer
+
+    del foxglove
+    monkeypatch.setattr(bridges, "VIEWER_BYTES", 1 << 20)  # a cloud of these frames has more
+    with (
+        bridges.FoxgloveBridge(["vehicle/lidar"], port=0, transport=network(), max_viewers=8) as bridge,
+        Publisher(Loop(), rate=5.0, transport=network()),
+    ):
+        viewers = [Viewer(bridge.url) for _ in range(4)]
+        for one in viewers:
+            one.wait_for("/vehicle/lidar/points")
+        viewers[0].subscribe("/vehicle/lidar/points")
+        eventually(lambda: bridge.gate.counts["ended"] == 4 - bridges.LEAST_VIEWERS, LIMIT_S)
+
+
 def test_a_name_that_is_none_is_said():
     from lidarcodec.errors import TransportError
 
