@@ -24,6 +24,7 @@ from typing import Any, Self
 from lidarcodec.apps.ending import ended
 from lidarcodec.errors import LidarCodecError, SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
+from lidarcodec.files.spare import SpareHandles
 from lidarcodec.files.whole import written_whole
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 
@@ -67,6 +68,7 @@ class HealthFile:
         self._since: dict[str, dict[str, tuple[int, float]]] = {}
         self._thread = threading.Thread(target=self._run, name="lidarcodec health", daemon=True)
         self._complained = False
+        self._spare = SpareHandles(1)
 
     def __enter__(self) -> Self:
         """Raises SettingsError when the file cannot be written, or is not a health file."""
@@ -81,6 +83,7 @@ class HealthFile:
     def __exit__(self, *exc: object) -> None:
         self._stop.set()
         ended([self._thread])
+        self._spare.close()
         if self._writer() == os.getpid():  # another publisher may write the file now
             self._path.unlink(missing_ok=True)
 
@@ -124,7 +127,7 @@ class HealthFile:
     def _write(self) -> None:
         now_s = time.monotonic()
         told = {"monotonic_s": now_s, "pid": os.getpid(), "sensors": [self._told(one, now_s) for one in self._states()]}
-        with written_whole(self._path, sync=False) as beside:
+        with self._spare.lent(), written_whole(self._path, sync=False) as beside:
             beside.write_text(json.dumps(told) + "\n")
 
     def _told(self, state: SensorState, now_s: float) -> dict[str, Any]:

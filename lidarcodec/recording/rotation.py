@@ -14,12 +14,14 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import IO, Final
 
 from lidarcodec import wire
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.regular import open_regular
+from lidarcodec.files.spare import FULL, SpareHandles
 from lidarcodec.frame import Frame
 from lidarcodec.interop.foxglove import POINT_DTYPE
 from lidarcodec.packet import Packet
@@ -36,6 +38,8 @@ _FRAME_BYTES: Final = 4096
 """Most bytes of a file without messages."""
 _POSE_BYTES: Final = 1024
 """Most bytes of a cloud's head and its pose."""
+_SPARE: Final = 3
+"""Handles in reserve: what beginning a file opens at once, a file and its folder, and one more."""
 
 
 class RotatingRecorder:
@@ -79,6 +83,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         self._writer: RecordingWriter | None = None
         self._synced = self._in_file = 0
         self._made: list[str] = []
+        self._spare = SpareHandles(_SPARE)
 
     def write(self, data: bytes) -> bool:
         """Record one message, as `wire.pack` gives it; returns whether it was recorded. Files begin at key messages.
@@ -119,6 +124,7 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         """Ends the current file; harmless when called twice."""
         self._look_after_file()
         self._guarded(self._end)
+        self._spare.close()
 
     @property
     def path(self) -> Path | None:
@@ -128,7 +134,8 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
     def files(self) -> list[Path]:
         """Files of this sensor in the folder, oldest first."""
         name = re.compile(re.escape(f"{self.vehicle}_{self.sensor}_") + r"\d{8}T\d{6}Z_\d{4,}\.mcap")
-        found = [path for path in self.folder.iterdir() if name.fullmatch(path.name) and self._is_ours(path)]
+        there = self._spare.opened(lambda: list(self.folder.iterdir()))
+        found = [path for path in there if name.fullmatch(path.name) and self._is_ours(path)]
         times = {path: _changed_ns(path) for path in found}
         return sorted((path for path in found if times[path] is not None), key=lambda path: (times[path], path.name))
 
@@ -181,11 +188,14 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             self._synced = writer.bytes_written
 
     def _begin(self, stamp_ns: int, first_bytes: int) -> None:
-        if self.stopped is None:
-            self._guarded(lambda: self._open(stamp_ns, first_bytes))
+        """Begin a file. While this process may open no more files, the current one goes on instead."""
+        if self.stopped is not None or (not self._spare.fill() and self._writer is not None):
+            return
+        self._guarded(lambda: self._open(stamp_ns, first_bytes))
 
     def _open(self, stamp_ns: int, first_bytes: int) -> None:
         self._end()
+        self._spare.fill()
         self.folder.mkdir(parents=True, exist_ok=True)
         self._make_room(max(self.max_file_bytes, self._size_with(first_bytes)))
         time = datetime.fromtimestamp(max(0, stamp_ns) // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -193,14 +203,14 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
         while True:
             path = self.folder / f"{self.vehicle}_{self.sensor}_{time}_{number:04d}.mcap"
             try:
-                file = path.open("xb")
+                file = self._spare.opened(partial(_created, path))
                 break
             except FileExistsError:
                 number += 1
         try:
             writer = RecordingWriter(file, self.vehicle, self.sensor, self.settings, clouds=self.clouds)
             file.flush()
-            _sync_folder(self.folder)
+            self._spare.opened(lambda: _sync_folder(self.folder))
         except BaseException:
             _thrown_away(file, path)
             raise
@@ -275,6 +285,11 @@ f"and the folder at least two files, not {max_total_bytes} bytes", "max_file_byt
             log.debug("the last file in %s has no index", self.folder)
 
 
+def _created(path: Path) -> IO[bytes]:
+    """A new file. Raises FileExistsError, OSError."""
+    return path.open("xb")
+
+
 def _changed_ns(path: Path) -> int | None:
     """When a file was changed; None if it is gone, or a broken link."""
     try:
@@ -316,8 +331,8 @@ def _is_written(path: Path) -> bool:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:  # no locks there, or nothing that could be read
-        return False
+    except OSError as error:  # no locks there, or nothing that could be read
+        return error.errno in FULL
     return False
 
 

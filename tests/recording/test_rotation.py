@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -175,6 +177,56 @@ def test_a_full_disk_stops_the_recording_and_nothing_else(tmp_path: Path, caplog
     recorder.close()
     with recorder.files()[0].open("rb") as file:
         assert len(list(RecordingReader(file).messages())) == 3
+
+
+@contextlib.contextmanager
+def no_more_files() -> Iterator[list[int]]:
+    """All handles that this process may open are taken, as by connections of strangers; gives those that are."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (sum(1 for _ in Path("/proc/self/fd").iterdir()) + 64, before[1]))
+    taken: list[int] = []
+    try:
+        with contextlib.suppress(OSError):
+            while True:
+                taken.append(os.open(os.devnull, os.O_RDONLY))
+        yield taken
+    finally:
+        for handle in taken:
+            os.close(handle)
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_a_recording_goes_on_when_strangers_hold_all_open_files(tmp_path: Path) -> None:
+    """It stopped for good at its next file."""
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=100 * MIB)
+    assert recorder.write(big(0, True))
+    with no_more_files():
+        assert all(recorder.write(big(index, True)) for index in range(1, 40))
+    recorder.close()
+    assert recorder.counts["files"] == 4
+    assert recorder.stopped is None
+    indices: list[int] = []
+    for path in recorder.files():
+        with path.open("rb") as file:
+            indices += [wire.peek(data).frame_index for _, data in RecordingReader(file).messages()]
+    assert indices == list(range(40))
+
+
+def test_a_file_goes_on_when_even_the_handles_in_reserve_are_taken(tmp_path: Path) -> None:
+    recorder = RotatingRecorder(tmp_path, "truck", "roof", max_file_bytes=MIB, max_total_bytes=100 * MIB)
+    assert recorder.write(big(0, True))
+    with no_more_files() as taken:
+        recorder._spare.close()
+        with contextlib.suppress(OSError):
+            while True:
+                taken.append(os.open(os.devnull, os.O_RDONLY))
+        recorder._spare.fill()
+        os.close(taken.pop())  # one for the list of the folder's files
+        assert all(recorder.write(big(index, True)) for index in range(1, 40))
+        assert recorder.counts["files"] == 1
+    assert recorder.write(big(40, True))
+    assert recorder.counts["files"] == 2
+    recorder.close()
 
 
 def test_a_folder_that_cannot_be_written_stops_the_recording(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import NoReturn
 import typer
 
 from lidarcodec.commands.running.ending import DONE, FAILED, INTERRUPTED, WRONG_USAGE, is_live
+from lidarcodec.commands.running.open_files import raise_limit
 from lidarcodec.commands.running.options import command_line
 from lidarcodec.commands.running.remaining import remember
 from lidarcodec.commands.running.stopping import Interrupter, StoppedError, ignore_signals, signal_that_came
@@ -87,6 +88,8 @@ def run(app: typer.Typer, arguments: list[str]) -> int:
     logging.basicConfig(level=logging.WARNING, format="lidarcodec: warning: %(message)s")
     Interrupter().install(hangup=not is_live(given))
     remember(given)
+    if is_live(given):
+        raise_limit()
     if not is_live(given) and isinstance(sys.stdout, io.TextIOWrapper):
         # Also where PYTHONUNBUFFERED is set: what cannot be printed must not end a command in the middle.
         # Nor must names that the encoding of standard output does not have.
