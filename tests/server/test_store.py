@@ -28,6 +28,7 @@ from lidarcodec_server.store.store import Store
 from lidarcodec_server.store.tables import audit, metadata
 from lidarcodec_server.tokens import TokenBook, create_token
 from tests.server.conftest import until
+from tests.transport.test_contract import eventually
 
 CAR = StreamKeys("car-7", "roof")
 POSTGRES_FOLDERS = ("/usr/lib/postgresql/15/bin", "/usr/local/bin", "/usr/bin")
@@ -327,6 +328,62 @@ def test_a_database_that_takes_no_changes_is_not_ready(tmp_path, monkeypatch):
         other.execute("ROLLBACK")
     assert store.ready()
     assert store.ready()
+    store.close()
+
+
+@pytest.mark.parametrize("table", ["audit", "desired"])
+def test_a_postgresql_whose_table_is_locked_or_gone_is_not_ready(postgres, table):
+    """It begins a transaction and answers, so it was ready while each change was refused."""
+    engine = sa.create_engine(postgres.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sa.text("DROP SCHEMA public CASCADE"))
+        connection.execute(sa.text("CREATE SCHEMA public"))
+    store = Store(postgres)
+    store.open()
+    with engine.connect() as other:
+        other.execute(sa.text(f"LOCK TABLE {table} IN ACCESS EXCLUSIVE MODE"))
+        with pytest.raises(StoreError):
+            store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+        assert not store.ready()
+        other.rollback()
+    eventually(store.ready)
+    assert store.audit(CAR, 5) == []
+    with engine.begin() as other:
+        other.execute(sa.text(f"ALTER TABLE {table} RENAME TO elsewhere"))
+    with pytest.raises(StoreError):
+        store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+    assert not store.ready()
+    with engine.begin() as other:
+        other.execute(sa.text(f"ALTER TABLE elsewhere RENAME TO {table}"))
+    eventually(store.ready)
+    store.begin(CAR, "ada", "settings", {}, None, {"codec": "raw"})
+    engine.dispose()
+    store.close()
+
+
+def test_a_database_that_cannot_grow_is_not_ready(tmp_path):
+    """As on a full disk."""
+    file = tmp_path / "server.db"
+    store = Store(f"sqlite:///{file}")
+    store.open()
+
+    def sizes(connection, _):
+        connection.execute("PRAGMA max_page_count = 1").close()  # SQLite takes what it has for the least
+
+    store.close()
+    sa.event.listen(store._engine, "connect", sizes)
+
+    def fill():
+        for _ in range(1000):
+            store.note(CAR, "ada", "settings", {"codec": "raw" * 1000}, result="applied")
+
+    with pytest.raises(StoreError, match="full"):
+        fill()
+    assert not store.ready()
+    sa.event.remove(store._engine, "connect", sizes)
+    store.close()
+    assert store.ready()
+    store.note(CAR, "ada", "settings", {"codec": "raw"}, result="applied")
     store.close()
 
 

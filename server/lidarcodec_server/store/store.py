@@ -27,6 +27,7 @@ from lidarcodec_server.store.engine import engine_of
 from lidarcodec_server.store.patience import Patience
 from lidarcodec_server.store.storable import storable
 from lidarcodec_server.store.tables import audit, desired, facts, tokens
+from lidarcodec_server.store.trial import try_a_change
 from lidarcodec_server.told import check_settings_size
 
 logger = logging.getLogger(__name__)
@@ -109,8 +110,12 @@ class Store:
     def ready(self) -> bool:
         """Whether the database answers; after a change that failed, whether it takes changes again."""
         try:
-            with self._writing() if self._write_failed else self._reading() as connection:
-                connection.execute(sa.select(sa.literal(1)))
+            if self._write_failed:
+                with self._writing() as connection:
+                    try_a_change(connection)
+            else:
+                with self._reading() as connection:
+                    connection.execute(sa.select(sa.literal(1)))
         except StoreError:
             return False
         return True
