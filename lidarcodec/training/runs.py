@@ -12,6 +12,7 @@ True
 
 from __future__ import annotations
 
+import io
 import math
 import pickletools
 import re
@@ -132,8 +133,10 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SourceError(f"cannot write {path}: {error.strerror or error}") from None
+    content = io.BytesIO()
+    torch.save(values, content)  # not to the file: where the disk is full, torch raises what does not say so
     with written_whole(path) as beside:
-        torch.save(values, beside)
+        beside.write_bytes(content.getbuffer())
 
 
 def _check_names(archive: ZipFile) -> None:

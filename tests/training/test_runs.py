@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,23 @@ def test_a_checkpoint_comes_back_whole(tmp_path: Path) -> None:
 
 def test_a_run_without_a_checkpoint_begins_anew(tmp_path: Path) -> None:
     assert runs.load_checkpoint(tmp_path / "run.pt") is None
+
+
+def test_a_full_disk_is_said_when_a_checkpoint_is_written(tmp_path: Path) -> None:
+    """torch says: [enforce fail at inline_container.cc]."""
+    saved = a_checkpoint()
+    runs.save_checkpoint(tmp_path / "run.pt", saved)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(SourceError, match=r"cannot write .*run\.pt: File too large"):
+            runs.save_checkpoint(tmp_path / "run.pt", a_checkpoint(4))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.pt"]
+    found = runs.load_checkpoint(tmp_path / "run.pt")
+    assert found is not None
+    assert found.step == saved.step
 
 
 def test_a_damaged_checkpoint_is_named_and_not_loaded(tmp_path: Path) -> None:
