@@ -329,8 +329,8 @@ def _spread(
 
 def _summary(folder: AnnotationFolder) -> dict[str, Any]:
     """Shares of the labels, counts of what is not ground, and how far the way goes."""
-    count, shares, medians, least = folder.frames, np.zeros(len(NAMES)), [], []
-    labelled_frames = [k for k in range(count) if folder.has(f"labels/{k:06d}.npz")]
+    shares, medians, least = np.zeros(len(NAMES)), [], []
+    labelled_frames = folder.labelled()
     for k in labelled_frames[:: max(len(labelled_frames) // 50, 1)]:
         found = folder.labels(k)
         shares += np.bincount(found.labels.ravel(), minlength=len(NAMES))

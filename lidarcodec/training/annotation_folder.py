@@ -12,6 +12,7 @@ Files are written whole or not at all, so a run that was stopped goes on from th
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, overload
@@ -25,6 +26,7 @@ from lidarcodec.evaluation.trajectory import Scan, Trajectory, scan_of
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, SensorModel
+from lidarcodec.training.labels import NAMES
 from lidarcodec.untrusted.json import JsonRefusedError, read_object
 from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
@@ -107,7 +109,7 @@ class AnnotationFolder:
     def frames(self) -> int:
         """Number of frames, once all are there. Raises SourceError before."""
         count = (self.about() or {}).get("frames")
-        if not isinstance(count, int) or count < 1:
+        if not isinstance(count, int) or count < 1 or not self.has(f"frames/{count - 1:06d}.npz"):
             raise SourceError(f"{self.path} is not a whole annotated drive: run `lidarcodec annotate` to its end")
         return count
 
@@ -146,9 +148,18 @@ class AnnotationFolder:
         """What the returns of a frame are worth. Raises SourceError."""
         file = self._load(f"labels/{index:06d}.npz")
         try:
-            return Labels(file["count"], file["label"], int(file["threshold"]))
-        except (KeyError, TypeError, ValueError):
-            raise SourceError(f"{self.path}/labels/{index:06d}.npz holds no labels") from None
+            found = Labels(file["count"], file["label"], int(file["threshold"]))
+        except (KeyError, TypeError, ValueError, OverflowError):
+            found = None
+        if found is None or not _are_labels(found):
+            raise SourceError(f"{self.path}/labels/{index:06d}.npz holds no labels")
+        return found
+
+    def labelled(self) -> list[int]:
+        """Numbers of the frames that have labels, in order: those of files that are there. Raises SourceError."""
+        count, names = self.frames, (self.path / "labels").glob("*.npz")
+        numbers = {int(path.stem) for path in names if re.fullmatch(r"[0-9]{6,9}", path.stem, re.ASCII)}
+        return sorted(number for number in numbers if number < count)
 
     def has(self, name: str) -> bool:
         """Whether a file, such as `labels/000003.npz`, is there."""
@@ -222,6 +233,14 @@ class Scans(Sequence[Scan]):
         if not -self._count <= index < self._count:
             raise IndexError(index)
         return self._folder.scan(index % self._count, self._sensor)
+
+
+def _are_labels(found: Labels) -> bool:
+    """Whether arrays of a file are counts and labels of the same returns."""
+    counts, labels, _ = found
+    same = counts.shape == labels.shape and counts.ndim == 2
+    whole = counts.dtype == np.uint16 and labels.dtype == np.uint8
+    return same and whole and int(labels.max(initial=0)) < len(NAMES)
 
 
 def _made(folder: Path) -> None:

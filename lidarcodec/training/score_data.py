@@ -36,11 +36,14 @@ def labelled(paths: Sequence[Path], every: int = 1) -> Iterator[tuple[Frame, Lab
     """Every `every`-th labelled frame of annotated drives. Raises SourceError."""
     for path in paths:
         folder = AnnotationFolder(path)
-        sensor, numbers = folder.sensor, [k for k in range(folder.frames) if folder.has(f"labels/{k:06d}.npz")]
+        sensor, numbers = folder.sensor, folder.labelled()
         if not numbers:
             raise SourceError(f"{path} holds no labels: run `lidarcodec annotate` to its end")
         for k in numbers[::every]:
-            yield folder.frame(k, sensor), folder.labels(k)
+            frame, found = folder.frame(k, sensor), folder.labels(k)
+            if found.labels.shape != frame.range.shape:
+                raise SourceError(f"{path}/labels/{k:06d}.npz holds labels of another frame")
+            yield frame, found
 
 
 def seldom_of(counts: npt.NDArray[Any], labels: npt.NDArray[Any], metres: npt.NDArray[Any]) -> npt.NDArray[np.int8]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from lidarcodec.training.annotate import AnnotationSettings, annotate, counted_p
 from lidarcodec.training.annotation_folder import AnnotationFolder, Scans
 from lidarcodec.training.ground import Ransac, ground_finder
 from lidarcodec.training.labels import GROUND, HIGH, LOW, labels_of, threshold_of
+from lidarcodec.training.score_data import labelled
 from tests.command_line import run, run_here
 
 pytestmark = pytest.mark.timeout(400)  # seconds of work, minutes on a machine that others use too
@@ -240,3 +243,27 @@ def test_a_capture_that_grew_is_another_one(tmp_path: Path) -> None:
     done = run_here(*words)
     assert done.returncode == 2
     assert "another calibration, other poses or another capture" in done.stderr
+
+
+@pytest.mark.parametrize("spoiled", ["value", "width", "kind", "count", "frames"])
+def test_labels_of_a_stranger_are_refused_in_a_line(tmp_path: Path, annotated: AnnotationFolder, spoiled: str) -> None:
+    """They ended training with errors of torch, or took a minute and more to say nothing."""
+    folder = AnnotationFolder(tmp_path / "drive")
+    shutil.copytree(annotated.path, folder.path)
+    path = folder.path / "labels" / "000003.npz"
+    arrays = dict(np.load(path))
+    if spoiled == "value":
+        arrays["label"][0, 0] = 4
+    elif spoiled == "width":
+        arrays |= {name: arrays[name][:, :7] for name in ("count", "label")}
+    elif spoiled == "kind":
+        arrays["label"] = arrays["label"].astype(float) * np.nan
+    elif spoiled == "count":
+        arrays["count"] = arrays["count"][:10]
+    else:
+        folder.note(frames=10**9)
+    np.savez(path, **arrays)
+    began_s = time.monotonic()
+    with pytest.raises(SourceError, match=r"holds no labels|of another frame|not a whole annotated drive"):
+        list(labelled([folder.path]))
+    assert time.monotonic() - began_s < 10.0
