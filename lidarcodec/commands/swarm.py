@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -94,7 +95,8 @@ def _run_here(load: Load) -> None:
 
 def _run_parts(load: Load, several: int) -> None:
     """Parts of the swarm in processes of their own. One that ends early ends all, and they end with this process."""
-    begin, parts = load.first, []
+    begin, parts, failed = load.first, [], False
+    end_s = time.monotonic() + (math.inf if load.seconds is None else load.seconds)
     with stoppable() as stopped:
         try:
             for number in range(several):
@@ -104,14 +106,27 @@ def _run_parts(load: Load, several: int) -> None:
                 begin += size
             while not stopped() and all(part.poll() is None for part in parts):
                 time.sleep(TICK_S)
+            failed = not stopped() and time.monotonic() < end_s  # with exit code 0, too, as of SIGTERM
         finally:
-            if load.seconds is None or stopped() or any(part.poll() for part in parts):
+            if failed or stopped() or any(part.poll() for part in parts):
                 for part in parts:
                     part.terminate()
             for part in parts:
-                part.wait(END_S)
-    if any(part.returncode for part in parts):
+                if not _ends(part):
+                    failed = True
+    if failed or any(part.returncode for part in parts):
         raise SourceError("a part of the swarm failed")
+
+
+def _ends(part: subprocess.Popen[bytes]) -> bool:
+    """Whether a process ends by itself, in at most END_S; then it is killed: it may have been stopped (SIGSTOP)."""
+    try:
+        part.wait(END_S)
+    except subprocess.TimeoutExpired:
+        part.kill()
+        part.wait()
+        return False
+    return True
 
 
 def summary(statuses: list[dict[str, Any]], settings: StreamSettings) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,22 @@ def test_no_process_of_a_swarm_outlives_it(number):
         process.send_signal(number)
         assert process.wait(10) == -number
         assert eventually(lambda: not any(Path(f"/proc/{part}").exists() for part in parts))
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_part_that_is_ended_too_soon_is_an_error():
+    """Of SIGTERM it ends with exit code 0, as live commands do."""
+    words = ("swarm", "2", "sim:road", "--processes", "2", "--frames", "2", "--codec", "raw", "--seconds", "60")
+    process = start(*words, variables={"LIDARCODEC_LOOPBACK_PORT": str(free_port())})
+    try:
+        assert eventually(lambda: len(children(process.pid)) == 2)
+        time.sleep(3.0)
+        os.kill(children(process.pid)[-1], signal.SIGTERM)
+        _, complaint = process.communicate(timeout=40)
+        assert process.returncode == 1
+        assert "a part of the swarm failed" in complaint
     finally:
         process.kill()
         process.communicate()
