@@ -24,6 +24,7 @@ LOOK_S: Final = 60.0
 """Interval of checks; the clock may be set in between."""
 AGAIN: Final = timedelta(days=1)
 """Time after which a warning is repeated."""
+RENEW: Final = "renew it with `lidarcodec certs`"
 TLS: Final = "transport/link/tls"
 OWN: Final = ("connect_certificate", "listen_certificate")
 AUTHORITY: Final = "root_ca_certificate"
@@ -66,12 +67,11 @@ class Certificates:
         state = self.state()
         return {"state": state.name, "until": state.until.isoformat()}
 
-    def complaint(self, source: str, now: datetime) -> str | None:
-        """A warning about the certificates of a file; None if they are valid for long enough."""
+    def complaint(self, source: str, now: datetime, renew: str = RENEW) -> str | None:
+        """A warning about the certificates of a file; None if they are valid for long enough. renew: what to do"""
         state = self.state(now)
         what = min(self._found, key=lambda one: self._found[one].ends)
         when, here = f"{state.until:%Y-%m-%d %H:%M} UTC", f"the clock of this machine says {now:%Y-%m-%d %H:%M} UTC"
-        renew = "renew it with `lidarcodec certs`"
         if state.name == "ended":
             return f"the {what} in {source} ended on {when}: others refuse its connections; {renew}"
         if state.name == "not yet valid":
@@ -85,10 +85,14 @@ class CertificateWatch:
     """Logs the state of a session's certificates: at `start`, at changes, and once a day while there is a problem."""
 
     def __init__(
-        self, certificates: Certificates | None, source: str, now: Callable[[], datetime] = lambda: datetime.now(UTC)
+        self,
+        certificates: Certificates | None,
+        source: str,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        renew: str = RENEW,
     ) -> None:
-        """source: the file that they are in"""
-        self._certificates, self._source, self._now = certificates, source, now
+        """source: the file that they are in;  renew: what to do when they end"""
+        self._certificates, self._source, self._now, self._renew = certificates, source, now, renew
         self._stop = threading.Event()
         self._said: tuple[str, datetime] | None = None
         self._thread = threading.Thread(target=self._run, name="lidarcodec certificates", daemon=True)
@@ -110,7 +114,7 @@ class CertificateWatch:
         due = self._said is None or self._said[0] != state.name or not timedelta() <= now - self._said[1] < AGAIN
         if due:
             self._said = state.name, now
-            complaint = certificates.complaint(self._source, now)
+            complaint = certificates.complaint(self._source, now, self._renew)
             if complaint is not None:
                 logger.warning("%s", complaint)
         left_s = (state.until - now).total_seconds()

@@ -20,6 +20,7 @@ from lidarcodec_server.config import ServerConfig
 from lidarcodec_server.door.acceptor import Acceptor
 from lidarcodec_server.door.door import Door
 from lidarcodec_server.door.listening import address_of, begin, tls_of
+from lidarcodec_server.door.own_certificate import OwnCertificate
 from lidarcodec_server.door.request_protocol import RequestProtocol, Times
 from lidarcodec_server.live.protocol import ViewerProtocol
 from lidarcodec_server.store.store import Store
@@ -83,10 +84,12 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
     held, tokens = app.state.connections, app.state.service.tokens
     inside = RequestProtocol.of(held, Times(config.request_s, config.read_s))
     tls = tls_of(config)
+    door = Door.of(inside, tls)
+    own = OwnCertificate(config, lambda renewed: setattr(door, "tls", renewed))
     server = Listening(
         uvicorn.Config(
             app,
-            http=Door.of(inside, tls),
+            http=door,
             ws=ViewerProtocol.of(held),
             ws_per_message_deflate=False,  # what is sent is compressed already
             ws_max_size=config.max_message_bytes,
@@ -103,11 +106,13 @@ def run(config: ServerConfig, listener: socket.socket | None = None) -> None:
         lambda protocol: Acceptor(listener, protocol, held, tokens.owner, encrypted=tls is not None),
         address_of(listener, config),
     )
+    own.start()
     try:
         server.run(sockets=[])
     except SystemExit:  # how it says that it could not start
         raise app.state.failure or TransportError("the server could not start") from None
     finally:
+        own.close()
         listener.close()
     if app.state.failure is not None:
         raise app.state.failure
