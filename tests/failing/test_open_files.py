@@ -26,8 +26,8 @@ def recorded(folder: Path) -> int:
     return sum(path.stat().st_size for path in (folder / "rec").iterdir())
 
 
-def test_strangers_who_only_connect_end_no_recording_and_bar_nobody(tmp_path: Path) -> None:
-    """The vehicle had no handle left: no file could be begun, no state told, and no viewer got in."""
+def test_strangers_who_only_connect_end_no_recording(tmp_path: Path) -> None:
+    """The vehicle had no handle left: no file could be begun, and no state told."""
     port, health = free_port(), tmp_path / "health.json"
     made = run("certs", tmp_path / "d", "--vehicle", "car-7@127.0.0.1", "--viewer", "anna", "--port", port)
     assert made.returncode == 0, made.stderr
@@ -44,8 +44,6 @@ def test_strangers_who_only_connect_end_no_recording_and_bar_nobody(tmp_path: Pa
             time.sleep(3.0)
             open_files = sum(1 for _ in Path(f"/proc/{car.pid}/fd").iterdir())
             before = recorded(tmp_path)
-            seen = run("subscribe", *words_of_anna, "--frames", 5)
-            assert seen.returncode == 0, seen.stderr
             assert open_files > STRANGERS
             assert run("health", "--health-file", health).returncode == 0
             assert recorded(tmp_path) > before
