@@ -21,9 +21,10 @@ from benchmarks import results
 from benchmarks.scenes import DATA
 from lidarcodec import api, entropy
 from lidarcodec.frame import Frame
-from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intensity
+from lidarcodec.planes.intensity import Quality, encode_intensity
 from lidarcodec.planes.sections import fired_cells
 from lidarcodec.settings import StreamSettings
+from tests.planes.one_section import read_intensity
 
 DRIVES: Final = {
     "0013": "kitti_0013_f052-107.pcap.xz",
@@ -83,7 +84,7 @@ def measured(frames: list[Frame], choice: str, *, grouped: bool = False) -> Sums
         begin = time.process_time()
         data = encode_intensity(frame, cells, quality, turn=turn, grouped=grouped) or b""
         seconds = time.process_time() - begin
-        sums.add(frame, decode_intensity(data, frame.valid, cells, frame.fired, frame.sensor), data, seconds)
+        sums.add(frame, read_intensity(data, frame.valid, frame.fired, frame.sensor), data, seconds)
     return sums
 
 

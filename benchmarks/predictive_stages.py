@@ -35,6 +35,7 @@ from benchmarks.scenes import DATA, HERE
 from benchmarks.thread_scaling import thread_scaling
 from lidarcodec import entropy
 from lidarcodec.cloud import xyz_of
+from lidarcodec.codecs.frame_decoder import PlaneReader
 from lidarcodec.frame import Frame
 from lidarcodec.message import SectionType
 from lidarcodec.motion.finder import MotionFinder
@@ -114,11 +115,9 @@ class _Watch:
 
 WATCHED = (
     (entropy, "encode_mask", "encode mask"),
-    (entropy, "decode_mask", "decode mask"),
     (entropy.MaskStream, "encode", "encode mask"),
-    (entropy.MaskStream, "decode", "decode mask"),
     (entropy.PredictiveCoder, "encode", "encode ranges"),
-    (entropy.PredictiveCoder, "decode", "decode ranges"),
+    (PlaneReader, "read", "decode session"),
     (RangeHistory, "expected", "warp"),
     (RangeHistory, "remember", "remember"),
     (MotionFinder, "next", "motion search"),

@@ -30,15 +30,12 @@ from lidarcodec.wire import pack, unpack
 
 STOPWATCHES = {
     "encode mask": ("lidarcodec.entropy", "encode_mask"),
-    "decode mask": ("lidarcodec.entropy", "decode_mask"),
     "encode azimuth": ("lidarcodec.entropy", "encode_azimuth"),
-    "decode azimuth": ("lidarcodec.entropy", "decode_azimuth"),
     "encode side": ("lidarcodec.entropy", "encode_side"),
     "decode side": ("lidarcodec.entropy", "decode_side"),
     "encode intensity": ("lidarcodec.planes.sections", "encode_intensity"),
-    "decode intensity": ("lidarcodec.planes.sections", "decode_intensity"),
     "encode range": ("lidarcodec.codecs.frame_encoder.Independent", "_ranges"),
-    "decode range": ("lidarcodec.codecs.frame_decoder.IndependentDecoder", "_ranges"),
+    "decode session": ("lidarcodec.codecs.frame_decoder.PlaneReader", "read"),
 }
 """Stage: module or class, and the name under which the path calls it there."""
 

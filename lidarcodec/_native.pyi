@@ -1,6 +1,6 @@
 """Types of the native core, by tools/native_stub.py; the docstring of each function is in native/bindings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy
 from numpy.typing import NDArray
@@ -329,6 +329,23 @@ class UdpReceiver:
     def counts(self) -> tuple[int, int, int, int]: ...
     def failure(self) -> int: ...
     def stop(self) -> None: ...
+
+class Session:
+    def __init__(
+        self, unzstd: Callable[[bytes, int], bytes], weights: Callable[[str], bytes | None], reads_ranges: bool
+    ) -> None: ...
+    def decode(
+        self, message: object
+    ) -> tuple[
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint8],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint8],
+        NDArray[numpy.uint8],
+        NDArray[numpy.float64] | None,
+        tuple[str, int, int, bytes],
+    ]: ...
+    def cut(self) -> None: ...
 
 def returns_of(
     ranges: NDArray[numpy.uint16],

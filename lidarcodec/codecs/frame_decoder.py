@@ -1,24 +1,29 @@
-"""Shared parts of decoders for messages of one frame, and the decoder of codecs that code each frame independently.
+"""Decoders of messages of one frame, on the native core's decoder of a stream (native/src/session).
 
-Every message can be decoded once its calibration is known, unless its mask refers to those before: a lost message
-then costs all frames up to the next key message.
+The session reads all planes, and the ranges of the codecs that it knows. Side information is read here, and by
+`IndependentDecoder` the ranges of codecs whose pictures the libraries of an extra open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarcodec import _native, entropy
 from lidarcodec.codecs.base import Decoder
-from lidarcodec.errors import MissingReferenceError, SectionError, UnsupportedVersionError
+from lidarcodec.entropy.zstd_frames import decompress
+from lidarcodec.errors import MissingReferenceError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
-from lidarcodec.motion.history import MaskHistory
-from lidarcodec.planes.calibrations import SensorBook
-from lidarcodec.planes.sections import Planes, decode_planes
+from lidarcodec.network.shelf import shipped_file
+from lidarcodec.planes.calibrations import sensor_of
+from lidarcodec.planes.sections import DecodeSide, side_of
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.side import SideInfo
 
 Ranges = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
@@ -29,100 +34,129 @@ DecodeRanges = Callable[[bytes, Mask, SensorModel], Ranges]
 Raises SectionError or TruncatedError."""
 
 
-class MaskChain:
-    """The masks since the last independent message, and the index of the last decoded frame."""
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """What a session gives of a frame; W columns.
 
-    def __init__(self) -> None:
-        self._history = MaskHistory()
-        self._last: tuple[int, int] | None = None
-        self._unseen: list[tuple[Planes, SensorModel]] = []
+    ranges: (64, W) uint16, zeros where the session does not read them; intensity: (64, W) uint8
+    azimuth: (2, W) uint16; fired: (2, W) bool; valid: (64, W) bool, returns that were sent
+    pose: (4, 4) float64 or None; side: None if the message has none
+    """
 
-    def before(self, message: Message) -> MaskHistory | None:
-        """The masks that a message may refer to; None if it needs no other.
+    ranges: Ranges
+    intensity: npt.NDArray[np.uint8]
+    azimuth: Ranges
+    fired: Mask
+    valid: Mask
+    pose: npt.NDArray[np.float64] | None
+    sensor: SensorModel
+    side: SideInfo | None
 
-        Raises MissingReferenceError if the frame that it needs was not the last one decoded.
+    def frame(self, message: Message) -> Frame:
+        """The frame of the message that they come from."""
+        return Frame(
+            index=message.frame_index,
+            stamp_ns=message.stamp_ns,
+            range=self.ranges,
+            intensity=self.intensity,
+            azimuth=self.azimuth,
+            fired=self.fired,
+            sensor=self.sensor,
+            side=self.side,
+            pose=self.pose,
+        )
+
+
+class PlaneReader:
+    """Reads the planes of the messages of a stream. reads_ranges: whether the caller reads their ranges."""
+
+    def __init__(self, codec_id: int, *, reads_ranges: bool, decode_side: DecodeSide = entropy.decode_side) -> None:
+        self._codec_id: Final = codec_id
+        self._decode_side: Final = decode_side
+        self._session: Final = _native.Session(decompress, shipped_file, reads_ranges)
+
+    def read(self, message: Message) -> Planes:
+        """The planes of a message of one frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
         """
-        if message.needs is None:
-            return None
-        if self._last != (message.stream_id, message.needs):
-            raise missing_reference(message, message.needs)
-        for planes, sensor in self._unseen:  # added only when needed: no cost for streams without history
-            self._history.remember(planes.valid, planes.azimuth, sensor)
-        self._unseen = []
-        return self._history
+        check_codec(message, self._codec_id)
+        ranges, intensity, azimuth, fired, returns, moved, described = self._session.decode(message)
+        try:
+            side = side_of(message, self._decode_side)
+        except BaseException:
+            self.cut()
+            raise
+        pose = None if moved is None else np.vstack([moved, [0.0, 0.0, 0.0, 1.0]])
+        valid, halves = returns.view(np.bool_), fired.view(np.bool_)
+        return Planes(ranges, intensity, azimuth, halves, valid, pose, sensor_of(*described), side)
 
     def cut(self) -> None:
-        """Refuse messages that need another until an independent one is decoded."""
-        self._last = None
-
-    def take(self, message: Message, planes: Planes, sensor: SensorModel) -> None:
-        """Add a decoded message."""
-        if message.needs is None:
-            self._history, self._unseen = MaskHistory(), []
-        self._unseen.append((planes, sensor))
-        self._last = (message.stream_id, message.frame_index)
+        """Refuse messages that need another until one that needs none is read: the last one could not be used."""
+        self._session.cut()
 
 
-class IndependentDecoder:
-    """Decoder of a codec that codes the ranges of each frame independently."""
+class SessionDecoder:
+    """Decoder of a codec that the session reads as a whole."""
 
-    def __init__(self, codec_id: int, decode_ranges: DecodeRanges) -> None:
+    def __init__(self, codec_id: int, decode_side: DecodeSide = entropy.decode_side) -> None:
         self.codec_id = codec_id
-        self._decode_ranges = decode_ranges
-        self._sensors, self._masks = SensorBook(), MaskChain()
+        self._planes = PlaneReader(codec_id, reads_ranges=False, decode_side=decode_side)
 
     def decode(self, message: Message) -> list[Frame]:
         """The message's frame.
 
         Raises DecodeError; MissingReferenceError when a key message has to come first.
         """
-        check_single(message, self.codec_id)
-        sensor = self._sensors.sensor_of(message)
-        planes = decode_planes(message, sensor, self._masks.before(message))
-        ranges = np.zeros(planes.valid.shape, np.uint16)
-        ranges[planes.valid] = self._ranges(message.section(SectionType.RANGE), planes.valid, sensor)
-        frame = frame_of(message, sensor, planes, ranges)
-        self._masks.take(message, planes, sensor)
-        return [frame]
+        planes = self._planes.read(message)
+        return [planes.frame(message)]
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""
         return []
 
-    def _ranges(self, data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-        return self._decode_ranges(data, valid, sensor)
+
+class IndependentDecoder:
+    """Decoder of a codec that codes the ranges of each frame independently, as a picture."""
+
+    def __init__(self, codec_id: int, decode_ranges: DecodeRanges) -> None:
+        self.codec_id = codec_id
+        self._decode_ranges = decode_ranges
+        self._planes = PlaneReader(codec_id, reads_ranges=True)
+
+    def decode(self, message: Message) -> list[Frame]:
+        """The message's frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        planes = self._planes.read(message)
+        try:
+            planes.ranges[planes.valid] = self._decode_ranges(
+                message.section(SectionType.RANGE), planes.valid, planes.sensor
+            )
+        except BaseException:
+            self._planes.cut()
+            raise
+        return [planes.frame(message)]
+
+    def flush(self) -> list[Frame]:
+        """Nothing: no frame is held back."""
+        return []
 
 
 def independent_decoder(decode_ranges: DecodeRanges) -> Callable[[int], Decoder]:
-    """A function that makes decoders of a codec that codes the ranges of each frame independently."""
+    """A function that makes decoders of a codec that codes the ranges of each frame independently, as a picture."""
     return lambda codec_id: IndependentDecoder(codec_id, decode_ranges)
 
 
-def check_single(message: Message, codec_id: int) -> None:
-    """Raise UnsupportedVersionError or SectionError unless it is a message of one frame of that codec."""
+def check_codec(message: Message, codec_id: int) -> None:
+    """Raise UnsupportedVersionError unless it is a message of that codec."""
     if message.codec != codec_id:
         raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {codec_id}")
-    if message.frame_count != 1:
-        raise SectionError(f"a message of {message.frame_count} frames of a codec that sends one each")
 
 
 def missing_reference(message: Message, needs: int) -> MissingReferenceError:
     """The error for a message that needs a frame which was not decoded."""
     return MissingReferenceError(
         f"frame {message.frame_index} needs frame {needs}, which was not decoded: ask for a key frame", needs
-    )
-
-
-def frame_of(message: Message, sensor: SensorModel, planes: Planes, ranges: Ranges) -> Frame:
-    """The frame of a message of one frame. ranges: (64, W) uint16."""
-    return Frame(
-        index=message.frame_index,
-        stamp_ns=message.stamp_ns,
-        range=ranges,
-        intensity=planes.intensity,
-        azimuth=planes.azimuth,
-        fired=planes.fired,
-        sensor=sensor,
-        side=planes.side,
-        pose=planes.pose,
     )

@@ -12,24 +12,25 @@ samples mean (jpeg_samples.py) and the JPEG.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, InForce, Steering
-from lidarcodec.codecs.frame_decoder import frame_of
+from lidarcodec.codecs.frame_decoder import PlaneReader, check_codec
 from lidarcodec.codecs.frame_encoder import check_same_codec
 from lidarcodec.codecs.jpeg_samples import JpegSettings, ranges_of, split_samples, with_samples
 from lidarcodec.codecs.rate_knob import quality_knob
-from lidarcodec.errors import SectionError, UnsupportedVersionError
+from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.history import MaskHistory
-from lidarcodec.planes.calibrations import SensorBook, encode_calibration
+from lidarcodec.planes.calibrations import encode_calibration
 from lidarcodec.planes.intensity import Quality
-from lidarcodec.planes.sections import decode_planes, encode_planes
+from lidarcodec.planes.sections import encode_planes
 from lidarcodec.ranges.image.group_head import pack_group, packets_in, split_group
 from lidarcodec.ranges.image.jpeg_file import read_jpeg
 from lidarcodec.ranges.image.layers import group_fits, layers_of
@@ -184,35 +185,31 @@ class LayeredDecoder:
 
     def __init__(self, codec_id: int) -> None:
         self.codec_id = codec_id
-        self._sensors = SensorBook()
+        self._planes = PlaneReader(codec_id, reads_ranges=True)
 
     def decode(self, message: Message) -> list[Frame]:
         """The frames of the message.
 
         Raises DecodeError; MissingReferenceError when a key message has to come first.
         """
-        if message.codec != self.codec_id:
-            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
+        check_codec(message, self.codec_id)
         if message.frame_count > MAX_GROUP or message.needs is not None:
             raise SectionError(f"a group of {message.frame_count} frames that needs frame {message.needs}")
-        sensor = self._sensors.sensor_of(message)
         alone, layers, rest = split_group(message.section(SectionType.RANGE), message)
-        history, planes = MaskHistory(), []
-        for number, one in enumerate(alone):
-            planes.append(decode_planes(one, sensor, history if number else None))
-            history.remember(planes[-1].valid, planes[-1].azimuth, sensor)
-        ranges = [np.zeros(plane.valid.shape, np.uint16) for plane in planes]
+        calibration = Section(SectionType.CALIBRATION, message.section(SectionType.CALIBRATION))
+        planes = [self._planes.read(alone[0])]
+        for before, one in pairwise(alone):
+            sections = (calibration, *one.sections)
+            planes.append(self._planes.read(replace(one, needs=before.frame_index, key=False, sections=sections)))
         if any(plane.valid.any() for plane in planes):
             bits, value_of, jpeg = split_samples(rest)
             image = read_jpeg(jpeg, *layers.shape, bits)
             level = np.zeros(LASERS, np.int32)
-            for plane, out, samples in zip(planes, ranges, layers.gather(image), strict=True):
-                out[plane.valid] = ranges_of(value_of[samples], level, plane.valid)
+            for plane, samples in zip(planes, layers.gather(image), strict=True):
+                plane.ranges[plane.valid] = ranges_of(value_of[samples], level, plane.valid)
         elif rest:
             raise SectionError(f"{len(rest)} bytes of ranges for no return")
-        return [
-            frame_of(one, sensor, plane, range_) for one, plane, range_ in zip(alone, planes, ranges, strict=True)
-        ]  # fmt: skip
+        return [plane.frame(one) for one, plane in zip(alone, planes, strict=True)]
 
     def flush(self) -> list[Frame]:
         """Nothing: a group comes whole."""

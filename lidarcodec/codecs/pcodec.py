@@ -16,20 +16,16 @@ import numpy.typing as npt
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 from pydantic import Field
 
-from lidarcodec import _native
 from lidarcodec.codecs.base import Codec, CodecSettings, InForce
-from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.ranges.activity import Groups
-from lidarcodec.ranges.quantise import quantise, reconstruct
-from lidarcodec.ranges.steps import split_step, with_step
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.ranges.quantise import quantise
+from lidarcodec.ranges.steps import with_step
 
 Ranges = npt.NDArray[np.uint16]
-Mask = npt.NDArray[np.bool_]
 
 _GROUP: Final = struct.Struct("<BI")
 
@@ -64,15 +60,6 @@ def compress_groups(values: Ranges, level: int) -> bytes:
     return b"".join(parts)
 
 
-def decompress_groups(data: bytes, size: int) -> Ranges:
-    """(size,) uint16 values of a group table and its pco data, by the native core's own reader of pco.
-
-    Raises SectionError or TruncatedError unless they hold exactly `size` values and not a byte more.
-    """
-    values: Ranges = _native.decode_pco_groups(data, size)
-    return values
-
-
 def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:
     """The RANGE section of a frame."""
     step = settings.stream.step
@@ -80,20 +67,9 @@ def code_ranges(frame: Frame, settings: InForce[PcodecSettings]) -> bytes:
     return with_step(step, compress_groups(returns, settings.own.level) if len(returns) else b"")
 
 
-def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
-    step, coded = split_step(data)
-    size = int(np.count_nonzero(valid))
-    if not size:
-        if coded:
-            raise SectionError(f"{len(coded)} bytes of ranges for no return")
-        return np.zeros(0, np.uint16)
-    return reconstruct(decompress_groups(coded, size), step)
-
-
 CODEC = Codec(
     PcodecSettings,
     independent_encoder(PcodecSettings, code_ranges, mask_history=lambda own: own.mask_history),
-    independent_decoder(decode_ranges),
+    SessionDecoder,
     knob=bound_knob(),
 )

@@ -18,17 +18,12 @@ from pydantic import Field
 
 from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, Encoder, InForce
+from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings, coded_ranges
-from lidarcodec.codecs.referring_decoder import ReferringDecoder
-from lidarcodec.entropy import KnownColumns
 from lidarcodec.frame import Frame
-from lidarcodec.message import Message
-from lidarcodec.planes.sections import Planes
-from lidarcodec.ranges.image.canvas import level_offsets
-from lidarcodec.ranges.steps import split_step, with_step
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.ranges.steps import with_step
 from lidarcodec.settings import StreamSettings
 
 Ranges = npt.NDArray[np.uint16]
@@ -68,38 +63,8 @@ class PredictiveRanges:
         return CodedRanges(with_step(stream.step, coded), free)
 
 
-class PredictiveRangeDecoder:
-    """Reads ranges by what is learned while decoding."""
-
-    def __init__(self) -> None:
-        self._coder = entropy.PredictiveCoder()
-
-    def reset(self) -> None:
-        """Forgets what was learned."""
-        self._coder.reset()
-
-    def begin(self, message: Message, planes: Planes) -> None:
-        """Nothing: ranges need nothing else of a message."""
-
-    def columns_before(self, data: bytes) -> int | None:
-        """How many columns before it a RANGE section refers to. Raises SectionError or TruncatedError."""
-        return entropy.known_columns(split_step(data)[1])
-
-    def decode(
-        self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
-    ) -> Ranges:
-        """(64, W) uint16 of a RANGE section. Raises SectionError or TruncatedError."""
-        step, coded = split_step(data)
-        given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
-        return self._coder.decode(coded, *given, expected=expected, slab_after=edge)
-
-
 def _encoder(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder:
     return FrameEncoder(codec_id, settings, stream_id, PredictiveSettings, Referring(PredictiveRanges()))
 
 
-def _decoder(codec_id: int) -> ReferringDecoder:
-    return ReferringDecoder(codec_id, PredictiveRangeDecoder())
-
-
-CODEC = Codec(PredictiveSettings, _encoder, _decoder, knob=bound_knob())
+CODEC = Codec(PredictiveSettings, _encoder, SessionDecoder, knob=bound_knob())

@@ -11,27 +11,17 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.codecs.base import Codec, CodecSettings, Encoder, InForce
-from lidarcodec.codecs.frame_decoder import check_single, frame_of
+from lidarcodec.codecs.base import Codec, CodecSettings, Decoder, Encoder, InForce
+from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
-from lidarcodec.message import Message, Section, SectionType
-from lidarcodec.planes.calibrations import SensorBook
+from lidarcodec.message import Section, SectionType
 from lidarcodec.planes.intensity import Quality, reduced
-from lidarcodec.planes.sections import (
-    Planes,
-    check_unfired,
-    decode_pose,
-    fired_cells,
-    pose_sections,
-    position_sections,
-    side_of,
-)
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.planes.sections import check_unfired, fired_cells, pose_sections, position_sections
 from lidarcodec.settings import StreamSettings
 from lidarcodec.side import SideInfo
-from lidarcodec.units import AZIMUTH_TURN, BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS, LASERS_PER_BLOCK
+from lidarcodec.units import AZIMUTH_TURN, BLOCK_BYTES, BLOCKS_PER_PACKET, LASERS_PER_BLOCK
 
 Ranges = npt.NDArray[np.uint16]
 
@@ -40,13 +30,6 @@ _SIDE_HEAD: Final = struct.Struct("<HII")
 
 class RawSettings(CodecSettings):
     """`raw` has no settings of its own."""
-
-
-def _image(data: bytes, dtype: str, rows: int, width: int, what: str) -> npt.NDArray[np.generic]:
-    wanted = rows * width * np.dtype(dtype).itemsize
-    if len(data) != wanted:
-        raise SectionError(f"a raw {what} section of {len(data)} bytes, not {wanted}")
-    return np.frombuffer(data, dtype).reshape(rows, width)
 
 
 def _side_parts(head: tuple[int, int, int], packets: int) -> list[tuple[str, str, tuple[int, ...]]]:
@@ -129,46 +112,8 @@ def _encoder(codec_id: int, settings: StreamSettings, stream_id: int) -> Encoder
     return FrameEncoder(codec_id, settings, stream_id, RawSettings, RawContent(), plain_calibration=True)
 
 
-class RawDecoder:
-    """Decoder of `raw`."""
-
-    def __init__(self, codec_id: int) -> None:
-        self.codec_id = codec_id
-        self._sensors = SensorBook()
-
-    def decode(self, message: Message) -> list[Frame]:
-        """The message's frame.
-
-        Raises DecodeError; MissingReferenceError when a key message has to come first.
-        """
-        check_single(message, self.codec_id)
-        sensor = self._sensors.sensor_of(message)
-        planes, ranges = _decode_planes(message, sensor)
-        return [frame_of(message, sensor, planes, ranges)]
-
-    def flush(self) -> list[Frame]:
-        """Nothing: no frame is held back."""
-        return []
+def _decoder(codec_id: int) -> Decoder:
+    return SessionDecoder(codec_id, _decode_side)
 
 
-def _decode_planes(message: Message, sensor: SensorModel) -> tuple[Planes, Ranges]:
-    width = message.width
-    ranges = _image(message.section(SectionType.RANGE), "<u2", LASERS, width, "range").astype(np.uint16)
-    angles = message.section(SectionType.AZIMUTH)
-    azimuth = _image(angles[: 4 * width], "<u2", 2, width, "azimuth").astype(np.uint16)
-    halves = _image(angles[4 * width :], "u1", 1, width, "azimuth")[0].astype(np.uint8)
-    if width and (int(azimuth.max()) >= AZIMUTH_TURN or int(halves.max()) > 3):
-        raise SectionError("a raw azimuth section with an azimuth beyond 35999 or an unknown half")
-    fired = np.stack([halves & 1, halves >> 1]).astype(np.bool_)
-    intensity = np.zeros((LASERS, width), np.uint8)
-    if message.has(SectionType.INTENSITY):
-        coded = message.section(SectionType.INTENSITY)
-        intensity = _image(coded, "u1", LASERS, width, "intensity").astype(np.uint8)
-    valid = ranges.astype(np.bool_)
-    unfired = ~fired_cells(fired, sensor)
-    if (valid & unfired).any() or intensity[unfired].any():
-        raise SectionError("a raw message with returns in cells that were not fired")
-    return Planes(valid, intensity, azimuth, fired, side_of(message, _decode_side), decode_pose(message)), ranges
-
-
-CODEC = Codec(RawSettings, _encoder, RawDecoder)
+CODEC = Codec(RawSettings, _encoder, _decoder)

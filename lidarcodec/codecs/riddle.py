@@ -30,22 +30,18 @@ from pydantic import Field
 
 from lidarcodec import entropy
 from lidarcodec.codecs.base import Codec, InForce, own_settings
+from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.codecs.rate_knob import bound_knob
 from lidarcodec.codecs.referring import CodedRanges, Reference, Referring, ReferringSettings, coded_ranges
-from lidarcodec.codecs.referring_decoder import ReferringDecoder
-from lidarcodec.entropy import KnownColumns
-from lidarcodec.errors import LidarCodecError, SectionError, SettingsError, TruncatedError, UnknownNameError
+from lidarcodec.errors import LidarCodecError, SettingsError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.network.learner import Learner
 from lidarcodec.network.networks import Weights
-from lidarcodec.network.shelf import EFFORTS, Shelf, native_nets, networks_of, shipped, weights_of
+from lidarcodec.network.shelf import EFFORTS, native_nets, networks_of, shipped, weights_of
 from lidarcodec.network.update import Update, weights_with
-from lidarcodec.planes.sections import Planes
-from lidarcodec.ranges.image.canvas import level_offsets
-from lidarcodec.ranges.steps import split_step, with_step
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.ranges.steps import with_step
 from lidarcodec.settings import StreamSettings
 
 Ranges = npt.NDArray[np.uint16]
@@ -272,62 +268,8 @@ def _weights_for(own: RiddleSettings) -> Weights | None:
     return weights if weights.name in shipped() else weights_with(nets)
 
 
-class NetworkRangeDecoder:
-    """Reads ranges with networks that the package or the stream brings."""
-
-    def __init__(self) -> None:
-        self._memory, self._shelf = LearnedCoder(), Shelf()
-        self._begins, self._frame = False, 0
-
-    def reset(self) -> None:
-        """Forgets what contexts learned; networks stay."""
-        self._memory.reset()
-
-    def begin(self, message: Message, planes: Planes) -> None:
-        """Takes weights that a message brings. Raises SectionError for a message too small for its returns."""
-        held, least = _bytes_of(message.sections), _least_bytes(planes.valid)
-        if held < least:
-            raise SectionError(f"sections of {held} bytes for so many returns: {least} are the least")
-        brought = [section.data for section in message.sections if section.type == SectionType.WEIGHTS]
-        self._shelf.take_all(brought, message.frame_index)
-        self._begins, self._frame = message.needs is None, message.frame_index
-
-    def columns_before(self, data: bytes) -> int | None:
-        """How many columns before it a RANGE section refers to. Raises SectionError or TruncatedError."""
-        return entropy.known_columns(_split(data)[3])
-
-    def decode(
-        self, data: bytes, planes: Planes, sensor: SensorModel, expected: Ranges | None, edge: KnownColumns | None
-    ) -> Ranges:
-        """(64, W) uint16 of a RANGE section. Raises SectionError or TruncatedError."""
-        step, effort, name, coded = _split(data)
-        weights = None if effort == EFFORTS[0] else self._shelf.find(name, self._frame)
-        try:
-            forgets = self._memory.use(weights, effort, goes_on=not self._begins)
-        except UnknownNameError as error:
-            raise SectionError(str(error)) from None
-        if forgets and not self._begins:
-            raise SectionError("another effort than that of the frame before, which it goes on from")
-        given = (planes.valid, planes.fired, sensor, step, level_offsets(sensor))
-        return self._memory.coder.decode(coded, *given, expected=expected, slab_after=edge)
-
-
-def _split(data: bytes) -> tuple[int, int, str, bytes]:
-    """Step, effort, name of the weights, and the rest. Raises SectionError or TruncatedError."""
-    step, rest = split_step(data)
-    if len(rest) < 1 + _NAME_BYTES:
-        raise TruncatedError("ranges end within their header", len(data))
-    if rest[0] not in EFFORTS:
-        raise SectionError(f"ranges of effort {rest[0]}: {EFFORTS[0]} to {EFFORTS[-1]} are known")
-    return step, rest[0], rest[1 : 1 + _NAME_BYTES].hex(), rest[1 + _NAME_BYTES :]
-
-
 def _read_weights(settings: StreamSettings) -> Weights | None:
     return _weights_for(own_settings(RiddleSettings, settings))
 
 
-def _decoder(codec_id: int) -> ReferringDecoder:
-    return ReferringDecoder(codec_id, NetworkRangeDecoder())
-
-
-CODEC = Codec(RiddleSettings, RiddleEncoder, _decoder, knob=bound_knob(), files=_read_weights)
+CODEC = Codec(RiddleSettings, RiddleEncoder, SessionDecoder, knob=bound_knob(), files=_read_weights)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -17,14 +18,13 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
-from lidarcodec.codecs.frame_decoder import check_single, frame_of, missing_reference
+from lidarcodec.codecs.frame_decoder import PlaneReader, check_codec, missing_reference
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
 from lidarcodec.errors import SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
-from lidarcodec.planes.calibrations import SensorBook
 from lidarcodec.planes.intensity import Quality
-from lidarcodec.planes.sections import decode_planes, encode_planes
+from lidarcodec.planes.sections import encode_planes
 from lidarcodec.ranges.image.canvas import MAX_VALUE, level_offsets
 from lidarcodec.ranges.image.holes import filled_lines
 from lidarcodec.ranges.mapping import NAMES, MappingName, check_top, mapping_of
@@ -168,7 +168,7 @@ class VideoDecoder:
 
     def __init__(self, codec_id: int) -> None:
         self.codec_id = codec_id
-        self._sensors = SensorBook()
+        self._planes = PlaneReader(codec_id, reads_ranges=True)
         self._reader: PictureReader | None = None
         self._stream: _Stream | None = None
         self._read: tuple[int, int] | None = None
@@ -178,21 +178,20 @@ class VideoDecoder:
 
         Raises DecodeError; MissingReferenceError when a key message, or one with an IDR picture, has to come first.
         """
-        check_single(message, self.codec_id)
+        check_codec(message, self.codec_id)
         if message.needs is not None and self._read != (message.stream_id, message.needs):
             raise missing_reference(message, message.needs)
-        sensor = self._sensors.sensor_of(message)
-        planes = decode_planes(message, sensor)
-        ranges = np.zeros(planes.valid.shape, np.uint16)
+        planes = self._planes.read(replace(message, needs=None))  # of pictures alone one needs another
+        sensor = planes.sensor
         data = message.section(SectionType.RANGE)
         if planes.valid.any():
             stream, unit = _split(data)
             where = cells(stream.layout, positions(stream.layout, planes.azimuth, planes.fired), sensor, planes.valid)
             samples = self._samples(message, stream, unit).reshape(-1)[where]
-            ranges[planes.valid] = _ranges(stream, samples, sensor, planes.valid)
+            planes.ranges[planes.valid] = _ranges(stream, samples, sensor, planes.valid)
         elif data or message.needs is not None:
             raise SectionError(f"{len(data)} bytes of ranges for no return")
-        return [frame_of(message, sensor, planes, ranges)]
+        return [planes.frame(message)]
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""

@@ -10,17 +10,15 @@ import numpy.typing as npt
 from pydantic import Field
 
 from lidarcodec.codecs.base import Codec, CodecSettings, InForce
-from lidarcodec.codecs.frame_decoder import independent_decoder
+from lidarcodec.codecs.frame_decoder import SessionDecoder
 from lidarcodec.codecs.frame_encoder import independent_encoder
 from lidarcodec.codecs.rate_knob import bound_knob
-from lidarcodec.entropy.zstd_frames import compress, decompress
+from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.frame import Frame
-from lidarcodec.ranges.quantise import quantise, reconstruct
-from lidarcodec.ranges.steps import split_step, with_step
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.ranges.quantise import quantise
+from lidarcodec.ranges.steps import with_step
 
 Ranges = npt.NDArray[np.uint16]
-Mask = npt.NDArray[np.bool_]
 
 
 class ZstdSettings(CodecSettings):
@@ -37,30 +35,15 @@ def folded_differences(values: Ranges) -> bytes:
     return (folded & 0xFF).astype(np.uint8).tobytes() + (folded >> 8).astype(np.uint8).tobytes()
 
 
-def summed_differences(planes: bytes) -> Ranges:
-    """The values that `folded_differences` took apart."""
-    low, high = np.frombuffer(planes, np.uint8).reshape(2, -1).astype(np.uint16)
-    folded = low | high << np.uint16(8)
-    change = (folded >> np.uint16(1)) ^ (np.uint16(0) - (folded & np.uint16(1)))
-    return np.cumsum(change, dtype=np.uint16)
-
-
 def code_ranges(frame: Frame, settings: InForce[ZstdSettings]) -> bytes:
     """The RANGE section of a frame."""
     step = settings.stream.step
     return with_step(step, compress(folded_differences(quantise(frame.range[frame.valid], step)), settings.own.level))
 
 
-def decode_ranges(data: bytes, valid: Mask, sensor: SensorModel) -> Ranges:
-    """(N,) uint16, the ranges of a RANGE section. Raises SectionError."""
-    step, coded = split_step(data)
-    planes = decompress(coded, 2 * int(np.count_nonzero(valid)))
-    return reconstruct(summed_differences(planes), step)
-
-
 CODEC = Codec(
     ZstdSettings,
     independent_encoder(ZstdSettings, code_ranges, grouped_intensity=True),
-    independent_decoder(decode_ranges),
+    SessionDecoder,
     knob=bound_knob(),
 )

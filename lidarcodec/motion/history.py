@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.entropy import KnownColumns
-from lidarcodec.errors import SectionError
 from lidarcodec.motion.motion import Motion
 from lidarcodec.motion.warp import RangeHistory, swept
 from lidarcodec.sensor_model import SensorModel
@@ -142,13 +141,3 @@ class StreamHistory:
             return KnownColumns.none()
         gap = (int(azimuth[0, 0]) - self._edge_azimuth) % AZIMUTH_TURN
         return self._edge if gap <= WIDEST_GAP else KnownColumns.none()
-
-    def edge_of(self, columns: int) -> KnownColumns:
-        """The last so many columns, which a slab that was received refers to.
-
-        Raises SectionError if there are fewer.
-        """
-        edge = self._edge.last(columns)
-        if edge.ranges.shape[1] != columns:
-            raise SectionError(f"a slab refers to {columns} columns before it: {edge.ranges.shape[1]} are known")
-        return edge

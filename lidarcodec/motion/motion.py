@@ -5,8 +5,8 @@ Any three numbers are then a rotation, and every machine computes the same matri
 R = 1 + 2 (S [h] + [h]^2) / (S^2 + h.h) with S = 2^24. The section is described in docs/wire-format-motion.md.
 
 >>> ahead = Motion(shift=(-16_000, 0, 0))  # the sensor drove a metre ahead: points move a metre back
->>> decode_motion(encode_motion(ahead)) == ahead
-True
+>>> encode_motion(ahead)[9:12].hex()
+'80c1ff'
 >>> ahead.numbers.tolist()[9:]
 [-16000, 0, 0]
 """
@@ -123,14 +123,3 @@ def is_rigid(pose: npt.NDArray[np.float64]) -> bool:
 def encode_motion(motion: Motion) -> bytes:
     """The 18 bytes of a MOTION section: turn and shift, 3 bytes each number, signed, little endian."""
     return b"".join(number.to_bytes(_BYTES, "little", signed=True) for number in (*motion.turn, *motion.shift))
-
-
-def decode_motion(data: bytes) -> Motion:
-    """The motion of a section.
-
-    Raises SectionError if it has not 18 bytes, or is beyond the limits.
-    """
-    if len(data) != 6 * _BYTES:
-        raise SectionError(f"a motion of {len(data)} bytes, not {6 * _BYTES}")
-    parts = [int.from_bytes(data[at : at + _BYTES], "little", signed=True) for at in range(0, len(data), _BYTES)]
-    return Motion((parts[0], parts[1], parts[2]), (parts[3], parts[4], parts[5]))

@@ -36,6 +36,12 @@ def shipped() -> dict[str, Weights]:
     return {weights.name: weights for weights in map(read_weights, sorted(_FOLDER.glob("*.lcrw")))}
 
 
+def shipped_file(name: str) -> bytes | None:
+    """The weight file of the package that has this name; None if there is none."""
+    found = shipped().get(name)
+    return None if found is None else found.data
+
+
 @cache
 def _default() -> Weights:
     return read_weights(_FOLDER / f"{DEFAULT}.lcrw")

@@ -16,11 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import entropy
-from lidarcodec.entropy.zstd_frames import compress, decompress
-from lidarcodec.errors import SectionError
+from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.frame import Frame
-from lidarcodec.planes.neighbour import decode_bytes, encode_bytes
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.planes.neighbour import encode_bytes
 from lidarcodec.settings import StreamSettings
 
 FORM_RETURNS: Final = 0
@@ -108,29 +106,3 @@ def encode_intensity(
         return bytes([kind + FORM_RETURNS]) + coded
     size = len(coded).to_bytes(4, "little")
     return bytes([kind + FORM_ALL_FIRED]) + size + coded + compress(image[others].tobytes(), _LEVEL)
-
-
-def decode_intensity(data: bytes | None, valid: Mask, cells: Mask, fired: Mask, sensor: SensorModel) -> Bytes:
-    """(64, W) uint8; zeros where nothing was sent.
-
-    valid: (64, W), the returns; cells: (64, W), those that fired; fired: (2, W). Raises SectionError.
-    """
-    if data is None:
-        return np.zeros(valid.shape, np.uint8)
-    kind, form = divmod(data[0], MODELLED) if data else (-1, -1)
-    if kind not in (0, 1):
-        raise SectionError(f"an intensity section of {len(data)} bytes that begins with {data[:1].hex() or 'nothing'}")
-
-    def returns(coded: bytes) -> Bytes:
-        if kind:
-            return entropy.decode_intensity(coded, valid, fired, sensor)
-        image = np.zeros(valid.shape, np.uint8)
-        image[valid] = decode_bytes(coded, int(np.count_nonzero(valid)))
-        return image
-
-    if form in (FORM_RETURNS, FORM_FEW):
-        return returns(data[1:])
-    split = 5 + int.from_bytes(data[1:5], "little")
-    image, others = returns(data[5:split]), cells > valid
-    image[others] = np.frombuffer(decompress(data[split:], int(np.count_nonzero(others))), np.uint8)
-    return image

@@ -8,8 +8,7 @@ instead, because a dropped return decodes as no return.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +17,8 @@ from lidarcodec import entropy
 from lidarcodec.errors import LidarCodecError, SectionError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message, Section, SectionType
-from lidarcodec.motion.history import MaskHistory
 from lidarcodec.motion.motion import is_rigid
-from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intensity
+from lidarcodec.planes.intensity import Quality, encode_intensity
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
@@ -28,28 +26,10 @@ from lidarcodec.units import LASERS, LASERS_PER_BLOCK
 Mask = npt.NDArray[np.bool_]
 Azimuth = npt.NDArray[np.uint16]
 
-_STREAM_KINDS: Final = tuple(bytes([kind]) for kind in entropy.STREAM_KINDS)
-
 EncodeMask = Callable[[Frame], bytes]
 """Codes the mask of a frame in a stream whose masks refer to earlier ones."""
-DecodeMask = Callable[[bytes, Azimuth, Mask], Mask]
-"""And how it decodes one: of its bytes, azimuth (2, W) and what fired (2, W). Raises SectionError or TruncatedError."""
-
-
-@dataclass(frozen=True, eq=False)
-class Planes:
-    """A frame without its ranges; W columns.
-
-    valid: (64, W) bool, returns that were sent; intensity: (64, W) uint8; azimuth: (2, W) uint16; fired: (2, W) bool
-    side: None if the message has none; pose: (4, 4) float64 or None
-    """
-
-    valid: Mask
-    intensity: npt.NDArray[np.uint8]
-    azimuth: npt.NDArray[np.uint16]
-    fired: Mask
-    side: SideInfo | None
-    pose: npt.NDArray[np.float64] | None
+DecodeSide = Callable[[bytes, int], SideInfo]
+"""Reads a SIDE section, of its bytes and the number of packets. Raises SectionError or TruncatedError."""
 
 
 def fired_cells(fired: Mask, sensor: SensorModel) -> Mask:
@@ -109,23 +89,6 @@ def _mask_section(frame: Frame, previous: Mask | None, turn: int | None, encode_
     return Section(SectionType.KEEP, entropy.encode_keep(valid, frame.azimuth, given, sensor, previous, turn=turn))
 
 
-def _decode_mask(
-    message: Message,
-    azimuth: Azimuth,
-    fired: Mask,
-    sensor: SensorModel,
-    history: MaskHistory | None,
-    decode_mask: DecodeMask | None,
-) -> Mask:
-    coded = message.section(SectionType.KEEP if message.has(SectionType.KEEP) else SectionType.MASK)
-    if decode_mask is not None and not message.has(SectionType.KEEP) and coded[:1] in _STREAM_KINDS:
-        return decode_mask(coded, azimuth, fired)
-    previous = None if history is None else history.before(azimuth, sensor)
-    if message.has(SectionType.KEEP):
-        return entropy.decode_keep(coded, azimuth, fired, sensor, previous)
-    return entropy.decode_mask(coded, fired, sensor, previous)
-
-
 def position_sections(frame: Frame) -> list[Section]:
     """The POSITION section, or nothing where the frame has no position packets."""
     if frame.side is None or not frame.side.positions:
@@ -142,27 +105,8 @@ def pose_sections(frame: Frame) -> list[Section]:
     return [Section(SectionType.POSE, frame.pose[:3].astype("<f8").tobytes())]
 
 
-def decode_pose(message: Message) -> npt.NDArray[np.float64] | None:
-    """(4, 4) float64 T_world_sensor of a message, None if it has none.
-
-    Raises SectionError.
-    """
-    if not message.has(SectionType.POSE):
-        return None
-    data = message.section(SectionType.POSE)
-    if len(data) != 96:
-        raise SectionError(f"a pose section of {len(data)} bytes, not 96")
-    pose = np.eye(4)
-    pose[:3] = np.frombuffer(data, "<f8").reshape(3, 4)
-    if not is_rigid(pose):
-        raise SectionError("a pose that is no rigid transform")
-    return pose
-
-
-def side_of(message: Message, decode: Callable[[bytes, int], SideInfo] = entropy.decode_side) -> SideInfo | None:
+def side_of(message: Message, decode: DecodeSide = entropy.decode_side) -> SideInfo | None:
     """Side information of a message, position packets included; None if it has none.
-
-    decode: of a SIDE section's bytes and the number of packets
 
     Raises SectionError, also where it does not describe the columns of the message; TruncatedError.
     """
@@ -176,22 +120,3 @@ def side_of(message: Message, decode: Callable[[bytes, int], SideInfo] = entropy
     if not message.has(SectionType.POSITION):
         return side
     return replace(side, positions=entropy.decode_positions(message.section(SectionType.POSITION), message.packets))
-
-
-def decode_planes(
-    message: Message,
-    sensor: SensorModel,
-    history: MaskHistory | None = None,
-    decode_mask: DecodeMask | None = None,
-) -> Planes:
-    """All of a frame but its ranges. history: of the masks that this one refers to.
-
-    decode_mask: of streams that code masks with memory
-
-    Raises DecodeError.
-    """
-    azimuth, fired = entropy.decode_azimuth(message.section(SectionType.AZIMUTH), message.width)
-    valid = _decode_mask(message, azimuth, fired, sensor, history, decode_mask)
-    coded = message.section(SectionType.INTENSITY) if message.has(SectionType.INTENSITY) else None
-    intensity = decode_intensity(coded, valid, fired_cells(fired, sensor), fired, sensor)
-    return Planes(valid, intensity, azimuth, fired, side_of(message), decode_pose(message))

@@ -20,5 +20,6 @@ NB_MODULE(_native, m) {
   bind_simulator(m);
   bind_assembly(m);
   bind_receiver(m);
+  bind_session(m);
   bind_reduction(m);
 }

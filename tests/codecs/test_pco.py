@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pytest
 from pcodec import ChunkConfig, DeltaSpec, ModeSpec, PagingSpec, wrapped
 
-from lidarcodec._native import read_pco_chunk
-from lidarcodec.codecs.pcodec import compress_groups, decompress_groups
+from lidarcodec._native import decode_pco_groups, read_pco_chunk
+from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.errors import DecodeError, SectionError
 
 Numbers = npt.NDArray[np.int16]
@@ -128,7 +128,7 @@ def test_every_cut_is_refused() -> None:
     data = compress_groups(values, 8)
     for size in range(len(data)):
         with pytest.raises(DecodeError):
-            decompress_groups(data[:size], len(values))
+            decode_pco_groups(data[:size], len(values))
 
 
 def test_groups_that_do_not_belong_together_are_refused() -> None:
@@ -143,10 +143,10 @@ def test_groups_that_do_not_belong_together_are_refused() -> None:
         damaged = data.copy()
         damaged[at] = value
         with pytest.raises(DecodeError):
-            decompress_groups(bytes(damaged), len(values))
+            decode_pco_groups(bytes(damaged), len(values))
     table = [struct.unpack_from("<BI", data, 1 + 5 * group) for group in range(count)]
     moved = [(start if group == 0 else start + 1, returns) for group, (start, returns) in enumerate(table)]
     if moved[-1][0] < 19:
         packed = bytes([count]) + b"".join(struct.pack("<BI", *entry) for entry in moved)
         with pytest.raises(SectionError):
-            decompress_groups(packed + bytes(data[len(packed) :]), len(values))
+            decode_pco_groups(packed + bytes(data[len(packed) :]), len(values))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcodec.codecs.pcodec import compress_groups, decompress_groups
+from lidarcodec._native import decode_pco_groups
+from lidarcodec.codecs.pcodec import compress_groups
 from lidarcodec.errors import DecodeError
 
 PAGE = 262_144
@@ -16,7 +17,7 @@ PAGE = 262_144
 @pytest.mark.parametrize("spread", [0, 1, 200])
 def test_a_group_is_whole(size: int, spread: int) -> None:
     values = np.random.default_rng(size).integers(5000, 5001 + spread, size).astype(np.uint16)
-    np.testing.assert_array_equal(decompress_groups(compress_groups(values, 8), size), values)
+    np.testing.assert_array_equal(decode_pco_groups(compress_groups(values, 8), size), values)
 
 
 def test_a_group_that_is_cut_is_refused() -> None:
@@ -24,4 +25,4 @@ def test_a_group_that_is_cut_is_refused() -> None:
     data = compress_groups(values, 8)
     for cut in (data[:-1], data[: len(data) // 2], data + b"\0"):
         with pytest.raises(DecodeError):
-            decompress_groups(cut, len(values))
+            decode_pco_groups(cut, len(values))

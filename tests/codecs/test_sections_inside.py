@@ -5,60 +5,67 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import Decoder
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import LidarCodecError, MissingReferenceError, SectionError, TruncatedError
 from lidarcodec.frame import Frame
-from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.message import SectionType
 from lidarcodec.pipeline import StreamEncoder
-from lidarcodec.planes.calibrations import SensorBook, encode_calibration
-from lidarcodec.planes.intensity import Quality, decode_intensity, encode_intensity, values_within
-from lidarcodec.planes.sections import decode_pose, fired_cells, pose_sections
+from lidarcodec.planes.calibrations import encode_calibration
+from lidarcodec.planes.intensity import Quality, encode_intensity, values_within
+from lidarcodec.planes.sections import fired_cells, pose_sections
 from lidarcodec.sensor_model import Calibration, SensorModel
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
+from tests.planes.one_section import empty, read_intensity
 
 
-def message(kind: SectionType, data: bytes, key: bool = True) -> Message:
-    """A message of one section."""
-    sections = (Section(kind, data),)
-    return Message(3, 1, 7, 0, key, 0, 0, sections)
+def sensor_of(decoder: Decoder, data: bytes) -> SensorModel:
+    """The sensor of a frame without columns, by its CALIBRATION section."""
+    (frame,) = decoder.decode(empty(SectionType.CALIBRATION, data))
+    return frame.sensor
+
+
+def raw() -> Decoder:
+    """A fresh decoder."""
+    return table.make_decoder(table.codec_id("raw"))
 
 
 @pytest.mark.parametrize("plain", [False, True])
 def test_a_calibration_comes_back_and_its_hash_alone_suffices_then(plain: bool) -> None:
     sensor = frames.SENSOR.with_convention("veloview")
-    book = SensorBook()
-    data = encode_calibration(sensor, key=True, plain=plain)
-    came = book.sensor_of(message(SectionType.CALIBRATION, data))
+    decoder = raw()
+    came = sensor_of(decoder, encode_calibration(sensor, key=True, plain=plain))
     assert (came.hash, came.convention, came.name, came.origin) == (sensor.hash, "veloview", "HDL-64E", "message")
     assert came.range_step_m == 0.002
     np.testing.assert_array_equal(came.calibration.table, sensor.calibration.table)
     short = encode_calibration(sensor, key=False)
     assert len(short) == 9
-    assert book.sensor_of(message(SectionType.CALIBRATION, short)) is came
+    assert sensor_of(decoder, short) is came
 
 
 def test_a_hash_without_its_table_asks_for_a_key_frame() -> None:
     with pytest.raises(MissingReferenceError, match="key frame") as caught:
-        SensorBook().sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.SENSOR, key=False)))
+        sensor_of(raw(), encode_calibration(frames.SENSOR, key=False))
     assert caught.value.needs == 7
 
 
 def test_a_decoder_does_not_collect_calibrations_without_end() -> None:
-    book = SensorBook()
+    decoder = raw()
     for seed in range(20):
-        book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(seed), key=True)))
-    assert len(book._known) == 8
-    book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(19), key=False)))
+        sensor_of(decoder, encode_calibration(frames.sensor(seed), key=True))
+    for seed in range(12, 20):
+        sensor_of(decoder, encode_calibration(frames.sensor(seed), key=False))
     with pytest.raises(MissingReferenceError):
-        book.sensor_of(message(SectionType.CALIBRATION, encode_calibration(frames.sensor(0), key=False)))
+        sensor_of(decoder, encode_calibration(frames.sensor(11), key=False))
 
 
 def test_a_calibration_that_lies_about_its_hash_is_refused() -> None:
     data = bytearray(encode_calibration(frames.SENSOR, key=True, plain=True))
     data[-1] ^= 1
     with pytest.raises(SectionError, match="calls itself"):
-        SensorBook().sensor_of(message(SectionType.CALIBRATION, bytes(data)))
+        sensor_of(raw(), bytes(data))
 
 
 @pytest.mark.parametrize(
@@ -67,7 +74,7 @@ def test_a_calibration_that_lies_about_its_hash_is_refused() -> None:
 )
 def test_damaged_calibrations_are_refused(data: bytes) -> None:
     with pytest.raises(SectionError):
-        SensorBook().sensor_of(message(SectionType.CALIBRATION, data))
+        sensor_of(raw(), data)
 
 
 def test_a_sensor_that_does_not_fit_is_refused_by_the_encoder() -> None:
@@ -97,9 +104,7 @@ def test_intensities_without_return_cost_nothing_where_they_are_zero(grouped: bo
     data = encode_intensity(frame, cells, Quality(256), grouped=grouped)
     assert data is not None
     assert data[0] == (0 if grouped else 3)
-    np.testing.assert_array_equal(
-        decode_intensity(data, frame.valid, cells, frame.fired, frames.SENSOR), frame.intensity
-    )
+    np.testing.assert_array_equal(read_intensity(data, frame.valid, frame.fired, frames.SENSOR), frame.intensity)
 
 
 @pytest.mark.parametrize("grouped", [False, True])
@@ -110,11 +115,11 @@ def test_intensities_without_return_cost_nothing_where_they_are_zero(grouped: bo
 def test_intensities_come_back_in_every_form(frame: Frame, quality: Quality, grouped: bool) -> None:
     cells = fired_cells(frame.fired, frame.sensor)
     data = encode_intensity(frame, cells, quality, grouped=grouped)
-    came = decode_intensity(data, frame.valid, cells, frame.fired, frame.sensor)
+    assert data is not None
+    came = read_intensity(data, frame.valid, frame.fired, frame.sensor)
     if quality.lossless:
         np.testing.assert_array_equal(came, frame.intensity)
         return
-    assert data is not None
     assert data[0] == (2 if grouped else 5)
     assert not came[~frame.valid].any()
     before, after = frame.intensity[frame.valid].astype(int), came[frame.valid].astype(int)
@@ -137,7 +142,7 @@ def test_intensities_come_back_in_every_form(frame: Frame, quality: Quality, gro
 def test_damaged_intensities_are_refused(data: bytes) -> None:
     frame = frames.scene(2)
     with pytest.raises((SectionError, TruncatedError)):
-        decode_intensity(data, frame.valid, np.ones(frame.range.shape, np.bool_), frame.fired, frames.SENSOR)
+        read_intensity(data, frame.valid, frame.fired, frames.SENSOR)
 
 
 def test_modelled_intensities_are_a_good_deal_smaller() -> None:
@@ -173,7 +178,7 @@ def test_a_pose_must_be_a_rigid_transform() -> None:
             encoder.encode(frame.with_(pose=wrong, index=2, stamp_ns=2 * 10**8))
     for data in (bytes(95), bytes(97), b"\xff" * 96):
         with pytest.raises(SectionError, match="pose"):
-            decode_pose(message(SectionType.POSE, data))
+            raw().decode(empty(SectionType.POSE, data))
 
 
 def test_a_pose_that_no_encoder_writes_is_refused() -> None:
@@ -182,6 +187,8 @@ def test_a_pose_that_no_encoder_writes_is_refused() -> None:
     stretched = np.diag([1e150, 1e-150, 1.0, 1.0])  # its determinant is 1
     for wrong in (np.full((4, 4), 1e308), np.zeros((4, 4)), np.diag([1.0, -1.0, 1.0, 1.0]), far, sheared, stretched):
         with pytest.raises(SectionError, match="no rigid transform"):
-            decode_pose(message(SectionType.POSE, wrong[:3].astype("<f8").tobytes()))
+            raw().decode(empty(SectionType.POSE, wrong[:3].astype("<f8").tobytes()))
     rounded = np.round(frames.pose(), 3)
-    np.testing.assert_array_equal(decode_pose(message(SectionType.POSE, rounded[:3].astype("<f8").tobytes())), rounded)
+    (frame,) = raw().decode(empty(SectionType.POSE, rounded[:3].astype("<f8").tobytes()))
+    assert frame.pose is not None
+    np.testing.assert_array_equal(frame.pose, rounded)

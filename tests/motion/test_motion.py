@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice, pairwise
 
 import numpy as np
 import pytest
 
 from lidarcodec.errors import SectionError
+from lidarcodec.message import Section, SectionType
 from lidarcodec.motion.finder import MotionFinder
-from lidarcodec.motion.motion import MAX_CAYLEY, MAX_SHIFT, STILL, Motion, decode_motion, encode_motion
+from lidarcodec.motion.motion import MAX_CAYLEY, STILL, Motion, encode_motion
 from lidarcodec.motion.warp import RangeHistory, beam_rows
-from lidarcodec.pipeline import frames_of
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.settings import StreamSettings
 from lidarcodec.sources import open_source
+from tests.contracts import frames
 from tests.motion.test_warp import AZIMUTHS, frame_of, moved, scene, sensor
 
 PERIOD_NS = 100_000_000
 
 
-def test_a_motion_comes_back_from_its_section() -> None:
-    for motion in (STILL, Motion((1, -2, 3), (-4, 5, -6)), Motion((MAX_CAYLEY,) * 3, (-MAX_SHIFT,) * 3)):
-        assert decode_motion(encode_motion(motion)) == motion
+def test_a_section_is_six_numbers_of_three_bytes() -> None:
+    assert encode_motion(STILL) == bytes(18)
+    six = [b"\1\0\0", b"\xfe\xff\xff", b"\3\0\0", b"\xfc\xff\xff", b"\5\0\0", b"\xfa\xff\xff"]
+    assert encode_motion(Motion((1, -2, 3), (-4, 5, -6))) == b"".join(six)
 
 
 @pytest.mark.parametrize(
     "data", [b"", bytes(17), bytes(19), b"\xff\xff\x7f" + bytes(15), bytes(9) + b"\x01\xe2\x04" * 3]
 )
 def test_no_motion_beyond_the_limits_is_read(data: bytes) -> None:
-    with pytest.raises(SectionError):
-        decode_motion(data)
+    encoder = StreamEncoder(StreamSettings(codec="predictive", codec_settings={"motion": True}), stream_id=1)
+    key, moved_on = (encoder.encode(frames.scene(4).with_(index=index))[0] for index in range(2))
+    others = tuple(section for section in moved_on.sections if section.type != SectionType.MOTION)
+    decoder = StreamDecoder()
+    decoder.decode(key)
+    with pytest.raises(SectionError, match="a motion"):
+        decoder.decode(replace(moved_on, sections=(*others, Section(SectionType.MOTION, data))))
 
 
 def test_any_three_numbers_are_a_rotation() -> None:

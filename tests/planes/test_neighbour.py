@@ -10,8 +10,17 @@ from hypothesis import strategies as st
 from lidarcodec._native import join_by_neighbour, split_by_neighbour
 from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.errors import SectionError
-from lidarcodec.planes.neighbour import MIN_GROUP, decode_bytes, encode_bytes
+from lidarcodec.planes.neighbour import MIN_GROUP, encode_bytes
+from tests.contracts import frames
+from tests.planes.one_section import read_intensity
 from tests.sweeps import examples
+
+
+def decode_bytes(data: bytes, size: int) -> np.ndarray:
+    """The intensities of `size` returns, in columns of which the last may have fewer."""
+    width = -(-size // 64)
+    valid = (np.arange(64 * width) < size).reshape(64, width)
+    return read_intensity(b"\0" + data, valid, np.ones((2, width), np.bool_), frames.SENSOR)[valid]
 
 
 @given(st.lists(st.integers(0, 255), max_size=200).map(lambda given: np.array(given, np.uint8)), st.integers(1, 256))

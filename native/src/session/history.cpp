@@ -84,7 +84,24 @@ std::vector<T> ending(const std::vector<T>& image, std::size_t width, std::size_
 
 }  // namespace
 
-std::vector<std::uint8_t> MaskMemory::before(const Columns& columns, const Halves& half) const {
+void MaskMemory::forget() {
+  sent_.assign(sent_.size(), 0);
+  waiting_.reset();
+}
+
+void MaskMemory::begin(const std::vector<std::uint8_t>& mask, const Columns& columns, const Halves& half) {
+  waiting_ = {mask, {columns.azimuth, columns.azimuth + 2 * columns.width}, half, columns.width};
+}
+
+void MaskMemory::take_waiting() {
+  if (!waiting_) return;
+  sent_.assign(sent_.size(), 0);
+  put(waiting_->mask, waiting_->width, waiting_->azimuth.data(), waiting_->half);
+  waiting_.reset();
+}
+
+std::vector<std::uint8_t> MaskMemory::before(const Columns& columns, const Halves& half) {
+  take_waiting();
   std::vector<std::uint8_t> cells(kRows * columns.width);
   for (std::size_t row = 0; row < kRows; ++row) {
     const std::uint16_t* azimuth = columns.azimuth + half[row] * columns.width;
@@ -94,11 +111,16 @@ std::vector<std::uint8_t> MaskMemory::before(const Columns& columns, const Halve
   return cells;
 }
 
-void MaskMemory::remember(const std::uint8_t* mask, const Columns& columns, const Halves& half) {
+void MaskMemory::remember(const std::vector<std::uint8_t>& mask, const Columns& columns, const Halves& half) {
+  take_waiting();
+  put(mask, columns.width, columns.azimuth, half);
+}
+
+void MaskMemory::put(const std::vector<std::uint8_t>& mask, std::size_t width, const std::uint16_t* azimuth,
+                     const Halves& half) {
   for (std::size_t row = 0; row < kRows; ++row) {
-    const std::uint16_t* azimuth = columns.azimuth + half[row] * columns.width;
-    for (std::size_t c = 0; c < columns.width; ++c)
-      sent_[row * kDirections + azimuth[c] / kStep] = mask[row * columns.width + c];
+    const std::uint16_t* at = azimuth + half[row] * width;
+    for (std::size_t c = 0; c < width; ++c) sent_[row * kDirections + at[c] / kStep] = mask[row * width + c];
   }
 }
 

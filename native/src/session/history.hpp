@@ -1,6 +1,6 @@
 // What a stream has shown since its last message that needs no other: the rules are docs/wire-format.md ("Mask and
-// keep"), docs/wire-format-motion.md and docs/wire-format-predictive.md ("Slabs"), in Python
-// lidarcodec/motion/history.py.
+// keep"), docs/wire-format-motion.md and docs/wire-format-predictive.md ("Slabs"), of
+// encoders lidarcodec/motion/history.py.
 #pragma once
 #include <array>
 #include <cstddef>
@@ -17,14 +17,27 @@ namespace lidarcodec {
 // Which cells were returns in each of 2000 directions.
 class MaskMemory {
  public:
-  void forget() { sent_.assign(sent_.size(), 0); }
+  void forget();
+  // Forgets all but this mask, (64, W), which waits until another refers to it: most streams never ask.
+  void begin(const std::vector<std::uint8_t>& mask, const Columns& columns, const Halves& half);
   // (64, W), what was last sent in the direction of each cell.
-  std::vector<std::uint8_t> before(const Columns& columns, const Halves& half) const;
-  void remember(const std::uint8_t* mask, const Columns& columns, const Halves& half);
+  std::vector<std::uint8_t> before(const Columns& columns, const Halves& half);
+  void remember(const std::vector<std::uint8_t>& mask, const Columns& columns, const Halves& half);
 
  private:
   static constexpr std::size_t kDirections = 2000, kStep = 18;
+  struct Waiting {
+    std::vector<std::uint8_t> mask;
+    std::vector<std::uint16_t> azimuth;
+    Halves half;
+    std::size_t width;
+  };
+
+  void take_waiting();
+  void put(const std::vector<std::uint8_t>& mask, std::size_t width, const std::uint16_t* azimuth, const Halves& half);
+
   std::vector<std::uint8_t> sent_ = std::vector<std::uint8_t>(kRows * kDirections);
+  std::optional<Waiting> waiting_;
 };
 
 // Columns to the left of a slab, that both ends know.

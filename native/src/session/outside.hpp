@@ -22,6 +22,9 @@ class Outside {
   virtual std::optional<std::vector<std::uint8_t>> inflated(Bytes stream, std::size_t most) const = 0;
   // Whether it opens pictures of a codec; by default of none.
   virtual bool opens_pictures(Codec) const { return false; }
+  // Whether the program reads the ranges of a codec by itself, from the planes that the session gives; by default of
+  // none.
+  virtual bool reads_ranges(Codec) const { return false; }
   // The samples of a picture of 16 bits, row after row; nothing if it is damaged or has another size.
   virtual std::optional<std::vector<std::uint16_t>> picture(Codec codec, Bytes data, std::size_t width,
                                                             std::size_t height) const;

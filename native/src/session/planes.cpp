@@ -58,8 +58,12 @@ std::vector<Number> image(Bytes data, std::size_t rows, std::size_t width, const
     damaged(std::string("a raw ") + what + " section of " + std::to_string(data.size()) + " bytes, not " +
             std::to_string(rows * width * sizeof(Number)));
   std::vector<Number> values(rows * width);
+  const std::uint8_t* at = data.data();
   for (std::size_t i = 0; i < values.size(); ++i)
-    values[i] = static_cast<Number>(little_endian(data, i * sizeof(Number), sizeof(Number)));
+    if constexpr (sizeof(Number) == 1)
+      values[i] = at[i];
+    else
+      values[i] = static_cast<Number>(at[2 * i] | at[2 * i + 1] << 8);
   return values;
 }
 
@@ -149,14 +153,18 @@ Planes decode_raw(const Message& message, const Sensor& sensor) {
   if (const std::optional<Bytes> coded = message.find(SectionType::Intensity))
     planes.intensity = image<std::uint8_t>(*coded, kRows, width, "intensity");
   planes.returns.resize(kRows * width);
-  for (std::size_t row = 0; row < kRows; ++row)
+  for (std::size_t row = 0; row < kRows; ++row) {
+    const std::uint8_t* const fired = planes.fired.data() + sensor.beams.half[row] * width;
+    const std::uint16_t* const range = planes.range.data() + row * width;
+    const std::uint8_t* const intensity = planes.intensity.data() + row * width;
+    std::uint8_t* const returns = planes.returns.data() + row * width;
+    unsigned unfired = 0;
     for (std::size_t c = 0; c < width; ++c) {
-      const std::size_t cell = row * width + c;
-      planes.returns[cell] = planes.range[cell] != 0;
-      if (planes.fired[sensor.beams.half[row] * width + c] == 0 &&
-          (planes.range[cell] != 0 || planes.intensity[cell] != 0))
-        damaged("a raw message with returns in cells that were not fired");
+      returns[c] = range[c] != 0;
+      unfired |= static_cast<unsigned>(fired[c] == 0) & static_cast<unsigned>((range[c] | intensity[c]) != 0);
     }
+    if (unfired != 0) damaged("a raw message with returns in cells that were not fired");
+  }
   return planes;
 }
 

@@ -19,6 +19,7 @@ constexpr std::uint8_t kSparseKeep = 4, kSparseKeepAfter = 5;
 bool expects_ranges(Codec codec) { return codec == Codec::Predictive || codec == Codec::Riddle; }
 
 void check_codec(Codec codec, const Outside& outside) {
+  if (outside.reads_ranges(codec)) return;
   const std::string name = name_of(codec);
   if (name.empty())
     throw Error(ErrorCode::Version, "this build does not know codec " + std::to_string(static_cast<unsigned>(codec)),
@@ -80,38 +81,44 @@ void Session::give_calibration(Bytes section) {
 
 const SessionFrame& Session::push(Bytes data) {
   const Message message = read_message(data);
+  SessionFrame frame = decode(message);
+  if (const std::optional<Bytes> lattice = message.find(SectionType::Lattice))
+    frame.planes = in_own_columns(frame.planes, *lattice, *outside_);
+  frame_ = std::move(frame);
+  return frame_;
+}
+
+SessionFrame Session::decode(const Message& message) {
   check_codec(message.codec, *outside_);
   begin_stream(message);
   if (message.frame_count != 1)
     throw Error(ErrorCode::Section,
                 "a message of " + std::to_string(message.frame_count) + " frames of a codec that sends one each");
-  const std::shared_ptr<const Sensor> sensor = sensors_.of(message, *outside_);
+  SessionFrame frame;
+  frame.sensor = sensors_.of(message, *outside_);
   if (message.needs && message.needs != last_)
     throw Error(ErrorCode::Reference,
                 "frame " + std::to_string(message.frame_index) + " needs frame " + std::to_string(*message.needs) +
                     ", which was not decoded: ask for a key frame",
                 *message.needs);
-  Planes planes = decode(message, *sensor);
-  if (!message.needs) masks_.forget();
-  masks_.remember(planes.returns.data(), columns_of(planes), sensor->beams.half);
+  frame.planes = planes_of(message, *frame.sensor);
+  if (message.needs)
+    masks_.remember(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
+  else
+    masks_.begin(frame.planes.returns, columns_of(frame.planes), frame.sensor->beams.half);
   last_ = message.frame_index;
 
-  SessionFrame frame;
   frame.codec = message.codec;
   frame.stream_id = message.stream_id;
   frame.index = message.frame_index;
   frame.stamp_ns = message.stamp_ns;
   frame.key = message.key;
-  frame.sensor = sensor;
   frame.has_intensity = message.has(SectionType::Intensity);
   frame.pose = decode_pose(message);
-  const std::optional<Bytes> lattice = message.find(SectionType::Lattice);
-  frame.planes = lattice ? in_own_columns(planes, *lattice, *outside_) : std::move(planes);
-  frame_ = std::move(frame);
-  return frame_;
+  return frame;
 }
 
-Planes Session::decode(const Message& message, const Sensor& sensor) {
+Planes Session::planes_of(const Message& message, const Sensor& sensor) {
   if (message.codec == Codec::Raw) {
     Planes planes = decode_raw(message, sensor);
     check_side(message);
@@ -140,6 +147,8 @@ Planes Session::decode(const Message& message, const Sensor& sensor) {
   decode_pose(message);
   if (expects_ranges(message.codec))
     decode_ranges(message, sensor, planes);
+  else if (outside_->reads_ranges(message.codec))
+    planes.range.resize(planes.returns.size());
   else
     planes.range = decode_quantised(message, *outside_, planes.returns);
   return planes;

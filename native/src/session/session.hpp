@@ -1,8 +1,8 @@
 // Decoder of one stream: bytes of messages in, planes of frames out. The same for every program that embeds the core;
 // what each of them has of its own is given from outside. The format is docs/wire-format.md.
 //
-// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Other codecs
-// are refused by name.
+// Decoded here: raw, zstd, pcodec, riddle, predictive, and png where there is a decoder of its pictures. Of codecs
+// whose ranges the program reads by itself all else is decoded. Other codecs are refused by name.
 #pragma once
 #include <array>
 #include <memory>
@@ -36,6 +36,13 @@ class Session {
   // Reference where a key message has to come first; then goes on with the next message.
   const SessionFrame& push(Bytes message);
 
+  // The same for a message that was read elsewhere; a thinned frame in the columns that were sent, with ranges of 0
+  // where the program reads them by itself.
+  SessionFrame decode(const Message& message);
+
+  // Refuses messages that need another until one that needs none is decoded: the program could not use the last frame.
+  void cut() { last_.reset(); }
+
   // Takes a CALIBRATION section that a message of the stream brought before this session began: else the stream could
   // not be decoded before its next key message. Raises Section.
   void give_calibration(Bytes section);
@@ -53,7 +60,7 @@ class Session {
   };
 
   void begin_stream(const Message& message);
-  Planes decode(const Message& message, const Sensor& sensor);
+  Planes planes_of(const Message& message, const Sensor& sensor);
   void decode_mask_of(const Message& message, const Sensor& sensor, Planes& planes);
   const std::vector<std::uint16_t>* expected(const Message& message, const Sensor& sensor, const Planes& planes);
   void decode_ranges(const Message& message, const Sensor& sensor, Planes& planes);
