@@ -16,6 +16,7 @@ NB_MODULE(_native, m) {
   bind_riddle(m);
   bind_riddle_train(m);
   bind_predictive(m);
+  bind_planes(m);
   bind_entropy(m);
   bind_simulator(m);
   bind_assembly(m);

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from lidarcodec.assembly import packets_of
 from lidarcodec.codecs.pcodec import compress_groups
-from lidarcodec.entropy import fast
+from lidarcodec.entropy import fast, plane_coder
 from lidarcodec.units import BLOCKS_PER_PACKET, LASERS
 from tests.fuzz import extremes, session_seeds
 
@@ -268,7 +268,43 @@ def streams(rng: np.random.Generator) -> Iterator[bytes]:
     return session_seeds.sessions(int(rng.integers(0, 100)))
 
 
+class _Form(NamedTuple):
+    name: str
+    bits: int
+    role: str
+    of: str = "range"
+
+
+_PLANES = (
+    _Form("range", 20, "range"),
+    _Form("range2", 20, "second range"),
+    _Form("intensity", 8, "attribute"),
+    _Form("intensity2", 8, "attribute", "range2"),
+    _Form("signal", 16, "attribute"),
+)
+_PLANE_KINDS = ((0, 19), (4, 19), (2, 7), (38, 7), (2, 15))
+"""Role, likeness and range plane of each of them, and its bits, as fuzz_images reads them."""
+
+
+def planes(rng: np.random.Generator) -> Iterator[bytes]:
+    """For fuzz_images: a dual frame as it is coded, of all sizes and steps, and numbers to be coded."""
+    for rows, columns in ((0, 0), (1, 1), (1, 24), (8, 1), (5, 9), (8, 24)):
+        for step in (1, 3, 127):
+            for most in (1, 2, 300, 2**20):
+                head = struct.pack(">B3H2B", 0, rows, columns, step // 2, 0, len(_PLANES) - 1)
+                head += b"".join(struct.pack("2B", *kind) for kind in _PLANE_KINDS)
+                shape = (rows, columns)
+                images = {of.name: rng.integers(0, min(most, 1 << of.bits), shape, np.uint32) for of in _PLANES}
+                images["range2"] = np.where(rng.random(shape) < 0.9, images["range"], images["range2"])
+                for quick in (False, True):
+                    shift = np.zeros(rows, np.int32)
+                    yield head + plane_coder.encode_planes(_PLANES, images, shift, step, quick=quick)
+                for kind in (1, 2 + 8, 16, 16 + 32 + 4):
+                    yield bytes([kind]) + head[1:] + rng.integers(0, min(most, 256), 200, np.uint8).tobytes()
+
+
 HARNESSES = {
+    "fuzz_images": planes,
     "fuzz_mask": masks,
     "fuzz_keep": keeps,
     "fuzz_intensity": intensities,

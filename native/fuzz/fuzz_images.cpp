@@ -1,0 +1,88 @@
+// Any bytes as the planes of a frame, and any planes there and back. The input's first bytes say sizes, forms and step.
+#include <algorithm>
+#include <cstdlib>
+#include <vector>
+
+#include "base/error.hpp"
+#include "fuzz_input.hpp"
+#include "images/coder.hpp"
+
+using lidarcodec::PlaneFrame;
+using lidarcodec::PlaneImage;
+using lidarcodec::PlaneRole;
+using lidarcodec::RangeSteps;
+
+namespace {
+
+void check_round_trip(std::vector<PlaneImage> images, const PlaneFrame& frame, bool fast) {
+  const std::vector<std::uint8_t> data = lidarcodec::encode_planes(frame, images, fast);
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const RangeSteps steps(frame.step, frame.planes[i].bits);
+    if (frame.planes[i].role == PlaneRole::Attribute) continue;
+    for (std::uint32_t& value : images[i]) value = steps.range(steps.number(value));
+  }
+  if (lidarcodec::decode_planes(data.data(), data.size(), frame) != images) std::abort();
+}
+
+// A range plane, and up to seven others of any kind.
+PlaneFrame frame_of(FuzzInput& input) {
+  PlaneFrame frame;
+  frame.rows = input.below(9);
+  frame.columns = input.below(25);
+  frame.step = 2 * input.below(64) + 1;
+  const std::uint8_t turned = input.byte(), planes = input.byte() % 8;
+  for (std::size_t row = 0; row < frame.rows; ++row)
+    frame.shift.push_back(static_cast<std::int32_t>(turned * static_cast<std::uint32_t>(row) * 40503001u));
+  for (std::size_t i = 0; i <= planes; ++i) {
+    const std::uint8_t kind = input.byte(), bits = input.byte();
+    const auto role = i == 0 ? PlaneRole::Range : static_cast<PlaneRole>(kind % 3);
+    frame.planes.push_back({role, 1u + bits % 20u, i, i});
+    if (role == PlaneRole::Attribute) frame.planes[i].of = kind / 8 % i;
+    if (role != PlaneRole::Range && (kind & 4u) != 0) frame.planes[i].like = kind / 16 % i;
+    const std::size_t like = frame.planes[i].like;
+    if (like != i) frame.planes[i].bits = frame.planes[like].bits;
+  }
+  return frame;
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  FuzzInput input(data, size);
+  const std::uint8_t kind = input.byte();
+  const PlaneFrame frame = frame_of(input);
+  const std::vector<std::uint8_t> rest = input.rest();
+  try {
+    check_round_trip(lidarcodec::decode_planes(rest.data(), rest.size(), frame), frame, (kind & 1u) != 0);
+  } catch (const lidarcodec::Error&) {
+  }
+  try {
+    lidarcodec::check_frame(frame);
+  } catch (const lidarcodec::Error&) {
+    return 0;
+  }
+  Numbers numbers(rest);
+  std::vector<PlaneImage> images;
+  for (const lidarcodec::PlaneForm& form : frame.planes) {
+    PlaneImage image(frame.rows * frame.columns);
+    for (std::uint32_t& value : image) value = numbers.next(1u + kind / 2 % 3) & ((1u << form.bits) - 1);
+    if ((kind & 8u) != 0 && !images.empty())
+      for (std::size_t i = 0; i < image.size(); i += 3)
+        image[i] = images[form.like % images.size()][i] & ((1u << form.bits) - 1);
+    images.push_back(std::move(image));
+  }
+  // Planes as they are, or an encoded frame with a byte changed.
+  if ((kind & 16u) == 0) {
+    check_round_trip(images, frame, (kind & 1u) != 0);
+    return 0;
+  }
+  std::vector<std::uint8_t> damaged = lidarcodec::encode_planes(frame, images, (kind & 1u) != 0);
+  damaged[numbers.next(2) % damaged.size()] ^= static_cast<std::uint8_t>(1u + numbers.next(1));
+  if ((kind & 32u) != 0) damaged.resize(numbers.next(2) % (damaged.size() + 1));
+  try {
+    for (const PlaneImage& image : lidarcodec::decode_planes(damaged.data(), damaged.size(), frame))
+      if (image.size() != frame.rows * frame.columns) std::abort();
+  } catch (const lidarcodec::Error&) {
+  }
+  return 0;
+}

@@ -1,0 +1,391 @@
+// One plane of a frame, row by row.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#include "base/error.hpp"
+#include "images/decisions.hpp"
+#include "images/forms.hpp"
+#include "images/guess.hpp"
+#include "images/numbers.hpp"
+#include "images/plane_rows.hpp"
+#include "images/ratio.hpp"
+#include "images/rows.hpp"
+#include "images/symbols.hpp"
+
+namespace lidarcodec {
+
+// Quick: fewer contexts and one prediction, for twice the speed.
+template <class Coder, bool Quick>
+class PlaneCoder {
+ public:
+  using Stream = PlaneStream<Coder>;
+  static constexpr bool kReads = Stream::kReads;
+
+  PlaneCoder(const PlanePlan& plan, std::size_t columns, Coder coder)
+      : plan_(plan),
+        columns_(static_cast<std::ptrdiff_t>(columns)),
+        stream_(std::move(coder)),
+        rows_(columns),
+        errors_(columns),
+        sums_(columns),
+        activity_(columns),
+        spread_(kSpreads, 24),
+        bias_(kBiases),
+        equal_odds_(3 * 256),
+        has_odds_(4 * 512) {
+    for (std::size_t i = 0; i < spread_.size(); ++i) spread_[i] = first_spread(i / kSpreadWays);
+    std::uint32_t total = 0;
+    for (std::size_t i = 0; i < kContexts; ++i) {
+      begin_[i] = 2 * total;
+      total += kContextSizes[i];
+    }
+    if (plan.way == PlaneWay::Numbers || plan.way == PlaneWay::Sparse) {
+      cells_.resize(2 * std::size_t{total});
+      for (std::size_t i = 0; i < kContextSizes[0]; ++i)
+        std::memcpy(static_cast<void*>(&cells_[2 * i]), kFirstOdds.data(), sizeof kFirstOdds);
+    }
+    if (plan.way == PlaneWay::Symbols) symbols_.emplace_back();
+    if (plan.way == PlaneWay::Constant) show_constant();
+  }
+
+  const PlaneRows& rows() const { return rows_; }
+  decltype(auto) finish() { return stream_.finish(); }
+
+  // Goes on to a row: rows come from the top.
+  void begin_row(std::size_t row, std::int32_t* values, const OtherPlanes& others) {
+    row_ = row;
+    values_ = values;
+    others_ = others;
+    if (plan_.way == PlaneWay::Constant) {
+      if constexpr (kReads) std::fill_n(values, columns_, plan_.constant);
+      return;
+    }
+    if (row > 0) next_row();
+    rate_ = static_cast<std::int16_t>(kRate + kFirstRate / static_cast<int>(row + 1));
+    stream_.make_room(static_cast<std::size_t>(columns_) * kMostDecisions);
+  }
+
+  // Writes or reads a cell of the row: cells come from the left. Raises Section or Truncated.
+  void code(std::ptrdiff_t x) {
+    if (plan_.way == PlaneWay::Constant) return;
+    if (is_attribute()) {
+      code_cell<true>(x);
+    } else {
+      code_cell<false>(x);
+    }
+  }
+
+ private:
+  static constexpr int kRate = 450, kFirstRate = 1500;
+  static constexpr int kEqualRate = 2500, kHasRate = 1800;
+  static constexpr std::size_t kMostDecisions = 64;
+  static constexpr std::size_t kSpreadWays = 16, kSpreads = 128 * kSpreadWays, kBiases = 64 * 16;
+  static constexpr std::size_t kContexts = Quick ? 3 : 7;
+  static constexpr auto kContextSizes = [] {
+    if constexpr (Quick)
+      return std::array<std::uint32_t, 3>{17 * 4 * 8, 169, 256};
+    else
+      return std::array<std::uint32_t, 7>{17 * 4 * 8, 169, 169, 169, 256, 128, 256};
+  }();
+
+  // The clamped gradient: the middle one of left, above, and left + above - left_above.
+  static std::int32_t middle_of(std::int32_t left, std::int32_t above, std::int32_t left_above) {
+    const auto [low, high] = std::minmax(left, above);
+    return std::clamp(left + above - left_above, low, high);
+  }
+
+  bool is_attribute() const { return plan_.form.role == PlaneRole::Attribute; }
+
+  static std::uint32_t first_spread(std::size_t activity) {
+    const auto a = static_cast<std::uint32_t>(std::min<std::size_t>(activity, 79));
+    return 8 + 4 * (a < 4 ? a + 1 : (4 + a % 4) << (a / 4 - 1));
+  }
+
+  void show_constant() {
+    const auto n = static_cast<std::size_t>(columns_);
+    for (std::size_t row = 0; row < 3; ++row) {
+      std::fill_n(rows_.value[row], n, plan_.constant);
+      std::fill_n(rows_.has[row], n, static_cast<std::uint8_t>(is_attribute() || plan_.constant > 0));
+    }
+  }
+
+  void next_row() {
+    const PerPrediction* const e = errors_[0];
+    const std::int32_t* const off = rows_.error[0];  // the rows done, which are those above from now on
+    rows_.value.next(static_cast<std::size_t>(columns_));
+    rows_.error.next(static_cast<std::size_t>(columns_));
+    rows_.has.next(static_cast<std::size_t>(columns_));
+    rows_.equal.next(static_cast<std::size_t>(columns_));
+    if constexpr (!Quick) errors_.next(static_cast<std::size_t>(columns_));
+    if (row_ == 1) {
+      rows_.value.repeat_last(static_cast<std::size_t>(columns_));
+      rows_.has.repeat_last(static_cast<std::size_t>(columns_));
+    }
+    for (std::ptrdiff_t x = 0; x < columns_; ++x) {
+      if constexpr (!Quick)
+        for (std::size_t i = 0; i < 8; ++i) sums_[x][i] = e[x - 1][i] + e[x][i] + e[x + 1][i];
+      activity_[x] = 2 * off[x] + off[x + 1] + off[x - 1];
+    }
+  }
+
+  // In the first row the left neighbour stands for those above.
+  void look_left(std::ptrdiff_t x) {
+    rows_.value[1][x] = rows_.value[1][x + 1] = rows_.value[1][x - 1] = rows_.value[2][x] = rows_.value[0][x - 1];
+    rows_.has[1][x] = rows_.has[1][x + 1] = rows_.has[1][x + 2] = rows_.has[1][x - 1] = rows_.has[2][x] =
+        rows_.has[0][x - 1];
+    rows_.equal[1][x] = rows_.equal[1][x + 1] = rows_.equal[1][x - 1] = rows_.equal[0][x - 1];
+    if constexpr (!Quick)
+      for (std::size_t i = 0; i < 8; ++i) sums_[x][i] = 3 * errors_[0][x - 1][i];
+    activity_[x] = 4 * rows_.error[0][x - 1];
+  }
+
+  template <bool Attribute>
+  void code_cell(std::ptrdiff_t x) {
+    if (row_ == 0) look_left(x);
+    const std::int32_t value = kReads ? 0 : values_[x];
+    std::uint32_t has = Attribute ? others_.range->has[0][x] : 1;
+    if (plan_.way == PlaneWay::Sparse || others_.like != nullptr) {
+      const std::int32_t same = plan_.way == PlaneWay::Sparse ? plan_.constant : original(*others_.like, x);
+      if (code_equal<Attribute>(x, value == same, same, has)) {
+        values_[x] = same;
+        take_known(x, same, has);
+        return;
+      }
+    }
+    if constexpr (!Attribute) {
+      has = code_has(x, value > 0);
+      if (has == 0) {
+        values_[x] = 0;
+        take_known(x, 0, 0);
+        return;
+      }
+    }
+    values_[x] = code_number<Attribute>(x, value, has);
+  }
+
+  // A value of another plane: 0 where that has no return.
+  std::int32_t original(const PlaneRows& other, std::ptrdiff_t x) const {
+    return other.has[0][x] != 0 || is_attribute() ? other.value[0][x] : 0;
+  }
+
+  template <bool Attribute>
+  std::uint32_t code_equal(std::ptrdiff_t x, bool equal, std::int32_t same, std::uint32_t has) {
+    const std::uint8_t *here = rows_.equal[0] + x, *above = rows_.equal[1] + x;
+    const std::int32_t* off = (others_.like != nullptr ? others_.like : others_.range)->error[0] + x;
+    const std::uint32_t around =
+        here[-1] | here[-2] << 1 | above[0] << 2 | above[-1] << 3 | above[1] << 4 | (off[0] > 2 * (off[-1] + 1)) << 5;
+    const std::uint32_t kind = Attribute ? others_.range->equal[0][x] | has << 1 : static_cast<std::uint32_t>(same > 0);
+    const std::uint32_t size = std::min(quarter_log(static_cast<std::uint32_t>(off[0])) / 2, 31u);
+    Odds* const odds = equal_odds_.data();
+    const std::uint32_t result =
+        stream_.by_odds(equal,
+                        std::array<Odds*, 3>{odds + around * 4 + kind, odds + 256 + kind * 32 + size,
+                                             odds + 512 + (around & 7u) * 4 + kind},
+                        kEqualRate);
+    rows_.equal[0][x] = static_cast<std::uint8_t>(result);
+    return result;
+  }
+
+  std::uint32_t code_has(std::ptrdiff_t x, bool has) {
+    const std::uint8_t *here = rows_.has[0] + x, *above = rows_.has[1] + x, *second = rows_.has[2] + x;
+    const std::int32_t *off = rows_.error[0] + x, *value = rows_.value[0] + x;
+    const std::uint32_t around = here[-1] | here[-2] << 1 | above[0] << 2 | above[-1] << 3 | above[1] << 4 |
+                                 second[0] << 5 | above[2] << 6 | here[-3] << 7;
+    const std::uint32_t size = std::min(quarter_log(static_cast<std::uint32_t>(off[-1] + activity_[x] / 4)) / 2, 31u);
+    const std::uint32_t range = std::min(quarter_log(static_cast<std::uint32_t>(value[-1]) >> 4) / 2, 15u);
+    Odds* const odds = has_odds_.data();
+    const std::uint32_t result = stream_.by_odds(
+        has,
+        std::array<Odds*, 4>{odds + around, odds + 512 + (row_ % 64) * 8 + (around & 7u),
+                             odds + 1024 + (around & 15u) * 32 + size, odds + 1536 + (around & 31u) * 16 + range},
+        kHasRate);
+    rows_.has[0][x] = static_cast<std::uint8_t>(result);
+    return result;
+  }
+
+  // A number that is known without being coded here.
+  void take_known(std::ptrdiff_t x, std::int32_t value, std::uint32_t has) {
+    rows_.leaf[0][x] = kCentralLeaf;
+    if constexpr (!Quick) errors_[0][x] = errors_[0][x - 1];
+    if (is_attribute() || value > 0) {
+      rows_.has[0][x] = 1;
+      rows_.value[0][x] = value;
+      rows_.error[0][x] = others_.like != nullptr ? others_.like->error[0][x] : 0;
+      last_[has] = value;
+    } else {
+      rows_.has[0][x] = 0;
+      rows_.value[0][x] = others_.like != nullptr ? others_.like->value[0][x] : rows_.value[0][x - 1];
+      rows_.error[0][x] = rows_.error[0][x - 1];
+    }
+  }
+
+  template <bool Attribute>
+  std::int32_t code_number(std::ptrdiff_t x, std::int32_t value, std::uint32_t has) {
+    const std::int32_t *here = rows_.value[0] + x, *above = rows_.value[1] + x, *second = rows_.value[2] + x;
+    const Near near = {here[-1], above[0], above[1], above[-1], here[-2], second[0]};
+    const std::int32_t average = (2 * near.left + 2 * near.above + near.right_above + near.left_above +
+                                  near.second_left + near.second_above + 4) /
+                                 8;
+    PerPrediction p = {near.left,
+                       near.above,
+                       near.left + near.above - near.left_above,
+                       near.right_above,
+                       2 * near.left - near.second_left,
+                       average};
+    Ratio* ratio = nullptr;
+    std::uint32_t around = 0;
+    if constexpr (Attribute) {
+      const std::uint8_t* left = others_.range->has[0] + x;
+      const std::uint8_t* above_has = others_.range->has[1] + x;
+      const std::array<std::uint8_t, 3> first = {left[-1], left[-1], left[-1]};
+      const std::uint8_t* up = row_ > 0 ? above_has : first.data() + 1;
+      around = has | left[-1] << 1 | up[0] << 2;
+      p[3] = average;
+      if (others_.mate != nullptr) {
+        ratio = &ratios_[ratio_of(has ? others_.range->value[0][x] : 0)];
+        p[3] = ratio->times(others_.mate->value[0][x], last_ratio_, plan_.most);
+      }
+      p[4] = left[-1] == has ? (2 * near.left + near.second_left + 1) / 3 : last_[has];
+      p[5] = up[0] == has    ? (near.above + near.second_above) / 2
+             : up[1] == has  ? near.right_above
+             : up[-1] == has ? near.left_above
+                             : last_[has];
+    }
+    Guess guess{};
+    if constexpr (Quick) {
+      guess.eighths = 8 * (ratio != nullptr ? p[3]
+                           : Attribute      ? middle_of(p[4], p[5], near.left_above)
+                                            : middle_of(near.left, near.above, near.left_above));
+    } else {
+      PerPrediction sums = sums_[x];
+      const PerPrediction &e1 = errors_[0][x - 1], &e2 = errors_[0][x - 2];
+      for (std::size_t i = 0; i < 8; ++i) sums[i] += 2 * e1[i] + e2[i];
+      guess = guess_of(near.left, p, sums);
+    }
+
+    const std::int32_t* off = rows_.error[0] + x;
+    const auto activity = static_cast<std::uint32_t>(2 * off[-1] + off[-2] + activity_[x]);
+    const auto slope =
+        static_cast<std::uint32_t>(std::abs(near.left - near.left_above) + std::abs(near.above - near.left_above) +
+                                   std::abs(near.above - near.right_above));
+    const std::uint32_t calm = quarter_log(activity);
+    const int steep = static_cast<int>(quarter_log(slope)) - static_cast<int>(calm);
+    std::uint32_t& spread =
+        spread_[std::min(127u, calm) * kSpreadWays + static_cast<std::size_t>(std::clamp((steep + 18) / 2, 0, 15))];
+    const std::uint32_t turn = Attribute ? around
+                                         : static_cast<std::uint32_t>(near.above > near.left) << 1 |
+                                               static_cast<std::uint32_t>(near.right_above > near.above);
+    std::int32_t& bias = bias_[std::min(63u, guess.least) * 16 + turn];
+    const std::int32_t eighths = std::clamp(guess.eighths + (bias >> 8), 0, plan_.most * 8);
+    const std::int32_t expected = (eighths + 4) >> 3;
+    const std::uint32_t share = (spread * (Attribute ? 3 : 2)) >> 8;
+    const auto scale = std::min(16u, static_cast<std::uint32_t>(std::bit_width(share)));
+    const Bins bins = {expected - (scale > 0 ? 1 << (scale - 1) : 0), scale};
+
+    std::uint32_t leaf = 0;
+    if (Attribute && plan_.way == PlaneWay::Symbols) {
+      value = static_cast<std::int32_t>(code_symbol(x, value, has, around, expected, spread, p[5]));
+      if (value > plan_.most) throw Error(ErrorCode::Section, "a value of a plane beyond its bits");
+      leaf = leaf_of((value - bins.start) >> scale);
+    } else {
+      const auto distance = [&](std::int32_t from) { return distance_class(from - expected, scale); };
+      const std::uint32_t fine =
+          scale == 0 ? std::min(3u, spread >> 3) : (scale > 3 ? share >> (scale - 3) : share << (3 - scale)) & 3u;
+      const std::uint32_t magnitude = quarter_log(static_cast<std::uint32_t>(expected));
+      std::uint32_t cross, extra, size;
+      if constexpr (Attribute) {
+        cross = others_.range->leaf[0][x] * 8u + around;
+        extra = (others_.mate != nullptr ? others_.mate->leaf[0][x] * 2u : 0u) + has;
+        size = plan_.most < 256 ? static_cast<std::uint32_t>(expected) : magnitude;
+      } else {
+        const std::uint8_t *left = rows_.has[0] + x, *up = rows_.has[1] + x;
+        cross = left[-1] | left[-2] << 1 | up[0] << 2 | up[-1] << 3 | up[1] << 4;
+        extra = magnitude;
+        size = std::min(255u, calm);
+      }
+      const std::uint32_t base = (scale * 4 + fine) * 8 + (scale == 0 ? static_cast<std::uint32_t>(eighths) & 7u : 0u);
+      const std::uint32_t beside = distance(near.above) * kDistanceClasses + distance(near.left);
+      std::array<std::uint32_t, kContexts> of;
+      if constexpr (Quick) {
+        of = {base, beside, size};
+      } else {
+        of = {base,
+              beside,
+              distance(near.right_above) * kDistanceClasses + distance(near.left_above),
+              distance(near.second_left) * kDistanceClasses + distance(near.second_above),
+              cross,
+              std::min(127u, extra),
+              size};
+      }
+      std::array<Cells*, kContexts> contexts;
+      for (std::size_t i = 0; i < kContexts; ++i) contexts[i] = cells_.data() + begin_[i] + 2 * of[i];
+      value = numbers_.template code<Quick>(stream_, value, bins, near, contexts, rate_, Attribute ? 0 : 1, plan_.most,
+                                            leaf);
+    }
+
+    const std::int32_t wrong = std::abs(value - expected);
+    rows_.value[0][x] = value;
+    rows_.error[0][x] = std::min(wrong, 1 << 18);
+    rows_.leaf[0][x] = static_cast<std::uint8_t>(leaf);
+    if constexpr (!Quick) errors_[0][x] = errors_of(p, value);
+    const auto now = static_cast<std::int32_t>(std::min(static_cast<std::uint32_t>(wrong) * 16, spread * 8 + 64));
+    spread =
+        static_cast<std::uint32_t>(static_cast<std::int32_t>(spread) + (now - static_cast<std::int32_t>(spread)) / 16);
+    const std::int32_t most = 32 << scale;
+    bias = std::clamp(bias + 4 * std::clamp(value * 8 - eighths, -most, most), -(1 << 20), 1 << 20);
+    if constexpr (Attribute) {
+      if (ratio != nullptr) ratio->learn(value, others_.mate->value[0][x], last_ratio_);
+      before_last_[has] = last_[has];
+    }
+    last_[has] = value;
+    return value;
+  }
+
+  std::uint32_t code_symbol(std::ptrdiff_t x, std::int32_t value, std::uint32_t has, std::uint32_t around,
+                            std::int32_t expected, std::uint32_t spread, std::int32_t above) {
+    const auto guess = static_cast<std::uint32_t>(expected);
+    const auto last = static_cast<std::uint32_t>(last_[has]), before = static_cast<std::uint32_t>(before_last_[has]);
+    const auto up = static_cast<std::uint32_t>(above);
+    const std::uint32_t width = quarter_log(spread);
+    return symbols_.front().template code<Quick ? 6 : 8>(
+        stream_, static_cast<std::uint32_t>(value),
+        {(guess >> 2) * 4 + std::min(3u, width / 8), has * 256 + last, has * 256 + up,
+         ((last >> 3) * 32 + (up >> 3)) * 2 + has, (last >> 3) * 32 + (before >> 3),
+         others_.range->leaf[0][x] * 8u + around,
+         others_.mate != nullptr ? others_.mate->leaf[0][x] * 32u + (guess >> 3) : has,
+         (guess >> 3) * 32 + std::min(31u, width)},
+        rate_);
+  }
+
+  PlanePlan plan_;
+  std::ptrdiff_t columns_;
+  std::size_t row_ = 0;
+  std::int32_t* values_ = nullptr;
+  OtherPlanes others_;
+  Stream stream_;
+  std::int16_t rate_ = 0;
+  PlaneRows rows_;
+  Rows<PerPrediction, 2> errors_;
+  std::vector<PerPrediction> sums_;     // of the errors of each prediction in three cells above
+  std::vector<std::int32_t> activity_;  // the same of the expectation
+  std::vector<std::uint32_t> spread_;   // mean error in sixteenths, by activity and slope
+  std::vector<std::int32_t> bias_;
+  std::vector<Odds> equal_odds_, has_odds_;
+  std::array<std::uint32_t, kContexts> begin_{};
+  std::vector<Cells> cells_;
+  NumberCoder numbers_;
+  std::vector<SymbolCoder> symbols_;
+  std::array<Ratio, kRatios> ratios_{};
+  std::uint32_t last_ratio_ = 0;
+  std::array<std::int32_t, 2> last_{}, before_last_{};  // values of the row, without and with a return
+};
+
+}  // namespace lidarcodec

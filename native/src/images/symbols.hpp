@@ -1,0 +1,66 @@
+// Values of up to 8 bits by themselves: the way to one of 256 leaves. For planes whose values repeat, or have gaps.
+#pragma once
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#include "images/decisions.hpp"
+
+namespace lidarcodec {
+
+inline constexpr std::size_t kSymbolContexts = 8;
+
+class SymbolCoder {
+ public:
+  using Contexts = std::array<std::uint32_t, kSymbolContexts>;  // below kSizes
+  static constexpr Contexts kSizes = {256, 512, 512, 2048, 1024, 256, 512, 1024};
+
+  SymbolCoder() {
+    std::uint32_t total = 0;
+    for (std::size_t i = 0; i < kSymbolContexts; ++i) {
+      begin_[i] = total;
+      total += kSizes[i];
+    }
+    cells_.resize(std::size_t{total} * kRecord);
+    for (std::uint32_t i = 0; i < kSizes[0]; ++i) expect(i, 4 * (i / 4) + 2);
+  }
+
+  // N: of the contexts, the first ones, that are looked at.
+  template <std::size_t N, class Stream>
+  std::uint32_t code(Stream& stream, std::uint32_t value, const Contexts& contexts, std::int16_t rate) {
+    std::array<Cells*, N> cells;
+    for (std::size_t i = 0; i < N; ++i) cells[i] = cells_.data() + std::size_t{begin_[i] + contexts[i]} * kRecord;
+    const std::uint32_t high = stream.template by_cells<4>(value >> 4, cells, rate);
+    for (Cells*& of : cells) of += 2 + 2 * high;
+    return 16 * high + stream.template by_cells<4>(value & 15u, cells, rate);
+  }
+
+ private:
+  static constexpr std::size_t kRecord =
+      34;  // Cells of a context: for the upper four levels, then for each of their ends
+
+  // Log odds that decrease on both sides of `centre`, by a factor of e in 32 leaves.
+  void expect(std::uint32_t record, std::uint32_t centre) {
+    std::array<Odds, 8 * kRecord> odds{};
+    for (std::uint32_t level = 0; level < 8; ++level) {
+      const std::int32_t half = 1 << (8 - level);  // of the leaves below, in half leaves
+      for (std::uint32_t way = 0; way < 1u << level; ++way) {
+        const auto middle = static_cast<std::int32_t>(2 * way + 1) * half;
+        const std::uint32_t node =
+            level < 4 ? (1u << level) + way
+                      : 16 + 16 * (way >> (level - 4)) + (1u << (level - 4)) + (way & ((1u << (level - 4)) - 1));
+        const std::int32_t off = std::clamp(static_cast<std::int32_t>(2 * centre) - middle, -half, half);
+        odds[node] = static_cast<Odds>(off * 21845 / 256);
+      }
+    }
+    std::memcpy(static_cast<void*>(cells_.data() + std::size_t{record} * kRecord), odds.data(), sizeof odds);
+  }
+
+  Contexts begin_{};
+  std::vector<Cells> cells_;
+};
+
+}  // namespace lidarcodec
