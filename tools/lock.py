@@ -34,6 +34,8 @@ LOCKS: dict[str, tuple[str, ...]] = {
     "dev": ("dev",),
 }
 """Name of the lock -> extras of pyproject.toml in it."""
+BY_HAND: dict[str, tuple[str, ...]] = {"oracle": ("ouster-sdk",)}
+"""Locks of packages that are installed without their dependencies; this program only checks them."""
 HEAD = "# Written by `python tools/lock.py`: versions of constraints.txt, with the hashes of all their files.\n"
 WINDOWS = re.compile(r"sys_platform == 'win32'|os_name == 'nt'")
 PIN = re.compile(r"^([A-Za-z0-9._-]+)==([^\s;\\]+)", re.MULTILINE)
@@ -51,8 +53,8 @@ def pins(text: str) -> dict[str, str]:
 
 def wanted(lock: str) -> list[str]:
     """The requirements that a lock answers."""
-    if lock in TOOLS:
-        return list(TOOLS[lock])
+    if lock in TOOLS or lock in BY_HAND:
+        return list(TOOLS.get(lock) or BY_HAND[lock])
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     found, extras = list(project["dependencies"]), list(LOCKS[lock])
     while extras:
@@ -69,7 +71,7 @@ def problems() -> list[str]:
     """What of the locks does not agree with pyproject.toml and constraints.txt; empty when all does."""
     constraints = pins((ROOT / "constraints.txt").read_text())
     found = []
-    for lock in LOCKS:
+    for lock in (*LOCKS, *BY_HAND):
         text = (ROOT / "requirements" / f"{lock}.txt").read_text()
         locked = pins(text)
         for name, version in locked.items():

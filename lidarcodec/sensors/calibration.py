@@ -13,7 +13,7 @@ from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError, LidarCodecError
 from lidarcodec.files.whole import written_whole
 from lidarcodec.sensor_model import Calibration, Origin, SensorModel
-from lidarcodec.sensors.table import HDL64
+from lidarcodec.sensors.recognise import HDL64
 
 
 def read_calibration(path: Path, origin: Origin = "given") -> SensorModel:

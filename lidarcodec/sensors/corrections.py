@@ -1,8 +1,10 @@
-"""Checks that a table of corrections is that of an HDL-64E, for all kinds of files.
+"""Checks that a table of corrections is that of a sensor with so many lasers, for all kinds of files.
 
-* There are 64 lasers with ids 0-63, each once. A file with another number of lasers is of another sensor: refused.
+* There are as many lasers as the sensor has (64 for an HDL-64E), with ids from 0 on, each once. A file with another
+  number of lasers is of another sensor: refused.
 * Rotation and elevation are required; other missing values are 0 (the largest intensity 255).
-* Ranges are in steps of 2 mm.
+* Ranges of an HDL-64E are in steps of 2 mm. Of other sensors the step is not checked: the model says it, and published
+  files of the VLS-128 say 7 mm, which is wrong.
 * two-point distance correction: a laser whose X or Y correction is missing or 0, or whose
   `two_pt_correction_available` is false, has none: its X and Y corrections are set to the distance correction, which
   means the same and needs no flag. (A ROS file may say true and hold zeros, the 64e_utexas one does: zeros would pull
@@ -23,37 +25,41 @@ from lidarcodec.units import LASERS, RANGE_STEP_M
 
 OTHER_SENSORS = {16: "a VLP-16 or Puck Hi-Res", 32: "an HDL-32E or VLP-32", 128: "a VLS-128"}
 """Number of lasers -> sensors."""
+SENSORS = {**OTHER_SENSORS, LASERS: "an HDL-64E"}
 REQUIRED = ("rot_correction_rad", "vert_correction_rad")
 LIMITS = {"rot_correction_rad": 2 * math.pi, "vert_correction_rad": math.pi / 2}
 """Largest magnitude of angles, to detect files in a wrong unit."""
 
 
-def table_of(lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M) -> Calibration:
-    """Calibration of 64 lasers given as mappings of CALIBRATION_FIELDS, `laser_id` and perhaps `two_point` (bool).
+def table_of(
+    lasers: Sequence[Mapping[str, Any]], range_step_m: float = RANGE_STEP_M, number: int = LASERS
+) -> Calibration:
+    """Calibration of lasers given as mappings of CALIBRATION_FIELDS, `laser_id` and perhaps `two_point` (bool).
 
+    number: how many lasers the sensor has: 16, 32, 64 or 128.
     Raises CalibrationError saying what is missing, double, not a number, or of another sensor.
     """
-    if len(lasers) != LASERS:
-        whose = OTHER_SENSORS.get(len(lasers), "another sensor")
-        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: an HDL-64E has {LASERS}")
-    if not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
+    if len(lasers) != number:
+        whose = SENSORS.get(len(lasers), "another sensor")
+        raise CalibrationError(f"it has {len(lasers)} lasers, like {whose}: {SENSORS[number]} has {number}")
+    if number == LASERS and not math.isclose(range_step_m, RANGE_STEP_M, rel_tol=1e-6):
         raise CalibrationError(f"its distance step is {range_step_m:g} m: an HDL-64E has {RANGE_STEP_M:g} m")
-    ids = [_laser_id(laser) for laser in lasers]
-    if double := sorted({number for number in ids if ids.count(number) > 1}):
+    ids = [_laser_id(laser, number) for laser in lasers]
+    if double := sorted({one for one in ids if ids.count(one) > 1}):
         raise CalibrationError(f"laser {double[0]} occurs twice")
-    values: dict[str, list[float]] = {name: [0.0] * LASERS for name in CALIBRATION_FIELDS}
-    for number, laser in zip(ids, lasers, strict=True):
-        for name, value in _laser_values(number, laser).items():
-            values[name][number] = value
+    values: dict[str, list[float]] = {name: [0.0] * number for name in CALIBRATION_FIELDS}
+    for one, laser in zip(ids, lasers, strict=True):
+        for name, value in _laser_values(one, laser).items():
+            values[name][one] = value
     return Calibration.from_values({name: np.array(column) for name, column in values.items()})
 
 
-def _laser_id(laser: Mapping[str, Any]) -> int:
+def _laser_id(laser: Mapping[str, Any], lasers: int) -> int:
     number = laser.get("laser_id")
     if isinstance(number, bool) or not isinstance(number, int):
         raise CalibrationError(f"a laser has no number: laser_id is {number!r:.40}")
-    if not 0 <= number < LASERS:
-        raise CalibrationError(f"laser {number} does not exist: an HDL-64E has 0 to {LASERS - 1}")
+    if not 0 <= number < lasers:
+        raise CalibrationError(f"laser {number} does not exist: {SENSORS[lasers]} has 0 to {lasers - 1}")
     return number
 
 

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration
-from lidarcodec.sensors.corrections import OTHER_SENSORS, table_of
+from lidarcodec.sensors.corrections import OTHER_SENSORS, SENSORS, table_of
 from lidarcodec.units import LASERS, RANGE_STEP_M
 
 CM = 0.01
@@ -34,8 +34,8 @@ MAX_ELEMENTS = 20_000
 MAX_DEPTH = 32
 
 
-def parse(data: bytes) -> Calibration:
-    """Calibration of a `db.xml` file.
+def parse(data: bytes, number: int = LASERS) -> Calibration:
+    """Calibration of a `db.xml` file of a sensor with so many lasers: 16, 32, 64 or 128.
 
     Raises CalibrationError if it is not one, or of another sensor.
     """
@@ -45,19 +45,21 @@ def parse(data: bytes) -> Calibration:
     if database is None or points is None:
         raise CalibrationError("it lacks DB/points_, which every Velodyne db.xml has")
     lasers = [_laser(px) for px in points.iterfind("item/px")]
-    _check_enabled(_numbers(database, "enabled_"), len(lasers))
+    lasers = _enabled(lasers, _numbers(database, "enabled_"), number)
     for name, tag in (("min_intensity", "minIntensity_"), ("max_intensity", "maxIntensity_")):
         limits = _numbers(database, tag)
         for laser in lasers:
-            number = laser["laser_id"]
-            if isinstance(number, int) and 0 <= number < len(limits):
-                laser[name] = limits[number]
+            place = laser["laser_id"]
+            if isinstance(place, int) and 0 <= place < len(limits):
+                laser[name] = limits[place]
     step_cm = database.findtext("distLSB_")
-    return table_of(lasers, RANGE_STEP_M if step_cm is None else _number(step_cm, "distLSB_") * CM)
+    step_m = RANGE_STEP_M if step_cm is None else _number(step_cm, "distLSB_") * CM
+    return table_of(lasers, step_m, number)
 
 
-def text(calibration: Calibration) -> str:
+def text(calibration: Calibration, range_step_m: float = RANGE_STEP_M) -> str:
     """The `db.xml` form of a calibration, with as many digits as the table keeps."""
+    number = calibration.table.shape[1]
     degrees, cm = math.degrees(1.0), 1 / CM
     columns: dict[str, tuple[Any, int]] = {}
     for name, tag in TAGS.items():
@@ -68,11 +70,11 @@ def text(calibration: Calibration) -> str:
         else:
             columns[tag] = (calibration[name], 6)
     points = []
-    for laser in range(LASERS):
+    for laser in range(number):
         head = '<px class_id="9" tracking_level="1" version="1"' if laser == 0 else '<px class_id_reference="9"'
         fields = [f"<id_>{laser}</id_>"]
-        numbers = {tag: _shortest(values[laser], decimals) for tag, (values, decimals) in columns.items()}
-        fields += [f"<{tag}>{number}</{tag}>" for tag, number in numbers.items()]
+        texts = {tag: _shortest(values[laser], decimals) for tag, (values, decimals) in columns.items()}
+        fields += [f"<{tag}>{value}</{tag}>" for tag, value in texts.items()]
         body = "".join(f"\n\t\t\t\t{field}" for field in fields)
         points.append(f'{head} object_id="_{laser + 1}">{body}\n\t\t\t</px>')
     items = [f"<item>\n\t\t\t{point}\n\t\t</item>" for point in points]
@@ -87,14 +89,14 @@ def text(calibration: Calibration) -> str:
             "<!DOCTYPE boost_serialization>",
             '<boost_serialization signature="serialization::archive" version="4">',
             '<DB class_id="0" tracking_level="1" version="0" object_id="_0">',
-            f"\t<distLSB_>{RANGE_STEP_M / CM:g}</distLSB_>",
+            f"\t<distLSB_>{range_step_m / CM:g}</distLSB_>",
             *(
-                _vector(tag, inner, number)
-                for tag, inner, number in (("position_", "xyz", 1), ("orientation_", "rpy", 2))
+                _vector(tag, inner, class_id)
+                for tag, inner, class_id in (("position_", "xyz", 1), ("orientation_", "rpy", 2))
             ),
-            _list('colors_ class_id="3" tracking_level="0" version="0"', _colours(), version=0),
-            _list("enabled_", _items(["1"] * LASERS)),
-            _list("intensity_", _items(["0"] * LASERS)),
+            _list('colors_ class_id="3" tracking_level="0" version="0"', _colours(number), version=0),
+            _list("enabled_", _items(["1"] * number)),
+            _list("intensity_", _items(["0"] * number)),
             *(_list(tag, _items(values), version=0) for tag, values in limits.items()),
             _list('points_ class_id="7" tracking_level="0" version="0"', items, version=1),
             "</DB>",
@@ -162,10 +164,17 @@ def _numbers(database: ElementTree.Element, tag: str) -> list[float]:
     return [_number(item.text or "", tag) for item in database.iterfind(f"{tag}/item")]
 
 
-def _check_enabled(enabled: list[float], lasers: int) -> None:
+def _enabled(lasers: list[dict[str, Any]], enabled: list[float], number: int) -> list[dict[str, Any]]:
+    """The lasers that the sensor has: of the 64 places in a file of another sensor, those that are enabled."""
     used = sum(value != 0 for value in enabled)
-    if lasers == LASERS and used in OTHER_SENSORS:
-        raise CalibrationError(f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: an HDL-64E has {LASERS}")
+    if len(lasers) != LASERS or used not in OTHER_SENSORS:
+        return lasers
+    if used != number:
+        raise CalibrationError(
+            f"{used} lasers are enabled, as in {OTHER_SENSORS[used]}: {SENSORS[number]} has {number}"
+        )
+    on = {place for place, value in enumerate(enabled) if value != 0}
+    return [laser for laser in lasers if laser["laser_id"] in on]
 
 
 def _shortest(value: float, decimals: int) -> str:
@@ -189,11 +198,11 @@ def _vector(tag: str, inner: str, class_id: int) -> str:
     return f"{head}\n\t\t<{inner}>\n\t\t\t<count>3</count>{zeros}\n\t\t</{inner}>\n\t</{tag}>"
 
 
-def _colours() -> list[str]:
+def _colours(lasers: int) -> list[str]:
     """A colour for each laser, as viewers want one: blue to red."""
     colours = []
-    for laser in range(LASERS):
-        share = laser / (LASERS - 1)
+    for laser in range(lasers):
+        share = laser / (lasers - 1)
         values = "".join(f"\n\t\t\t\t<item>{value:.3f}</item>" for value in (share, 0.5, 1 - share))
         head = '<item class_id="4" tracking_level="0" version="0">' if laser == 0 else "<item>"
         colours.append(f"{head}\n\t\t\t<rgb>\n\t\t\t\t<count>3</count>{values}\n\t\t\t</rgb>\n\t\t</item>")

@@ -6,10 +6,15 @@ import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.errors import CalibrationError
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensor_model import HDL64E, Origin, SensorModel
 from lidarcodec.sensors.calibration import read_calibration
 from lidarcodec.sensors.generic import generic_for
+from lidarcodec.sensors.images import Sensor
+from lidarcodec.sensors.models.ouster.beside import metadata_beside
+from lidarcodec.sensors.models.ouster.sensor import model_from, sensor_from
+from lidarcodec.sensors.models.table import OUSTERS, PACKETS, any_packets, detect, is_ouster, sensor_named
 from lidarcodec.sensors.status_reader import StatusReader
 from lidarcodec.units import PACKET_BYTES
 
@@ -18,8 +23,61 @@ log = logging.getLogger(__name__)
 COMPRESSIONS = frozenset({".xz", ".zst", ".gz", ".bz2", ".lz4"})
 
 
+def find_sensor(
+    capture: Path | None, given: Path | None, first_payloads: Sequence[bytes], model: str | None = None
+) -> SensorModel:
+    """The sensor of a source: its model, as named or as the packets show it, and its calibration as found.
+
+    Raises CalibrationError if the given file is not the calibration of that model, UnknownNameError.
+    """
+    if model is None:
+        found = detect(first_payloads)
+        model = HDL64E if found is None else found.model
+    if model == HDL64E:
+        return find_calibration(capture, given, first_payloads)
+    if model == PACKETS:
+        return any_packets()
+    if is_ouster(model):
+        return _ouster(capture, given, first_payloads, model)
+    return _of_model(sensor_named(model), capture, given)
+
+
+def _of_model(family: Sensor, capture: Path | None, given: Path | None) -> SensorModel:
+    """A sensor with the calibration that was given, lies beside the capture, or is nominal."""
+    if given is not None:
+        return family.calibrated(_read(given), "given", str(given))
+    for path in beside(capture) if capture is not None else ():
+        try:
+            return family.calibrated(_read(path), "beside", str(path))
+        except CalibrationError as error:
+            log.warning("not used: %s", error)
+    return family.generic_sensor
+
+
+def _ouster(capture: Path | None, given: Path | None, payloads: Sequence[bytes], model: str) -> SensorModel:
+    """An Ouster with the metadata that was given or lies beside the capture; without any, one of bare packets."""
+    origin: Origin = "beside" if given is None else "given"
+    path = metadata_beside(capture, payloads) if given is None and capture is not None else given
+    if path is None:
+        return sensor_named(model).generic_sensor
+    metadata = _read(path)
+    try:
+        found = model_from(metadata, origin)
+    except CalibrationError as error:
+        raise CalibrationError(f"metadata {path}: {error}") from error
+    size = sensor_from(metadata).layout.packet_bytes
+    if payloads and all(len(payload) != size for payload in payloads):
+        raise CalibrationError(
+            f"metadata {path}: packets of that {found.model} have {size} bytes, and here is none such"
+        )
+    if model in OUSTERS and model != found.model:
+        raise CalibrationError(f"metadata {path}: it is of an {found.model}, not of an {model}")
+    log.info("metadata of %s from %s", found.name, path)
+    return found
+
+
 def find_calibration(capture: Path | None, given: Path | None, first_payloads: Sequence[bytes]) -> SensorModel:
-    """The sensor of a source; its `origin` says where the calibration was found.
+    """The HDL-64E of a source; its `origin` says where the calibration was found.
 
     given:   the file that the user named; it must be readable
     beside:  `NAME_db.xml`, `NAME.yaml` or `db.xml` beside the capture; NAME is the capture's name without its endings.
@@ -50,12 +108,22 @@ def beside(capture: Path) -> Iterator[Path]:
     if not capture.is_dir():
         stem = capture.with_suffix("") if capture.suffix.lower() in COMPRESSIONS else capture
         name = stem.stem
-    candidates = [capture.parent / f"{name}_db.xml", capture.parent / f"{name}.yaml", capture.parent / "db.xml"]
+    names = (f"{name}_db.xml", f"{name}.yaml", f"{name}.csv", "db.xml")
+    candidates = [capture.parent / one for one in names]
     if capture.is_dir():
         candidates.insert(0, capture / "db.xml")
     for candidate in candidates:
         if candidate != capture and _is_file(candidate):
             yield candidate
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_file(path, "calibration")
+    except OSError as error:
+        raise CalibrationError(f"cannot read calibration {path}: {error.strerror or error}") from error
+    except FileTooLargeError as error:
+        raise CalibrationError(f"calibration {path}: {error}: this is not a calibration file") from None
 
 
 def _is_file(path: Path) -> bool:

@@ -26,8 +26,8 @@ from lidarcodec.errors import UnknownNameError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import ros_yaml
 from lidarcodec.sensors.hdl64 import parse
+from lidarcodec.sensors.recognise import STREAM_PACKETS
 from lidarcodec.sensors.status import CYCLE_TYPES, WARNING_TYPE
-from lidarcodec.sensors.table import STREAM_PACKETS
 from lidarcodec.units import LOWER_FLAG, PACKET_BYTES, UPPER_FLAG
 
 TABLES = {

@@ -26,8 +26,8 @@ DECIMALS = {ANGLE_UNIT_RAD: 8, LENGTH_UNIT_M: 7}
 TWO_POINT = "two_pt_correction_available"
 
 
-def parse(data: bytes) -> Calibration:
-    """Calibration of a ROS `.yaml` file.
+def parse(data: bytes, lasers: int = LASERS) -> Calibration:
+    """Calibration of a ROS `.yaml` file of a sensor with so many lasers: 16, 32, 64 or 128.
 
     Raises CalibrationError if it is not one, or of another sensor.
     """
@@ -35,30 +35,31 @@ def parse(data: bytes) -> Calibration:
         tree = read_yaml(data)
     except YamlRefusedError as error:
         raise CalibrationError(str(error)) from None
-    lasers = tree.get("lasers") if isinstance(tree, dict) else None
-    if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
+    listed = tree.get("lasers") if isinstance(tree, dict) else None
+    if not isinstance(listed, list) or not all(isinstance(laser, dict) for laser in listed):
         raise CalibrationError("it lacks the list 'lasers', which every ROS calibration has")
     step = tree.get("distance_resolution", RANGE_STEP_M)
     if isinstance(step, bool) or not isinstance(step, (int, float)) or not abs(step) < 1e9:
         raise CalibrationError(f"distance_resolution must be a number, not {step!r:.40}")
     rows = []
-    for laser in lasers:
+    for laser in listed:
         row = {name: laser.get(key) for name, key in KEYS.items()}
         rows.append(row | {"laser_id": laser.get("laser_id"), "two_point": laser.get(TWO_POINT, True)})
-    return table_of(rows, float(step))
+    return table_of(rows, float(step), lasers)
 
 
-def text(calibration: Calibration) -> str:
+def text(calibration: Calibration, range_step_m: float = RANGE_STEP_M) -> str:
     """The ROS form of a calibration, with as many digits as the table keeps."""
     lines = ["lasers:"]
     near = (calibration["dist_correction_x_m"], calibration["dist_correction_y_m"])
     two_point = (near[0] != calibration["dist_correction_m"]) | (near[1] != calibration["dist_correction_m"])
     columns = {KEYS[name]: (calibration[name], _decimals(step)) for name, step in CALIBRATION_FIELDS.items()}
-    for laser in range(LASERS):
+    number = calibration.table.shape[1]
+    for laser in range(number):
         fields = {key: f"{values[laser]:.{decimals}f}" for key, (values, decimals) in columns.items()}
         fields |= {"laser_id": str(laser), TWO_POINT: "true" if two_point[laser] else "false"}
         lines.append("- {" + ", ".join(f"{key}: {fields[key]}" for key in sorted(fields)) + "}")
-    lines += [f"num_lasers: {LASERS}", f"distance_resolution: {RANGE_STEP_M}", ""]
+    lines += [f"num_lasers: {number}", f"distance_resolution: {range_step_m}", ""]
     return "\n".join(lines)
 
 

@@ -6,7 +6,8 @@ import doctest
 
 from lidarcodec.sensors import generic_sensor
 from lidarcodec.sensors.generic import TABLES
-from lidarcodec.sensors.table import MODELS
+from lidarcodec.sensors.models.table import block_sensors
+from lidarcodec.sensors.recognise import UNKNOWN
 from tests.conftest import ROOT
 
 PAGE = ROOT / "docs" / "sensors.md"
@@ -20,8 +21,16 @@ def test_the_examples_run() -> None:
 
 def test_every_model_and_every_refused_sensor_is_named() -> None:
     text = PAGE.read_text()
-    for name in MODELS.values():
-        assert name.replace("VLP-32A or VLP-32B", "VLP-32A/B/C").replace("VLP-32C", "VLP-32A/B/C") in text
+    for sensor in block_sensors():
+        step = f"{round(sensor.range_step_m * 1000)} mm"
+        row = next(line for line in text.splitlines() if line.startswith("| ") and f"| `{sensor.name}` |" in line)
+        assert f"| {sensor.title.partition(' (')[0]}" in row
+        assert f"| {step} |" in row
+        for size in sensor.packet_sizes:
+            assert str(size) in row
+    for name in UNKNOWN.values():
+        for one in name.split(" or "):
+            assert one in text
     for model in TABLES:
         assert model.removeprefix("HDL-64E ") in text
         assert generic_sensor(model).name == model

@@ -1,0 +1,60 @@
+"""Hesai PandarXT-32M (XT32M, XT32M2X): 32 channels.
+
+A head of twelve bytes, six blocks of 32 units, a tail with the number of the packet. Ranges are in steps of 5 mm. The
+last byte of a unit is its confidence. Packets with three returns are not taken apart.
+
+Channels n and n + 16 fire at once. Source of packet and firing times: tier4/nebula 606ac41f (`pandar_xt32m.hpp`), after
+Hesai's manual. It counts the times of one and two returns as if a packet had eight blocks; here they are counted from
+the last of six, as it does for three returns. The angles are the nominal ones; each sensor has its own, which its
+`.csv` gives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.sensors.models.block_sensor import rows_of
+from lidarcodec.sensors.models.blocks import BlockLayout
+from lidarcodec.sensors.models.hesai_packet import (
+    HEAD_12,
+    SEQUENCE,
+    TAIL_XT,
+    UNIT_4,
+    HesaiSensor,
+    angles,
+    head_of,
+    hesai_layouts,
+)
+
+ELEVATIONS_DEG = tuple(np.round(19.5 - 1.3 * np.arange(32), 1).tolist())
+AZIMUTHS_DEG = (0.0,) * len(ELEVATIONS_DEG)
+FIRING_NS = tuple(368 + 2_888 * (channel % 16) for channel in range(len(ELEVATIONS_DEG)))
+BLOCKS = 6
+LAYOUTS = hesai_layouts(
+    HEAD_12,
+    [],
+    BLOCKS,
+    len(ELEVATIONS_DEG),
+    UNIT_4,
+    (TAIL_XT + SEQUENCE,),
+    rows_of(ELEVATIONS_DEG),
+    head_of(len(ELEVATIONS_DEG), BLOCKS, 5),
+)
+
+
+def column_ns(layout: BlockLayout) -> npt.ArrayLike:
+    """(columns,) ns from the packet's time stamp to each column; the last one is the nearest to it."""
+    return 5_632 - 50_000 * np.arange(layout.columns)[::-1]
+
+
+SENSOR = HesaiSensor(
+    name="xt32m",
+    title="Hesai PandarXT-32M (XT32M2X)",
+    short="XT32M",
+    range_step_m=0.005,
+    layouts=LAYOUTS,
+    generic=angles(ELEVATIONS_DEG, AZIMUTHS_DEG),
+    column_ns=column_ns,
+    channel_ns=FIRING_NS,
+)
