@@ -19,12 +19,13 @@ Angles are looked up per column and per laser and added by the addition theorem:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
+from lidarcodec.other_cloud import other_cloud_of
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS, LASERS_PER_BLOCK
 
@@ -45,7 +46,27 @@ BLOCK_NS = 24_000
 NEAR_ACROSS_M, NEAR_ALONG_M, FAR_M = 2.4, 1.93, 25.04
 
 
-def cloud_of(frame: Frame) -> npt.NDArray[np.void]:
+BOTH_DTYPE = np.dtype([*CLOUD_DTYPE.descr, ("return_number", "u1")])
+
+
+def cloud_of(frame: Frame, returns: Literal["first", "all"] = "first") -> npt.NDArray[np.void]:
+    """Points of the frame's valid returns; of `all`, second returns too, and with a field `return_number`.
+
+    (N,) CLOUD_DTYPE or BOTH_DTYPE of an HDL-64E; see `other_cloud` for other sensors.
+    """
+    if not frame.sensor.is_hdl64e:
+        return other_cloud_of(frame, both=returns == "all")
+    first = _first_cloud(frame)
+    if returns == "first":
+        return first
+    both = np.empty(len(first) + len(second := second_cloud(frame)), BOTH_DTYPE)
+    for name in CLOUD_DTYPE.names or ():
+        both[name] = np.concatenate((first[name], second[name]))
+    both["return_number"] = np.repeat((1, 2), (len(first), len(second)))
+    return both
+
+
+def _first_cloud(frame: Frame) -> npt.NDArray[np.void]:
     """(N,) CLOUD_DTYPE, points of the frame's valid returns, column by column, each column from the top ring down.
 
     t_ns is the host time of the column's packet plus the time of the firing within the packet (48 us a firing; its 64
@@ -84,7 +105,7 @@ def second_cloud(frame: Frame) -> npt.NDArray[np.void]:
     Raises SectionError if the side information contradicts the frame.
     """
     side = frame.side
-    if side is None or not len(side.second):
+    if not isinstance(side, SideInfo) or not len(side.second):
         return np.empty(0, CLOUD_DTYPE)
     roles = side.layouts[side.layout].ravel()
     opened = np.cumsum(_opens(roles)) - 1
@@ -120,7 +141,7 @@ def _opens(roles: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
 def _column_ns(frame: Frame) -> npt.NDArray[np.int64]:
     """(W,) int64, time of each column after the frame's stamp."""
     side = frame.side
-    if side is None or side.columns != frame.width:
+    if not isinstance(side, SideInfo) or side.columns != frame.width:
         return np.arange(frame.width, dtype=np.int64) * (2 * BLOCK_NS)
     return side.column_ns + _firing_ns(side)
 

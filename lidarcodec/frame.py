@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import cloud_of
 from lidarcodec.errors import LidarCodecError
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.side import SideInfo
-from lidarcodec.units import LASERS, MAX_COLUMNS
+from lidarcodec.units import MAX_COLUMNS
+
+PLANE_DTYPES: Final = frozenset(map(np.dtype, (np.uint8, np.uint16, np.uint32)))
 
 
 def _may_change(array: npt.NDArray[Any]) -> bool:
@@ -26,64 +31,96 @@ def _may_change(array: npt.NDArray[Any]) -> bool:
     return array.base is not None and array.flags.writeable
 
 
+def _read_only(array: Any, name: str, dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    """The array, C-contiguous and read-only: itself, or a copy. Raises LidarCodecError if type or shape is wrong."""
+    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
+        given = f"{array.dtype}{array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise LidarCodecError(f"frame.{name} is {given}, not {np.dtype(dtype)}{shape}")
+    if not array.flags.c_contiguous or _may_change(array):
+        array = np.array(array, order="C")
+    found: npt.NDArray[Any] = array
+    found.flags.writeable = False
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame; W columns. Immutable: arrays are made read-only and C-contiguous.
+    """A frame; H rows, W columns. Immutable: arrays are made read-only and C-contiguous.
 
     index:     counts the frames of a stream from 0
     stamp_ns:  host time of the first packet, ns since the Unix epoch
-    range:     (64, W) uint16, steps of 2 mm, 0 = no return; row 0 is the highest beam
-    intensity: (64, W) uint8; may be non-zero where there is no return
+    range:     (H, W), steps of `sensor.range_step_m`, 0 = no return; row 0 is the highest beam. uint16 of an HDL-64E
+               (64 rows, steps of 2 mm), uint32 of other sensors
+    intensity: (H, W) uint8, or uint16 of a sensor that sends more; may be non-zero where there is no return
     azimuth:   (2, W) uint16, 0.01 degree, 0..35999: of each column's upper and lower block (a half that was not fired
                repeats the other)
     fired:     (2, W) bool, which half of a column was sent; a cell that did not fire is not a no-return
     sensor:    name, units and calibration
-    side:      time stamps, status bytes and the like, for exact packets; None for a frame that is not made of packets
-    keep:      (64, W) bool or None: returns that a reducer keeps; the others decode as no return
+    side:      time stamps, status bytes and the like, for exact packets: a SideInfo of an HDL-64E, a PacketRest of
+               other sensors; None for a frame that is not made of packets
+    planes:    further images by name, (H, W) uint8, uint16 or uint32: `range2` and `intensity2` (second return),
+               `signal`, `near_ir`, ...; empty for an HDL-64E
+    keep:      (H, W) bool or None: returns that a reducer keeps; the others decode as no return
     pose:      (4, 4) float64 or None: T_world_sensor at stamp_ns
     lattice:   (K,) uint16 or None: the columns that are sent, ascending, where a frame is thinned to some of them
-    filled:    (64, W) bool or None: returns that a receiver interpolated between those columns; they are never sent
+    filled:    (H, W) bool or None: returns that a receiver interpolated between those columns; they are never sent
     """
 
     index: int
     stamp_ns: int
-    range: npt.NDArray[np.uint16]
-    intensity: npt.NDArray[np.uint8]
+    range: npt.NDArray[Any]
+    intensity: npt.NDArray[Any]
     azimuth: npt.NDArray[np.uint16]
     fired: npt.NDArray[np.bool_]
     sensor: SensorModel
-    side: SideInfo | None = None
+    side: SideInfo | PacketRest | None = None
     keep: npt.NDArray[np.bool_] | None = None
     pose: npt.NDArray[np.float64] | None = None
     lattice: npt.NDArray[np.uint16] | None = None
     filled: npt.NDArray[np.bool_] | None = None
+    planes: Mapping[str, npt.NDArray[np.unsignedinteger]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        shape_of_range = getattr(self.range, "shape", None)
-        width = shape_of_range[1] if shape_of_range and len(shape_of_range) == 2 else -1
+        shape: tuple[int, ...] = getattr(self.range, "shape", ())
+        rows, width = self.sensor.rows, shape[1] if len(shape) == 2 else -1
         if not 0 <= width <= MAX_COLUMNS:
-            raise LidarCodecError(f"a range image is (64, W) with W up to {MAX_COLUMNS}, not {shape_of_range}")
+            raise LidarCodecError(f"a range image is ({rows}, W) with W up to {MAX_COLUMNS}, not {shape}")
+        hdl64e = self.sensor.is_hdl64e
+        attribute = np.uint8 if hdl64e or self.intensity.dtype == np.uint8 else np.uint16
+        image, halves = (rows, width), (2, width)
         wanted: dict[str, tuple[npt.DTypeLike, tuple[int, ...]]] = {
-            "range": (np.uint16, (LASERS, width)),
-            "intensity": (np.uint8, (LASERS, width)),
-            "azimuth": (np.uint16, (2, width)),
-            "fired": (np.bool_, (2, width)),
-            "keep": (np.bool_, (LASERS, width)),
+            "range": (np.uint16 if hdl64e else np.uint32, image),
+            "intensity": (attribute, image),
+            "azimuth": (np.uint16, halves),
+            "fired": (np.bool_, halves),
+            "keep": (np.bool_, image),
             "pose": (np.float64, (4, 4)),
             "lattice": (np.uint16, (-1 if self.lattice is None else len(self.lattice),)),
-            "filled": (np.bool_, (LASERS, width)),
+            "filled": (np.bool_, image),
         }
-        for name, (dtype, shape) in wanted.items():
+        for name, (dtype, wants) in wanted.items():
             array = getattr(self, name)
-            if array is None and name in ("keep", "pose", "lattice", "filled"):
-                continue
-            if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
-                found = f"{array.dtype}{array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-                raise LidarCodecError(f"frame.{name} is {found}, not {np.dtype(dtype)}{shape}")
-            if not array.flags.c_contiguous or _may_change(array):
-                array = np.array(array, order="C")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            if array is not None or name not in ("keep", "pose", "lattice", "filled"):
+                object.__setattr__(self, name, _read_only(array, name, dtype, wants))
+        if self.planes:
+            planes = {
+                name: _read_only(plane, f"planes[{name!r}]", plane.dtype, image) for name, plane in self.planes.items()
+            }
+            if hdl64e or any(plane.dtype not in PLANE_DTYPES for plane in planes.values()):
+                raise LidarCodecError(
+                    "further planes are unsigned images of up to 32 bits, of other sensors than an HDL-64E"
+                )
+            object.__setattr__(self, "planes", MappingProxyType(planes))
+
+    @property
+    def blocks(self) -> SideInfo | None:
+        """The side information of an HDL-64E's packets.
+
+        Raises LidarCodecError for a frame of another sensor: the caller takes only an HDL-64E.
+        """
+        if isinstance(self.side, PacketRest):
+            raise LidarCodecError(f"this takes only frames of an HDL-64E, not of a {self.sensor.name}")
+        return self.side
 
     @property
     def width(self) -> int:
@@ -92,7 +129,7 @@ class Frame:
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """(64, W) bool, the returns that are sent: range above 0, not dropped by a reducer. Read-only."""
+        """(H, W) bool, the returns that are sent: range above 0, not dropped by a reducer. Read-only."""
         returned: npt.NDArray[np.bool_] = self.range > 0
         valid = returned if self.keep is None else returned & self.keep
         valid.flags.writeable = False
@@ -107,7 +144,11 @@ class Frame:
         """A copy with some fields changed."""
         return replace(self, **changes)
 
-    def cloud(self) -> npt.NDArray[np.void]:
+    def cloud(self, returns: Literal["first", "all"] = "first") -> npt.NDArray[np.void]:
         """Structured array of the frame's valid returns, column by column: x y z f4 (metres, x forward, y left, z up),
-        intensity u1, laser u1 (hardware id), ring u1 (row), t_ns i8 (host time)."""
-        return cloud_of(self)
+        intensity u1 (u2 of a sensor that sends more), laser u1 (hardware id), ring u1 (row), t_ns i8 (host time).
+
+        returns: `all` adds the second returns, and a field `return_number` u1 (1 or 2). Of other sensors than an
+        HDL-64E the cloud has a field for each further plane, such as `signal` and `near_ir`.
+        """
+        return cloud_of(self, returns)

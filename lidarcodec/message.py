@@ -25,6 +25,8 @@ class SectionType(IntEnum):
     FILLER = 11
     LATTICE = 12
     POSITION = 13
+    PLANES = 14
+    REST = 15
 
 
 class Section(NamedTuple):
@@ -43,6 +45,7 @@ class Message:
     frame_index: of the first frame, frame_count: frames in this message; stamp_ns: host time of the first packet
     key: whether it decodes without any earlier message; needs: index of the frame it refers to, or None
     width: columns of the (widest) frame; packets: packets in it
+    planes: whether the frame is of another sensor than an HDL-64E, in PLANES and REST sections
     """
 
     codec: int
@@ -55,6 +58,7 @@ class Message:
     sections: tuple[Section, ...]
     frame_count: int = 1
     needs: int | None = None
+    planes: bool = False
 
     def section(self, kind: SectionType, ordinal: int = 0) -> bytes:
         """Bytes of one section.

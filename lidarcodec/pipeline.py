@@ -15,6 +15,7 @@ from typing import Any
 from lidarcodec.assembly import Assembler
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import Decoder, Encoder, Learning, Steered
+from lidarcodec.codecs.other_sensors import PlaneDecoder, other_encoder
 from lidarcodec.errors import SettingsError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
@@ -100,6 +101,8 @@ class StreamEncoder:
         self._rate = self._rate_control(self.settings)
         self._steer()
         self._held: list[Message] = []
+        self._other: Encoder | None = None
+        """Codes frames of other sensors than the HDL-64E."""
         self._lattices = LatticeNotes()
         self._last_index = -1
         self._index_again = False
@@ -110,6 +113,11 @@ class StreamEncoder:
 
     def encode(self, frame: Frame, *, key: bool = False) -> list[Message]:
         """Messages that became complete with this frame; `key` asks for a key frame."""
+        if frame.sensor.is_hdl64e != (self._other is None):
+            self._other, key = None if frame.sensor.is_hdl64e else other_encoder(self.settings, self.stream_id), True
+        if self._other is not None:
+            held, self._held, self.reduced, self.left_out = self._held, [], frame, False
+            return held + self._other.encode(frame, key=key)
         frame = self._reducing.reduce(measured_only(frame))
         held, self._held = self._held, []
         rate, key = self._rate, key or self._index_again
@@ -141,6 +149,7 @@ class StreamEncoder:
         """Use new settings from the next frame on. True: the next message will be a key frame."""
         checked = without_auto(check(settings))
         reducing, thinning = Reducing(checked, self._reducing), Thinning(checked, self._thinning)
+        other = None if self._other is None else other_encoder(checked, self.stream_id)
         if checked.codec == self.settings.codec:
             key = self._encoder.apply(checked)
             if self._rate is not None and checked.target_kbps is not None:
@@ -153,8 +162,8 @@ class StreamEncoder:
             self._rate = self._rate_control(checked, self._rate)
             self._encoder, key = fresh, True
         self._steer()
-        self._reducing, self._thinning, self.settings = reducing, thinning, checked
-        return key
+        self._reducing, self._thinning, self.settings, self._other = reducing, thinning, checked, other
+        return key or other is not None
 
     def aim(self, target_kbps: float) -> None:
         """With `target_kbps=auto`: set the target bitrate from the next frame on. Without a target: does nothing."""
@@ -227,17 +236,18 @@ class StreamDecoder:
     def __init__(self, make_decoder: Callable[[int], Decoder] = table.make_decoder) -> None:
         self._make_decoder = make_decoder
         self._decoder: Decoder | None = None
-        self._of: tuple[int, int] | None = None
+        self._of: tuple[int, int, bool] | None = None
 
     def decode(self, message: Message) -> list[Frame]:
         """Frames that became complete with this message."""
         frames: list[Frame] = []
-        of = (message.codec, message.stream_id)
+        of = (message.codec, message.stream_id, message.planes)
         if self._decoder is None or of != self._of:
-            fresh = self._make_decoder(message.codec)
+            fresh = PlaneDecoder(message.codec) if message.planes else self._make_decoder(message.codec)
             frames = self.flush()
             self._decoder, self._of = fresh, of
-        return frames + in_own_columns(self._decoder.decode(message), message)
+        decoded = self._decoder.decode(message)
+        return frames + (decoded if message.planes else in_own_columns(decoded, message))
 
     def flush(self) -> list[Frame]:
         """Frames that were held back."""

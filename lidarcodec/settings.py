@@ -34,13 +34,13 @@ UNFILLED: Final[tuple[Purpose, ...]] = ("localise", "detect")
 Shape = Literal["rounded", "free"]
 
 
-def step_of(max_error_m: float) -> int:
-    """Quantiser width in native range steps that keeps every error within `max_error_m`; 1 = lossless.
+def step_of(max_error_m: float, range_step_m: float = RANGE_STEP_M) -> int:
+    """Quantiser width in range steps of the sensor that keeps every error within `max_error_m`; 1 = lossless.
 
-    It is 2 * floor(e / 2 mm + 1e-6) + 1: a step of 2 k + 1 has errors of at most k. The term 1e-6 is for bounds such as
-    0.086, which have no exact binary value.
+    It is 2 * floor(e / range step + 1e-6) + 1: a step of 2 k + 1 has errors of at most k. The term 1e-6 is for bounds
+    such as 0.086, which have no exact binary value.
     """
-    return 2 * math.floor(max_error_m / RANGE_STEP_M + 1e-6) + 1
+    return 2 * math.floor(max_error_m / range_step_m + 1e-6) + 1
 
 
 class StreamSettings(BaseModel):

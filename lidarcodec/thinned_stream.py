@@ -41,7 +41,7 @@ class LatticeNotes:
         """Remember the lattice of a frame, in its full width, that is encoded next."""
         section = None
         if frame.lattice is not None:
-            section = lattice_bytes(Lattice(frame.width, frame.lattice, frame.side))
+            section = lattice_bytes(Lattice(frame.width, frame.lattice, frame.blocks))
         self._waiting.append((frame.index, section))
 
     def noted(self, message: Message) -> Message:

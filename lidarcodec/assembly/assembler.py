@@ -8,11 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcodec import _native
+from lidarcodec.assembly.any_sensor import TurnWatch, frame_of_packets
 from lidarcodec.assembly.continuity import count_discontinuities
 from lidarcodec.errors import PacketError
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import odd_count
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
+from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.settings import settings_from
 from lidarcodec.side import Position, SideInfo
 from lidarcodec.units import (
@@ -24,48 +28,63 @@ from lidarcodec.units import (
     PACKET_BYTES,
 )
 
+MAX_FRAME_BYTES = 16 * 2**20
+"""Most bytes of the packets of a frame; a turn of the largest sensor has a third of it."""
+TURN_NS = 100_000_000
+"""Length of a frame of packets that do not say where a turn ends: the turn of a sensor at 10 Hz."""
+
 
 class Assembler:
     """Cuts a stream of packets into frames. Pure: no clock, no I/O.
 
-    framing: `packets` (348 a frame), `packets:N`, or `revolution` (a new frame begins with the first packet after the
-    azimuth wraps, or after 2048 packets without a wrap). A FirstPacket always begins a frame.
+    framing: `packets` (348 a frame; of other sensors than an HDL-64E a turn), `packets:N`, or `revolution` (a new frame
+    begins with the first packet after the azimuth wraps, or after 2048 packets without a wrap). A FirstPacket always
+    begins a frame.
     counts: `packets`, `frames`, and irregularities: `irregular blocks` (unknown flag or azimuth; they are kept
     unchanged), `repeated packets`, `lost packets` and `time jumps` (both by the packets' own clock), and `position
-    packets not kept` (more than a frame holds, or without a frame).
+    packets not kept` (more than a frame holds, or without a frame). Of other sensors: `odd packets` (of another layout
+    than the rest of their frame; they are kept unchanged). A sensor whose packets do not say where a turn ends gets a
+    frame every 0.1 s with `revolution`.
     """
 
     def __init__(self, sensor: SensorModel, framing: str = "packets", first_index: int = 0) -> None:
         self.sensor = sensor
         self.counts: Counter[str] = Counter()
         self._frame_packets = settings_from({"framing": framing}).frame_packets
+        if framing == "packets" and not sensor.is_hdl64e:
+            self._frame_packets = None  # a turn: how many packets it has is each sensor's own
         self._index = first_index
         self._payloads: list[bytes] = []
         self._stamps: list[int] = []
+        self._bytes = 0
         self._positions: list[tuple[int, Packet]] = []
         self._position_bytes = 0
         self._last_azimuth = -1
         self._last_payload = b""
         self._last_gps: int | None = None
+        self._turns = None if sensor.is_hdl64e else TurnWatch(sensor)
 
     def push(self, packet: Packet) -> Frame | None:
         """Take one packet; returns the frame that it completed, if any. A position packet completes none.
 
-        Raises PacketError, and changes nothing, when the payload of a data packet is not 1206 bytes.
+        Raises PacketError, and changes nothing, when the payload of a data packet is not 1206 bytes (HDL-64E), or is
+        longer than UDP allows (other sensors).
         """
         if packet.position:
             self._push_position(packet)
             return None
         payload = packet.payload
-        if len(payload) != PACKET_BYTES:
-            raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {len(payload)}")
+        self._check_size(len(payload))
         frame = self._begin_anew() if isinstance(packet, FirstPacket) else None
-        if self._frame_packets is None and self._ends_before(payload):
+        if self._bytes + len(payload) > MAX_FRAME_BYTES or (
+            self._frame_packets is None and self._ends_before(payload, packet.stamp_ns)
+        ):
             frame = self._cut() if self._payloads else frame
         if payload == self._last_payload:
             self.counts["repeated packets"] += 1
         self._last_payload = payload
         self._payloads.append(payload)
+        self._bytes += len(payload)
         self._stamps.append(packet.stamp_ns)
         # At most one frame: frames of one packet leave nothing waiting that `_begin_anew` could cut.
         return self._cut() if len(self._payloads) == self._frame_packets else frame
@@ -102,6 +121,8 @@ class Assembler:
 
     def _cut(self) -> Frame:
         """The frame of the packets that are waiting."""
+        if self._turns is not None:
+            return self._cut_other()
         arrays = _native.assemble(b"".join(self._payloads), self.sensor.ring_of_laser.astype(np.uint8))
         range_, intensity, azimuth, fired, layouts, layout, irregular, second, gps_us, status = arrays
         stamps = np.array(self._stamps, np.int64)
@@ -109,7 +130,8 @@ class Assembler:
         positions = tuple(
             Position(place, packet.stamp_ns - begin_ns, packet.payload) for place, packet in self._positions
         )
-        self._payloads, self._stamps, self._positions, self._position_bytes = [], [], [], 0
+        self._payloads, self._stamps, self._positions = [], [], []
+        self._bytes = self._position_bytes = 0
         self.counts["packets"] += len(stamps)
         self.counts["frames"] += 1
         if len(irregular):
@@ -119,6 +141,28 @@ class Assembler:
         side = SideInfo(stamps - begin_ns, gps_us, status, layouts, layout, irregular, second, positions)
         self._index += 1
         return Frame(self._index - 1, begin_ns, range_, intensity, azimuth, fired.view(np.bool_), self.sensor, side)
+
+    def _cut_other(self) -> Frame:
+        """The frame of the packets that are waiting, of another sensor than an HDL-64E."""
+        begin_ns = self._stamps[0]
+        positions = tuple(
+            Position(place, packet.stamp_ns - begin_ns, packet.payload) for place, packet in self._positions
+        )
+        frame = frame_of_packets(self._payloads, np.array(self._stamps, np.int64), positions, self._index, self.sensor)
+        self.counts["packets"] += len(self._payloads)
+        self.counts["frames"] += 1
+        if (odd := odd_count(frame)) and frame.width:
+            self.counts["odd packets"] += odd
+        self._payloads, self._stamps, self._positions = [], [], []
+        self._bytes = self._position_bytes = 0
+        self._index += 1
+        return frame
+
+    def _check_size(self, size: int) -> None:
+        if self._turns is None and size != PACKET_BYTES:
+            raise PacketError(f"a packet has {PACKET_BYTES} bytes, this payload has {size}")
+        if size > MAX_ODD_BYTES:
+            raise PacketError(f"a payload of {size} bytes: UDP ends at {MAX_ODD_BYTES}")
 
     def _push_position(self, packet: Packet) -> None:
         """Keep a position packet for the frame in progress; count it if there is no room."""
@@ -140,10 +184,17 @@ class Assembler:
         """The frame of the previous sender's waiting packets; its azimuth, payload and clock are forgotten."""
         frame = self._cut() if self._payloads else None
         self._last_azimuth, self._last_payload, self._last_gps = -1, b"", None
+        if self._turns is not None:
+            self._turns.forget()
         return frame
 
-    def _ends_before(self, payload: bytes) -> bool:
+    def _ends_before(self, payload: bytes, stamp_ns: int) -> bool:
         """Whether a revolution ends before this packet."""
+        if self._turns is not None:
+            full = len(self._payloads) >= MAX_PACKETS
+            if self.sensor.model == PACKETS:
+                return full or (bool(self._stamps) and stamp_ns - self._stamps[0] >= TURN_NS)
+            return self._turns.begins(payload) or full
         azimuth = payload[2] | payload[3] << 8
         if azimuth >= AZIMUTH_TURN:
             return len(self._payloads) >= MAX_PACKETS

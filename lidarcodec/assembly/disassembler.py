@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarcodec import _native
+from lidarcodec.assembly.any_sensor import payloads_of
 from lidarcodec.errors import SectionError
 from lidarcodec.filling import measured_only
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
+from lidarcodec.packet_rest import PacketRest
+from lidarcodec.side import Position
 from lidarcodec.units import PACKET_BYTES
 
 
@@ -22,6 +26,8 @@ def packets_of(frame: Frame) -> list[Packet]:
     side = frame.side
     if side is None:
         raise SectionError("this frame has no side information, so it cannot be turned back into packets")
+    if isinstance(side, PacketRest):
+        return _with_positions(payloads_of(frame), side.packet_ns, side.positions, frame.stamp_ns)
     frame = measured_only(frame)
     range_, intensity = frame.range, frame.intensity
     if frame.keep is not None:
@@ -40,11 +46,15 @@ def packets_of(frame: Frame) -> list[Packet]:
         side.status,
         frame.sensor.ring_of_laser.astype(np.uint8),
     )
-    stamps = (side.packet_ns + frame.stamp_ns).tolist()
-    packets = [
-        Packet(payloads[start : start + PACKET_BYTES], stamp)
-        for start, stamp in zip(range(0, len(payloads), PACKET_BYTES), stamps, strict=True)
-    ]
-    for one in reversed(side.positions):  # from the last on, so that earlier places stay valid
-        packets.insert(one.place, Packet(one.payload, one.offset_ns + frame.stamp_ns, position=True))
+    parts = [payloads[start : start + PACKET_BYTES] for start in range(0, len(payloads), PACKET_BYTES)]
+    return _with_positions(parts, side.packet_ns, side.positions, frame.stamp_ns)
+
+
+def _with_positions(
+    payloads: list[bytes], packet_ns: npt.NDArray[np.int64], positions: tuple[Position, ...], stamp_ns: int
+) -> list[Packet]:
+    """Packets of these payloads and times, with the position packets at their places."""
+    packets = [Packet(one, at) for one, at in zip(payloads, (packet_ns + stamp_ns).tolist(), strict=True)]
+    for one in reversed(positions):  # from the last on, so that earlier places stay valid
+        packets.insert(one.place, Packet(one.payload, one.offset_ns + stamp_ns, position=True))
     return packets

@@ -107,6 +107,7 @@ class FrameEncoder(Generic[Own]):
                 packets=0 if frame.side is None else frame.side.packets,
                 sections=(Section(SectionType.CALIBRATION, calibration), *coded.sections),
                 needs=coded.needs,
+                planes=not frame.sensor.is_hdl64e,
             )
         ]
 

@@ -103,8 +103,8 @@ class RawContent:
             elif frame.keep is not None:
                 intensity = np.where(valid, intensity, np.uint8(0))
             sections.append(Section(SectionType.INTENSITY, intensity.tobytes()))
-        if frame.side is not None:
-            sections.append(Section(SectionType.SIDE, _encode_side(frame.side)))
+        if (side := frame.blocks) is not None:
+            sections.append(Section(SectionType.SIDE, _encode_side(side)))
         return Coded(sections + position_sections(frame) + pose_sections(frame), None)
 
 

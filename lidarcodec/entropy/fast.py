@@ -1,7 +1,8 @@
 """The native coders, with their types; nobody else of this package touches the extension module.
 
 Each has a pure-Python twin that gives the same bytes: `reference`, `reference.mask`, `reference.keep`,
-`reference.azimuth`, `reference.intensity`, `reference.predictive`, `reference.series`.
+`reference.azimuth`, `reference.intensity`, `reference.predictive`, `reference.series`; of `plane_coder` there is a
+decoder, `reference.planes`.
 """
 
 from __future__ import annotations
@@ -323,3 +324,22 @@ def decode_azimuth(data: bytes, width: int) -> tuple[npt.NDArray[np.uint16], npt
 def columns_in_turn(rotations: npt.NDArray[np.uint16]) -> int:
     """Columns in a full turn at the mean step of (W,) rotations, 0 if they do not turn; see `azimuth_coder`."""
     return _native.columns_in_turn(rotations)
+
+
+def encode_planes(
+    planes: Sequence[npt.NDArray[np.uint32]],
+    forms: npt.NDArray[np.uint8],
+    shift: npt.NDArray[np.int32],
+    step: int,
+    *,
+    quick: bool,
+) -> bytes:
+    """Bytes of P planes, (H, W) each; see `plane_coder`. forms: (P, 4) role, bits, of, like; shift: (H,)."""
+    return _native.encode_planes(planes, forms, shift, step, quick)
+
+
+def decode_planes(
+    data: bytes, columns: int, forms: npt.NDArray[np.uint8], shift: npt.NDArray[np.int32], step: int
+) -> list[npt.NDArray[np.uint32]]:
+    """P planes, (H, W) each. Raises SettingsError, SectionError or TruncatedError."""
+    return _native.decode_planes(data, columns, forms, shift, step)

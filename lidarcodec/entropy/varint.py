@@ -24,6 +24,10 @@ class VarintReader:
     def __init__(self, data: bytes) -> None:
         self._data, self.offset = data, 0
 
+    def __len__(self) -> int:
+        """Number of bytes that are left."""
+        return len(self._data) - self.offset
+
     def byte(self) -> int:
         """Next byte. Raises TruncatedError."""
         if self.offset >= len(self._data):

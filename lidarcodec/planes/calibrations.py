@@ -14,6 +14,7 @@ import numpy as np
 
 from lidarcodec.entropy.zstd_frames import compress
 from lidarcodec.errors import SectionError
+from lidarcodec.planes.other_calibrations import other_form
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, Calibration, Convention, SensorModel
 from lidarcodec.units import LASERS
 
@@ -29,6 +30,8 @@ _KEPT: Final = 8
 
 @lru_cache(maxsize=_KEPT)
 def _table_form(sensor: SensorModel, plain: bool) -> bytes:
+    if not sensor.is_hdl64e:
+        return other_form(sensor)
     name = sensor.name.encode()
     step = round(sensor.range_step_m * _STEPS_PER_METRE)
     if len(name) > 0xFF or not 0 < step <= 0xFFFFFFFF:

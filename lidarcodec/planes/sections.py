@@ -75,8 +75,8 @@ def encode_planes(
     intensity = encode_intensity(frame, cells, quality, turn=turn, grouped=grouped_intensity)
     if intensity is not None:
         sections.append(Section(SectionType.INTENSITY, intensity))
-    if frame.side is not None:
-        sections.append(Section(SectionType.SIDE, entropy.encode_side(frame.side)))
+    if (side := frame.blocks) is not None:
+        sections.append(Section(SectionType.SIDE, entropy.encode_side(side)))
     return sections + position_sections(frame) + pose_sections(frame)
 
 

@@ -77,7 +77,7 @@ class FiringCounter:
 
 
 def _sent(frame: Frame) -> _Sent:
-    name, side = (frame.index, frame.stamp_ns), frame.side
+    name, side = (frame.index, frame.stamp_ns), frame.blocks
     if side is None or not side.packets:
         return _Sent(name, frame.width, np.zeros(0, np.uint32), 0)
     return _Sent(name, frame.width, side.gps_us, int(np.bincount(side.columns_per_packet).argmax()))

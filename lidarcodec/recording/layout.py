@@ -23,8 +23,8 @@ import numpy as np
 from lidarcodec.entropy import decode_positions, encode_positions
 from lidarcodec.errors import PacketError, SectionError
 from lidarcodec.packet import Packet
+from lidarcodec.packet_rest import MAX_ODD_BYTES
 from lidarcodec.side import Position
-from lidarcodec.units import PACKET_BYTES
 
 MESSAGE_ENCODING: Final = "lidarcodec"
 PACKET_ENCODING: Final = "lidarcodec.packets"
@@ -48,19 +48,20 @@ def cloud_topics(vehicle: str, sensor: str) -> tuple[str, str]:
 
 
 def pack_batch(packets: Sequence[Packet]) -> bytes:
-    """Bytes of a batch of packets: count u32, stamps in ns i64 and payloads of data packets; if there are position
-    packets, then the first packet's stamp i64 and the bytes of a POSITION section.
+    """Bytes of a batch of packets: count u32, stamps in ns i64, sizes u16 and payloads of data packets; if there are
+    position packets, then the first packet's stamp i64 and the bytes of a POSITION section.
 
-    Raises PacketError for a data packet that has not 1206 bytes, SectionError for no packet or too many.
+    Raises PacketError for a data packet that is longer than UDP allows, SectionError for no packet or too many.
     """
     data = [packet for packet in packets if not packet.position]
     if not packets or len(data) > MAX_BATCH:
         raise SectionError(f"a batch of {len(packets)} packets: 1 to {MAX_BATCH} are possible")
     for packet in data:
-        if len(packet.payload) != PACKET_BYTES:
-            raise PacketError(f"a payload of {len(packet.payload)} bytes, not {PACKET_BYTES}")
+        if len(packet.payload) > MAX_ODD_BYTES:
+            raise PacketError(f"a payload of {len(packet.payload)} bytes: the limit is {MAX_ODD_BYTES}")
     stamps = np.array([packet.stamp_ns for packet in data], "<i8").tobytes()
-    packed = _COUNT.pack(len(data)) + stamps + b"".join(packet.payload for packet in data)
+    sizes = np.array([len(packet.payload) for packet in data], "<u2").tobytes()
+    packed = _COUNT.pack(len(data)) + stamps + sizes + b"".join(packet.payload for packet in data)
     if len(data) == len(packets):
         return packed
     begin_ns, place, positions = packets[0].stamp_ns, 0, []
@@ -78,13 +79,17 @@ def unpack_batch(data: bytes) -> list[Packet]:
     Raises SectionError or TruncatedError.
     """
     count = _COUNT.unpack_from(data)[0] if len(data) >= _COUNT.size else 0
-    at = _COUNT.size + 8 * count
-    end = at + count * PACKET_BYTES
+    sizes_at = _COUNT.size + 8 * count
+    at = end = sizes_at + 2 * count
+    if count <= MAX_BATCH and at <= len(data):
+        sizes = np.frombuffer(data[sizes_at:at], "<u2").astype(np.int64)
+        end += int(sizes.sum())
     if count > MAX_BATCH or len(data) < max(end, _COUNT.size + 1) or end < len(data) <= end + _STAMP.size:
         raise SectionError(f"a batch of {count} packets in {len(data)} bytes")
-    stamps = np.frombuffer(data[_COUNT.size : at], "<i8").tolist()
+    stamps = np.frombuffer(data[_COUNT.size : sizes_at], "<i8").tolist()
+    ends = (at + np.cumsum(sizes)).tolist()
     packets = [
-        Packet(data[at + n * PACKET_BYTES : at + (n + 1) * PACKET_BYTES], stamp) for n, stamp in enumerate(stamps)
+        Packet(data[begin:finish], stamp) for begin, finish, stamp in zip([at, *ends], ends, stamps, strict=False)
     ]
     if len(data) > end:
         (begin_ns,) = _STAMP.unpack_from(data, end)

@@ -80,4 +80,5 @@ def unpack(data: bytes) -> Message:
         sections=read_sections(body, header),
         frame_count=header.frame_count,
         needs=header.needs,
+        planes=header.planes,
     )

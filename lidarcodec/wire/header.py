@@ -29,6 +29,7 @@ CHECKSUM_BYTES: Final = 4
 
 FLAG_KEY: Final = 1
 FLAG_NEEDS: Final = 2
+FLAG_PLANES: Final = 0x100
 CRITICAL_FLAGS: Final = 0xFF00
 """Flags that change the meaning of a message: a reader that does not know one refuses the message."""
 
@@ -57,6 +58,7 @@ class Header(NamedTuple):
     width: int
     packets: int
     section_count: int
+    planes: bool = False
 
 
 def _check(value: int, low: int, high: int, what: str, offset: int) -> None:
@@ -93,6 +95,7 @@ def header_bytes_of(message: Message, total_bytes: int) -> bytes:
     )  # fmt: skip
     _check_fields(header)
     flags = (FLAG_KEY if message.key else 0) | (FLAG_NEEDS if needs is not None else 0)
+    flags |= FLAG_PLANES if message.planes else 0
     return LAYOUT.pack(
         MAGIC, MAJOR, MINOR, HEADER_BYTES, total_bytes, header.codec, flags, header.stream_id, header.stamp_ns,
         header.frame_index, needs or 0, header.frame_count, header.width, header.packets, header.section_count,
@@ -126,13 +129,13 @@ def read_header(data: bytes) -> Header:
     (_, major, minor, size, total, codec, flags, stream, stamp, index, needs, frames, width, packets, sections) = (
         LAYOUT.unpack_from(data)
     )
-    if flags & CRITICAL_FLAGS:
+    if flags & CRITICAL_FLAGS & ~FLAG_PLANES:
         raise UnsupportedVersionError(f"message with flags {flags:#06x}: this build does not know all of them", 14)
     if needs and not flags & FLAG_NEEDS:
         raise HeaderError(f"message header: names frame {needs} without the flag that it needs one", 40)
     header = Header(
         major, minor, size, total, codec, bool(flags & FLAG_KEY), stream, stamp, index,
-        needs if flags & FLAG_NEEDS else None, frames, width, packets, sections,
+        needs if flags & FLAG_NEEDS else None, frames, width, packets, sections, bool(flags & FLAG_PLANES),
     )  # fmt: skip
     _check_fields(header)
     return header

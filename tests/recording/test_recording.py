@@ -181,12 +181,20 @@ def test_raw_packets_come_back_with_their_stamps() -> None:
 def test_a_batch_of_packets_is_checked() -> None:
     with pytest.raises(SectionError):
         pack_batch([])
-    with pytest.raises(PacketError):
-        pack_batch([Packet(b"short", 0)])
+    with pytest.raises(PacketError, match="the limit is 65507"):
+        pack_batch([Packet(bytes(65_508), 0)])
     data = pack_batch([packet(1), packet(2)])
     for wrong in (b"", data[:-1], data + b"\0", b"\0\0\0\0", b"\xff\xff\xff\xff" + data[4:]):
         with pytest.raises(SectionError):
             unpack_batch(wrong)
+
+
+def test_a_batch_has_packets_of_any_size() -> None:
+    sizes = (0, 1, 48, 1206, 8448, 65_507)
+    sent = [Packet(bytes([k]) * size, 10**18 + k) for k, size in enumerate(sizes)]
+    assert unpack_batch(pack_batch(sent)) == sent
+    mixed = [sent[0], Packet(b"gps", 10**18, position=True), *sent[1:], Packet(b"", 10**18 + 9, position=True)]
+    assert unpack_batch(pack_batch(mixed)) == mixed
 
 
 def test_recordings_of_other_tools_are_read() -> None:

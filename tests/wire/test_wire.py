@@ -120,11 +120,20 @@ def test_a_newer_minor_version_is_read() -> None:
     assert read.section(SectionType.RANGE) == b"abc"
 
 
-def test_an_unknown_critical_flag_is_refused() -> None:
+@pytest.mark.parametrize("bit", range(1, 8))
+def test_an_unknown_critical_flag_is_refused(bit: int) -> None:
     data = bytearray(pack(message()))
-    data[15] = 1
+    data[15] = 1 << bit
     with pytest.raises(UnsupportedVersionError, match="flags"):
         unpack(resealed(bytes(data)))
+
+
+def test_the_flag_of_planes_is_read_back() -> None:
+    """Without it a reader would take the packets of another sensor for those of an HDL-64E."""
+    for planes in (False, True):
+        data = pack(message(planes=planes))
+        assert data[15] == planes
+        assert unpack(data).planes is planes
 
 
 def test_every_truncation_says_so() -> None:

@@ -1,0 +1,188 @@
+"""Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them, and its decoder.
+
+A message has a PLANES section with all images, a REST section with what else its packets hold, and refers to no other.
+Which codecs take every sensor, and how each codes planes, is in `KINDS`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.assembly.any_sensor import image_frame
+from lidarcodec.codecs import table
+from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
+from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
+from lidarcodec.entropy import decode_positions
+from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
+from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
+from lidarcodec.frame import Frame
+from lidarcodec.frame_images import images_of, layout_of
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.motion.motion import is_rigid
+from lidarcodec.packet_rest import PacketRest
+from lidarcodec.planes.other_calibrations import SensorBook
+from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
+from lidarcodec.planes.sections import pose_sections, position_sections
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.images import PacketLayout
+from lidarcodec.settings import AUTO, StreamSettings, step_of
+
+POSE_BYTES: Final = 96
+KINDS: Final = {
+    "raw": PlaneKind.PLAIN,
+    "zstd": PlaneKind.ZSTD,
+    "pcodec": PlaneKind.QUICK,
+    "predictive": PlaneKind.MODELLED,
+}
+"""Codec -> how it codes the planes of other sensors."""
+
+
+def check_other(settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if frames of other sensors than the HDL-64E can be coded with them.
+
+    Raises SettingsError with the field and what to do.
+    """
+    if settings.codec not in (*KINDS, AUTO):
+        able = ", ".join(KINDS)
+        raise SettingsError(f"codec {settings.codec} takes only frames of an HDL-64E: choose one of {able}", "codec")
+    if settings.target_kbps is not None:
+        text = (
+            "a target bitrate works only with an HDL-64E: leave target_kbps out, and set max_error_m or intensity=off"
+        )
+        raise SettingsError(f"{text} to send less", "target_kbps")
+    if settings.reduction not in ("auto", "all"):
+        raise SettingsError(f"reduction {settings.reduction} works only with an HDL-64E: leave it out", "reduction")
+    if settings.intensity not in ("auto", "lossless", "off"):
+        raise SettingsError(
+            f"intensity={settings.intensity} works only with an HDL-64E: choose lossless or off", "intensity"
+        )
+    return settings
+
+
+def check_for(sensor: SensorModel, settings: StreamSettings) -> StreamSettings:
+    """The settings themselves, if frames of this sensor can be coded with them.
+
+    Raises SettingsError with the field and what to do.
+    """
+    return settings if sensor.is_hdl64e else check_other(settings)
+
+
+def other_encoder(settings: StreamSettings, stream_id: int) -> Encoder:
+    """An encoder of frames of other sensors than the HDL-64E.
+
+    Raises SettingsError as `check_other` does.
+    """
+    check_other(settings)
+    own = table.load(settings.codec).settings
+    number = table.codec_id(settings.codec)
+    return FrameEncoder(number, settings, stream_id, own, PlaneContent(KINDS[settings.codec]))
+
+
+class PlaneContent:
+    """What a codec sends of a frame of another sensor than an HDL-64E."""
+
+    _settings: InForce[CodecSettings]
+
+    def __init__(self, kind: PlaneKind) -> None:
+        self._kind = kind
+
+    def take(self, settings: InForce[CodecSettings]) -> bool:
+        """Takes settings; no frame needs a key message for them.
+
+        Raises SettingsError for settings that these frames cannot have.
+        """
+        check_other(settings.stream)
+        self._settings = settings
+        return False
+
+    def code(self, frame: Frame, *, key: bool) -> Coded:
+        """All sections of a frame, which refer to no other frame."""
+        rest = frame.side
+        if not isinstance(rest, PacketRest):
+            raise SectionError("a frame of this sensor without its packets' series cannot be sent")
+        sections = [Section(SectionType.REST, encode_rest(rest))]
+        found = layout_of(frame)
+        if found is not None:
+            sections.append(Section(SectionType.PLANES, self._planes(frame, found[1])))
+        return Coded(sections + position_sections(frame) + pose_sections(frame), None)
+
+    def _planes(self, frame: Frame, layout: PacketLayout) -> bytes:
+        stream = self._settings.stream
+        forms = [one for one in layout.planes if one.role != "attribute" or stream.intensity != "off"]
+        step = 1 if stream.max_error_m is None else step_of(stream.max_error_m, frame.sensor.range_step_m)
+        images = images_of(frame, layout)
+        return encode_plane_section(self._kind, forms, images.planes, shift_of(frame), step)
+
+
+def shift_of(frame: Frame) -> npt.NDArray[np.int32]:
+    """(H,) columns by which the rows of a frame must be moved so that neighbours look in one direction."""
+    rotation = frame.sensor.calibration["rot_correction_rad"][frame.sensor.laser_of_ring]
+    azimuth = frame.azimuth[0].astype(np.int64)
+    steps = np.diff(azimuth) % 36000
+    step = float(np.median(steps)) if len(steps) else 0.0
+    if not 0 < step < 3600:
+        return np.zeros(len(rotation), np.int32)
+    columns = np.rint(-np.degrees(rotation) * 100.0 / step)
+    shift: npt.NDArray[np.int32] = np.clip(columns - np.rint(np.median(columns)), -4096, 4096).astype(np.int32)
+    return shift
+
+
+class PlaneDecoder:
+    """Decoder of frames of other sensors than the HDL-64E, of any codec in `KINDS`."""
+
+    def __init__(self, codec_id: int) -> None:
+        """Raises UnsupportedVersionError for a codec that does not write such frames."""
+        if table.codec_name(codec_id) not in KINDS:
+            raise UnsupportedVersionError(f"codec {table.codec_name(codec_id)} does not write frames of this sensor")
+        self.codec_id = codec_id
+        self._sensors = SensorBook()
+
+    def decode(self, message: Message) -> list[Frame]:
+        """The message's frame.
+
+        Raises DecodeError; MissingReferenceError when a key message has to come first.
+        """
+        if message.codec != self.codec_id:
+            raise UnsupportedVersionError(f"a message of codec {message.codec} for a decoder of {self.codec_id}")
+        if message.frame_count != 1 or message.needs is not None:
+            raise SectionError("a message of planes with several frames, or that refers to another")
+        sensor = self._sensors.sensor_of(message)
+        rest = decode_rest(message.section(SectionType.REST), message.packets)
+        if message.has(SectionType.POSITION):
+            coded = message.section(SectionType.POSITION)
+            rest = rest.with_positions(decode_positions(coded, message.packets))
+        planes = {}
+        if message.has(SectionType.PLANES):
+            found = decode_plane_section(message.section(SectionType.PLANES), message.width)
+            planes = found.planes
+            if planes["range"].shape[0] != sensor.rows:
+                raise SectionError(f"planes of {planes['range'].shape[0]} rows of a sensor with {sensor.rows}")
+        elif message.width or rest.layout:
+            raise SectionError(f"a message of {message.width} columns without planes")
+        frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
+        pose = _pose_of(message)
+        return [frame if pose is None else frame.with_(pose=pose)]
+
+    def flush(self) -> list[Frame]:
+        """Nothing: no frame is held back."""
+        return []
+
+
+def _pose_of(message: Message) -> npt.NDArray[np.float64] | None:
+    """(4, 4) T_world_sensor of a message, None if it has none.
+
+    Raises SectionError.
+    """
+    if not message.has(SectionType.POSE):
+        return None
+    data = message.section(SectionType.POSE)
+    if len(data) != POSE_BYTES:
+        raise SectionError(f"a pose section of {len(data)} bytes, not {POSE_BYTES}")
+    pose = np.eye(4)
+    pose[:3] = np.frombuffer(data, "<f8").reshape(3, 4)
+    if not is_rigid(pose):
+        raise SectionError("a pose that is no rigid transform")
+    return pose

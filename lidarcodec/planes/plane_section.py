@@ -1,0 +1,198 @@
+"""The PLANES section: all images of a frame of another sensor than an HDL-64E. The section describes its planes, so a
+reader needs no table of sensors. The format is docs/wire-format-other-sensors.md, section "PLANES".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarcodec.entropy.plane_coder import decode_planes, encode_planes
+from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
+from lidarcodec.entropy.zstd_frames import compress, decompress
+from lidarcodec.errors import SectionError
+from lidarcodec.sensor_model import MAX_LASERS
+from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, PlaneRole, Unsigned
+from lidarcodec.units import MAX_COLUMNS
+
+MAX_BITS: Final = 20
+MAX_STEP: Final = 20_001
+_ROLES: Final[tuple[PlaneRole, ...]] = ("range", "second range", "attribute")
+_MAX_NAME: Final = 16
+_LEVEL: Final = 3
+
+
+class PlaneKind(IntEnum):
+    """How a PLANES section is coded."""
+
+    PLAIN = 0
+    """Numbers as they are."""
+    ZSTD = 1
+    """Differences along rows, byte by byte, in a zstd frame."""
+    MODELLED = 2
+    """By what is learned from the neighbours of each cell (docs/wire-format-planes.md), all contexts."""
+    QUICK = 3
+    """The same with fewer contexts."""
+
+
+class PlaneHead(NamedTuple):
+    """What stands in front of the coded planes: kind, rows, step of ranges, what planes there are, and `shift` (H,)."""
+
+    kind: int
+    rows: int
+    step: int
+    forms: tuple[Plane, ...]
+    shift: npt.NDArray[np.int32]
+    size: int
+    """Bytes of the head."""
+
+
+class PlaneSection(NamedTuple):
+    """A decoded section: what planes there are, and the planes themselves, (H, W) each."""
+
+    forms: tuple[Plane, ...]
+    planes: dict[str, Unsigned]
+
+
+def encode_plane_section(
+    kind: PlaneKind, forms: Sequence[Plane], planes: Mapping[str, Unsigned], shift: npt.NDArray[np.int32], step: int
+) -> bytes:
+    """The section. planes: (H, W) each, by name; shift: (H,), as of `encode_planes`; step: odd, quantises the ranges.
+
+    Raises SectionError if the images are larger than a frame may be.
+    """
+    rows, columns = planes["range"].shape
+    _check(rows, columns, len(forms), step)
+    out = bytearray([min(kind, PlaneKind.MODELLED), rows - 1])
+    put_varint(out, step)
+    put_varint(out, len(forms))
+    names = [form.name for form in forms]
+    for form in forms:
+        name = form.name.encode()
+        out += bytes([_ROLES.index(form.role), form.bits, names.index(form.of), len(name)]) + name
+    for number in shift.tolist():
+        put_signed(out, number)
+    if kind in (PlaneKind.PLAIN, PlaneKind.ZSTD):
+        images = [_quantised(planes[form.name], step if form.role != "attribute" else 1) for form in forms]
+        parts = [_plain(image, form) if kind == PlaneKind.PLAIN else _rows(image, form)
+                 for image, form in zip(images, forms, strict=True)]  # fmt: skip
+        data = b"".join(parts)
+        return bytes(out) + (data if kind == PlaneKind.PLAIN else compress(data, _LEVEL))
+    return bytes(out) + encode_planes(forms, planes, shift, step, quick=kind == PlaneKind.QUICK)
+
+
+def read_head(data: bytes) -> PlaneHead:
+    """The head of a section.
+
+    Raises SectionError or TruncatedError.
+    """
+    reader = VarintReader(data)
+    kind, rows = reader.byte(), reader.byte() + 1
+    step = reader.varint(MAX_STEP, least=1)
+    count = reader.varint(MAX_PLANES, least=1)
+    if kind > PlaneKind.MODELLED:
+        raise SectionError(f"planes of unknown kind {kind}")
+    _check(rows, 0, count, step)
+    raw = [_raw_form(reader) for _ in range(count)]
+    forms = tuple(_form(number, raw) for number in range(count))
+    if len({form.name for form in forms}) < count or forms[0].name != "range" or forms[0].role != "range":
+        raise SectionError("planes whose names occur twice, or whose first is not the ranges")
+    shift = np.array([reader.signed(MAX_COLUMNS) for _ in range(rows)], np.int32)
+    return PlaneHead(kind, rows, step, forms, shift, reader.offset)
+
+
+def decode_plane_section(data: bytes, columns: int) -> PlaneSection:
+    """The planes of a section, (H, `columns`) each.
+
+    Raises SectionError or TruncatedError. Takes no more memory than the largest frame needs.
+    """
+    kind, rows, step, forms, shift, size = read_head(data)
+    _check(rows, columns, len(forms), step)
+    body = data[size:]
+    if kind == PlaneKind.MODELLED:
+        return PlaneSection(forms, decode_planes(body, columns, forms, shift, step))
+    sizes = [rows * columns * form.dtype.itemsize for form in forms]
+    if kind == PlaneKind.ZSTD:
+        body = decompress(body, sum(sizes))
+    if len(body) != sum(sizes):
+        raise SectionError(f"planes of {len(body)} bytes where {sum(sizes)} are expected")
+    planes: dict[str, Unsigned] = {}
+    at = 0
+    for form, size in zip(forms, sizes, strict=True):
+        part = body[at : at + size]
+        image = _from_plain(part, form, rows) if kind == PlaneKind.PLAIN else _from_rows(part, form, rows)
+        planes[form.name] = _reconstructed(image, step if form.role != "attribute" else 1, form)
+        at += size
+    return PlaneSection(forms, planes)
+
+
+def _check(rows: int, columns: int, planes: int, step: int) -> None:
+    fits = 1 <= rows <= MAX_LASERS and 0 <= columns <= MAX_COLUMNS and rows * columns * planes <= MAX_CELLS
+    if not fits or planes > MAX_PLANES:
+        raise SectionError(f"{planes} planes of {rows} x {columns}: the limit is {MAX_CELLS} numbers in a frame")
+    if not (1 <= step <= MAX_STEP and step % 2):
+        raise SectionError(f"range step {step} is not an odd number from 1 to {MAX_STEP}")
+
+
+def _raw_form(reader: VarintReader) -> tuple[int, int, int, str]:
+    role, bits, of = reader.byte(), reader.byte(), reader.byte()
+    name = reader.take(reader.varint(_MAX_NAME, least=1))
+    if role >= len(_ROLES) or not 1 <= bits <= MAX_BITS:
+        raise SectionError(f"a plane of unknown role {role}, or of {bits} bits")
+    if not name.isascii() or not all(chr(byte).isalnum() or byte == ord("_") for byte in name):
+        raise SectionError(f"a plane's name that is not of letters, digits and underscores: {name!r:.60}")
+    return role, bits, of, name.decode()
+
+
+def _form(number: int, raw: list[tuple[int, int, int, str]]) -> Plane:
+    role, bits, of, name = raw[number]
+    if of >= len(raw) or (_ROLES[role] == "attribute" and _ROLES[raw[of][0]] == "attribute"):
+        raise SectionError(f"plane {name} belongs to plane {of}, which is not one of ranges")
+    return Plane(name, bits, _ROLES[role], raw[of][3])
+
+
+def _quantised(image: Unsigned, step: int) -> Unsigned:
+    """Indices of ranges, one more than in docs/wire-format.md ("Range steps") for returns, 0 for none."""
+    if step == 1:
+        return image
+    indices = (image.astype(np.uint32) + np.uint32(step // 2)) // np.uint32(step) + np.uint32(1)
+    return np.where(image > 0, indices, np.uint32(0)).astype(image.dtype)
+
+
+def _reconstructed(image: Unsigned, step: int, form: Plane) -> Unsigned:
+    top = np.uint64((1 << form.bits) - 1)
+    if step > 1:
+        index = image.astype(np.uint64)
+        values = np.minimum((np.maximum(index, np.uint64(1)) - np.uint64(1)) * np.uint64(step), top)
+        values = np.where(values == 0, np.uint64((step // 2 + 1) // 2), values)
+        return np.where(index > 0, values, np.uint64(0)).astype(form.dtype)
+    if image.size and int(image.max()) > int(top):
+        raise SectionError(f"plane {form.name} holds {int(image.max())}, which has more than {form.bits} bits")
+    return image
+
+
+def _plain(image: Unsigned, form: Plane) -> bytes:
+    return image.astype(form.dtype.newbyteorder("<")).tobytes()
+
+
+def _from_plain(data: bytes, form: Plane, rows: int) -> Unsigned:
+    found: Unsigned = np.frombuffer(data, form.dtype.newbyteorder("<")).astype(form.dtype).reshape(rows, -1)
+    return found
+
+
+def _rows(image: Unsigned, form: Plane) -> bytes:
+    """Differences along each row, modulo the type's width, as planes of bytes from the lowest on."""
+    steps = image.astype(form.dtype, copy=True)
+    steps[:, 1:] -= image[:, :-1].astype(form.dtype, copy=False)
+    return steps.astype(form.dtype.newbyteorder("<")).view(np.uint8).reshape(-1, form.dtype.itemsize).T.tobytes()
+
+
+def _from_rows(data: bytes, form: Plane, rows: int) -> Unsigned:
+    size = form.dtype.itemsize
+    steps = np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(size, -1).T).view(form.dtype.newbyteorder("<"))
+    found: Unsigned = np.add.accumulate(steps.astype(form.dtype).reshape(rows, -1), axis=1, dtype=form.dtype)
+    return found

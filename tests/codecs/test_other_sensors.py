@@ -1,0 +1,240 @@
+"""What a user of another sensor than an HDL-64E would lose here: one byte of a packet, or a bound that was promised."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from lidarcodec import wire
+from lidarcodec.assembly import packets_of
+from lidarcodec.codecs import table
+from lidarcodec.codecs.other_sensors import KINDS
+from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
+from lidarcodec.errors import DecodeError, SettingsError
+from lidarcodec.frame import Frame
+from lidarcodec.message import Message, Section, SectionType
+from lidarcodec.packet import Packet
+from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
+from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensors.models.table import PACKETS, any_packets, names, sensor_named
+from lidarcodec.settings import settings_from
+from lidarcodec.sources import open_source
+from tests.conftest import data_folder
+from tests.fuzz.mutations import mutated
+from tests.sensors.captures import CAPTURES
+from tests.sensors.ouster_packets import CAPTURES as OUSTERS
+from tests.sensors.ouster_packets import FOLDER
+
+FILES = {name: file for name, file in CAPTURES.items() if not name.startswith(("HDL-64E", "OS-"))}
+FILES |= {name: f"{FOLDER}/{name}.pcap.xz" for name in OUSTERS}
+SMALL = ("vlp16", "xt32m", "OS-0-32-U1_v2.2.0_1024x10")
+"""A Velodyne with two returns, a Hesai, an Ouster."""
+MOST = 700
+
+
+@lru_cache(maxsize=4)
+def opened(file: str) -> tuple[SensorModel, tuple[Packet, ...]]:
+    """Sensor and first packets of a capture."""
+    path = data_folder() / file
+    if not path.exists():
+        pytest.skip(f"needs {file} in LIDARCODEC_DATA (looked in {data_folder()})")
+    with open_source(path) as source:
+        return source.sensor, tuple(islice(source.packets(), MOST))
+
+
+def sent(packets: Sequence[Packet], sensor: SensorModel, settings: dict[str, object]) -> list[tuple[Frame, Frame]]:
+    """Pairs of a frame and what a receiver has of it."""
+    encoder, decoder = StreamEncoder(settings_from(settings), 7), StreamDecoder()
+    pairs = []
+    for frame in frames_of(packets, sensor):
+        (message,) = encoder.encode(frame)
+        (decoded,) = decoder.decode(wire.unpack(wire.pack(message)))
+        pairs.append((frame, decoded))
+    return pairs
+
+
+def in_microseconds(packets: Sequence[Packet]) -> list[tuple[bytes, bool]]:
+    return [(packet.payload, packet.position) for packet in packets]
+
+
+def assert_exact(packets: Sequence[Packet], sensor: SensorModel, codec: str) -> list[tuple[Frame, Frame]]:
+    """All packets come back in their order, byte for byte, and their times within half a microsecond."""
+    pairs = sent(packets, sensor, {"codec": codec})
+    back = [packet for _, decoded in pairs for packet in packets_of(decoded)]
+    assert in_microseconds(back) == in_microseconds(packets)
+    assert max(abs(one.stamp_ns - two.stamp_ns) for one, two in zip(back, packets, strict=True)) <= 500
+    return pairs
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", FILES)
+def test_every_packet_of_every_capture_comes_back(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    assert not sensor.is_hdl64e
+    pairs = assert_exact(packets, sensor, codec)
+    for frame, decoded in pairs:
+        assert decoded.width > 0
+        assert (decoded.sensor.model, decoded.sensor.hash) == (sensor.model, sensor.hash)
+        np.testing.assert_array_equal(decoded.azimuth, frame.azimuth)
+        assert list(decoded.planes) == list(frame.planes)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", SMALL)
+def test_a_bound_is_kept_at_every_return(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    for frame, decoded in sent(packets[:200], sensor, {"codec": codec, "max_error_m": 0.05}):
+        for name in ("range", "range2"):
+            before = frame.range if name == "range" else frame.planes.get(name)
+            after = decoded.range if name == "range" else decoded.planes.get(name)
+            if before is None or after is None:
+                assert before is after
+                continue
+            np.testing.assert_array_equal(after > 0, before > 0)
+            off = np.abs(after.astype(np.int64) - before.astype(np.int64))
+            assert 0 < int(off.max()) * sensor.range_step_m <= 0.05
+        np.testing.assert_array_equal(decoded.intensity, frame.intensity)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", SMALL)
+def test_without_intensity_the_ranges_are_still_exact(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    for frame, decoded in sent(packets[:200], sensor, {"codec": codec, "intensity": "off"}):
+        np.testing.assert_array_equal(decoded.range, frame.range)
+        assert not decoded.intensity.any()
+        assert set(decoded.planes) <= {"range2"}
+        assert len(decoded.cloud()) == len(frame.cloud())
+        assert len(packets_of(decoded)) == len(packets_of(frame))
+
+
+def disturbed(packets: Sequence[Packet], rng: random.Random) -> list[Packet]:
+    """Packets of a bad line: cut, longer, damaged, twice, in another order, and foreign ones in between."""
+    found: list[Packet] = []
+    for packet in packets:
+        payload = packet.payload
+        match rng.randrange(12):
+            case 0:
+                found.append(packet._replace(payload=payload[: rng.randrange(len(payload))]))
+            case 1:
+                found.append(packet._replace(payload=payload + rng.randbytes(rng.randrange(1, 2000))))
+            case 2:
+                found.append(packet._replace(payload=mutated(payload, rng)))
+            case 3:
+                found += [packet, packet]
+            case 4:
+                found.append(packet._replace(payload=rng.randbytes(len(payload))))
+            case 5:
+                found.insert(rng.randrange(len(found) + 1), packet)
+            case 6:
+                found.append(packet._replace(payload=rng.choice((b"", b"\0", bytes(1206), bytes(65_507)))))
+            case _:
+                found.append(packet)
+    return found
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", SMALL)
+def test_packets_of_a_bad_line_come_back_too(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    assert_exact(disturbed(packets[:150], random.Random(3)), sensor, codec)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("model", [name for name in names() if name not in ("hdl64e", PACKETS) and "os" not in name])
+def test_a_frame_of_foreign_packets_alone_comes_back(model: str, codec: str) -> None:
+    rng = random.Random(5)
+    packets = [Packet(rng.randbytes(size), 10**18 + k) for k, size in enumerate((0, 1, 568, 1206, 1206, 1500, 20_000))]
+    pairs = assert_exact(packets, sensor_named(model).generic_sensor, codec)
+    assert [decoded.width for _, decoded in pairs] == [0] * len(pairs)
+    assert all(len(decoded.cloud()) == 0 for _, decoded in pairs)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+def test_any_payloads_come_back_with_model_packets(codec: str) -> None:
+    rng = random.Random(8)
+    packets = [Packet(rng.randbytes(rng.choice((0, 1, 100, 1206, 9000))), 10**18 + 1000 * k) for k in range(300)]
+    packets += [Packet(bytes(65_507), 10**18 + 10**9)]
+    assert_exact(packets, any_packets(), codec)
+
+
+@pytest.mark.parametrize("codec", [name for name in table.names() if name not in KINDS])
+def test_other_codecs_say_which_ones_take_the_sensor(codec: str) -> None:
+    frame = next(iter(frames_of([Packet(bytes(10), 0)], any_packets())))
+    try:
+        encoder = StreamEncoder(settings_from({"codec": codec}), 1)
+    except Exception as error:
+        pytest.skip(str(error))
+    with pytest.raises(SettingsError, match=r"takes only frames of an HDL-64E: choose one of raw, zstd, pcodec, pred"):
+        encoder.encode(frame)
+
+
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [
+        ({"target_kbps": 2000}, "target_kbps"),
+        ({"reduction": "columns:2"}, "reduction"),
+        ({"intensity": "levels=4"}, "intensity"),
+    ],
+)
+def test_settings_that_need_an_hdl64e_are_refused_by_name(more: dict[str, object], field: str) -> None:
+    frame = next(iter(frames_of([Packet(bytes(10), 0)], any_packets())))
+    encoder = StreamEncoder(settings_from({"codec": "predictive", **more}), 1)
+    with pytest.raises(SettingsError, match="works only with an HDL-64E") as caught:
+        encoder.encode(frame)
+    assert caught.value.field == field
+
+
+def used(message: Message) -> None:
+    """All that a receiver does with a message."""
+    for decoded in StreamDecoder().decode(message):
+        packets_of(decoded)
+        decoded.cloud("all")
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", SMALL)
+def test_damaged_messages_with_right_checksums_are_decode_errors(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    frame = next(iter(frames_of(packets[:12], sensor, "packets:12")))
+    (message,) = StreamEncoder(settings_from({"codec": codec}), 7).encode(frame)
+    rng, found = random.Random(11), Counter[bool]()
+    for _ in range(150):
+        at = rng.randrange(len(message.sections))
+        sections = list(message.sections)
+        sections[at] = sections[at]._replace(data=mutated(sections[at].data, rng))
+        damaged = replace(message, sections=tuple(sections), width=rng.choice((message.width, 0, message.width + 1)))
+        try:
+            used(wire.unpack(wire.pack(damaged)))
+            found[True] += 1
+        except DecodeError:
+            found[False] += 1
+    assert found[False] > 50
+
+
+@pytest.mark.parametrize("capture", SMALL)
+def test_a_message_that_lacks_a_series_or_has_it_too_short_is_a_decode_error(capture: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    frame = next(iter(frames_of(packets[:12], sensor, "packets:12")))
+    (message,) = StreamEncoder(settings_from({"codec": "raw"}), 7).encode(frame)
+    rest = decode_rest(message.section(SectionType.REST), message.packets)
+    for name in rest.series:
+        for series in (
+            {key: values for key, values in rest.series.items() if key != name},
+            {**rest.series, name: rest.series[name][:-1].copy()},
+            {**rest.series, name: np.append(rest.series[name], rest.series[name][:1])},
+            {**rest.series, name: np.full(len(rest.series[name]), 2**64 - 1, np.uint64)},
+        ):
+            wrong = Section(SectionType.REST, encode_rest(replace(rest, series=series)))
+            sections = tuple(wrong if one.type == SectionType.REST else one for one in message.sections)
+            try:
+                used(replace(message, sections=sections))
+            except DecodeError:
+                continue
