@@ -17,7 +17,7 @@ from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.recording import RecordingReader
 from lidarcodec.recording.decoding_work import decoded
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors import find_calibration, identify_stream, read_calibration
+from lidarcodec.sensors import check_recognised, find_sensor, read_calibration
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.spec import Spec
 from lidarcodec.sources.table_search import SEARCHED_PACKETS
@@ -144,6 +144,6 @@ def _sensor(path: Path, calibration: Path | None, payloads: list[bytes], frame: 
     generic one. Otherwise that of the first frame."""
     if not payloads and frame is not None:
         return frame.sensor if calibration is None else read_calibration(calibration, "given")
-    identify_stream(payloads)
-    sensor = find_calibration(path, calibration, payloads)
+    model = check_recognised(payloads).model if frame is None else frame.sensor.model
+    sensor = find_sensor(path, calibration, payloads, model)
     return frame.sensor if frame is not None and sensor.origin == "generic" else sensor

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
-from lidarcodec.sensor_model import SensorModel
+from lidarcodec.sensor_model import HDL64E, SensorModel
 from lidarcodec.sensors.generic import TABLES, generic_sensor
+from lidarcodec.sensors.models.ouster.sensor import METADATA_URL, bare_sensors
+from lidarcodec.sensors.models.table import OUSTERS, PACKETS, names, sensor_named
 from lidarcodec.sources.base import REGRIDDED
 
 logger = logging.getLogger(__name__)
@@ -15,6 +17,10 @@ logger = logging.getLogger(__name__)
 MEANING: Final = "clouds can be wrong by up to about half a metre; packets and ranges are not affected"
 REMEDY: Final = "give --calibration FILE, or put NAME_db.xml beside the capture"
 LIVE_REMEDY: Final = "give --calibration FILE, or wait for the sensor's own table"
+OTHER_MEANING: Final = "beams can be a few tenths of a degree off; packets and ranges are not affected"
+OTHER_REMEDY: Final = "give --calibration FILE, or put NAME.csv beside the capture"
+NO_METADATA: Final = "there are no points; packets and images are not affected"
+METADATA_REMEDY: Final = f"save {METADATA_URL} as NAME.json beside the capture, or give --calibration NAME.json"
 MAX_SAID: Final = 256
 
 _said: set[str] = set()
@@ -23,7 +29,9 @@ _said: set[str] = set()
 @cache
 def generic_hashes() -> frozenset[str]:
     """Hashes of the generic tables, to recognise them in recordings."""
-    return frozenset(generic_sensor(model).hash for model in TABLES)
+    hdl64e = {generic_sensor(model).hash for model in TABLES}
+    named = {sensor_named(model).generic_sensor.hash for model in names() if model not in (HDL64E, PACKETS, *OUSTERS)}
+    return frozenset(hdl64e | named | {sensor.generic_sensor.hash for sensor in bare_sensors().values()})
 
 
 def is_generic(sensor: SensorModel) -> bool:
@@ -32,23 +40,40 @@ def is_generic(sensor: SensorModel) -> bool:
     return generic and REGRIDDED not in sensor.name
 
 
-def note_of(sensor: SensorModel) -> str | None:
-    """A note about a generic calibration for viewers of clouds; None without one."""
-    if sensor.origin == "simulated" or not is_generic(sensor):
+class _Note(NamedTuple):
+    """What is not as it should be, what that means, and what to do."""
+
+    what: str
+    meaning: str
+    remedy: str
+    in_short: str = "generic calibration"
+
+
+def _note(sensor: SensorModel, *, live: bool = False) -> _Note | None:
+    if sensor.origin == "simulated" or sensor.model == PACKETS or not is_generic(sensor):
         return None
-    return f"generic calibration: {MEANING}"
+    missing = "this unit has no calibration of its own, so a generic one is used"
+    if sensor.is_hdl64e:
+        return _Note(missing, MEANING, LIVE_REMEDY if live else REMEDY)
+    if sensor.model in bare_sensors():
+        return _Note("the metadata of this Ouster is missing", NO_METADATA, METADATA_REMEDY, "no metadata")
+    return _Note(missing, OTHER_MEANING, OTHER_REMEDY) if sensor_named(sensor.model).per_unit else None
+
+
+def note_of(sensor: SensorModel) -> str | None:
+    """A note for viewers of clouds about a generic calibration, or missing metadata; None without one."""
+    note = _note(sensor)
+    return None if note is None else f"{note.in_short}: {note.meaning}"
 
 
 def warn_if_generic(sensor: SensorModel, label: str, *, live: bool = False) -> bool:
-    """Log what a generic calibration means, once for each source; returns whether the calibration is generic."""
-    if note_of(sensor) is None:
+    """Log what a generic calibration, or missing metadata, means, once for each source; returns whether it is so."""
+    note = _note(sensor, live=live)
+    if note is None:
         return False
     if label not in _said:
         if len(_said) >= MAX_SAID:
             _said.clear()
         _said.add(label)
-        remedy = LIVE_REMEDY if live else REMEDY
-        logger.warning(
-            "%s: this unit has no calibration of its own, so a generic one is used: %s; %s", label, MEANING, remedy
-        )
+        logger.warning("%s: %s: %s; %s", label, note.what, note.meaning, note.remedy)
     return True

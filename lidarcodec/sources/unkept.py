@@ -24,7 +24,6 @@ CAUSES: Final[dict[str, str]] = {
     UNKEPT_POSITIONS: "position packets",
     OTHER_POSITIONS: "position packets to another port (?position=PORT behind the source keeps them)",
     "strangers": "packets of other senders",
-    "other sensor": "packets of another sensor",
     "kernel drops": "packets dropped by the kernel",
     "queue drops": "packets dropped from a full queue",
     "other traffic": "frames that are no UDP",

@@ -1,6 +1,11 @@
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
 #include <algorithm>
 #include <cmath>
 #include <span>
+#include <tuple>
+#include <vector>
 
 #include "base/error.hpp"
 #include "bindings.hpp"
@@ -16,6 +21,20 @@ Address place_of(const lc::SenderAddress& a) {
   return nb::make_tuple(give_bytes(std::vector<std::uint8_t>(a.bytes.begin(), a.bytes.begin() + a.size)), a.port);
 }
 
+// (size, turn offset, span, counts, marks, wanted), the marks as offset and value in turn.
+using ShapeArgument = std::tuple<std::uint32_t, std::uint32_t, std::uint32_t, bool, std::vector<std::uint32_t>, bool>;
+
+std::vector<lc::PacketShape> shapes_of(const std::vector<ShapeArgument>& given) {
+  std::vector<lc::PacketShape> shapes;
+  for (const auto& [size, offset, span, counts, marks, wanted] : given) {
+    lc::PacketShape shape{size, offset, span, counts, {}, wanted};
+    for (std::size_t k = 0; k + 1 < marks.size(); k += 2)
+      shape.marks.push_back({marks[k], static_cast<std::uint8_t>(marks[k + 1])});
+    shapes.push_back(std::move(shape));
+  }
+  return shapes;
+}
+
 std::span<const std::uint8_t> bytes_of(const nb::bytes& b) {
   return {static_cast<const std::uint8_t*>(b.data()), b.size()};
 }
@@ -29,23 +48,23 @@ void bind_receiver(nb::module_& m) {
                               "Decides which sender is the sensor, from the packets that each sent lately.")
       .def(
           "__init__",
-          [](lc::SenderJudge* self, const nb::bytes& pinned, bool all) {
-            new (self) lc::SenderJudge(bytes_of(pinned), all);
-          },
-          nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
+          [](lc::SenderJudge* self, const nb::bytes& pinned, bool all, const std::vector<ShapeArgument>& shapes,
+             bool hdl64e) { new (self) lc::SenderJudge(bytes_of(pinned), all, shapes_of(shapes), hdl64e); },
+          nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false,
+          nb::arg("shapes") = std::vector<ShapeArgument>{}, nb::arg("hdl64e") = true)
       .def(
           "judge",
           [](lc::SenderJudge& judge, const nb::bytes& payload, const nb::bytes& address, std::uint16_t port,
              std::int64_t now_ns) {
             lc::SenderAddress from;
-            if (payload.size() != lc::kDatagramBytes || address.size() > from.bytes.size() || now_ns < 0)
-              throw lc::Error(lc::ErrorCode::Packet, "a packet of 1206 bytes from an address of 16 at most");
+            if (address.size() > from.bytes.size() || now_ns < 0)
+              throw lc::Error(lc::ErrorCode::Packet, "a packet from an address of 16 bytes at most");
             const auto bytes = bytes_of(address);
             std::copy(bytes.begin(), bytes.end(), from.bytes.begin());
             from.size = static_cast<std::uint8_t>(bytes.size());
             from.port = port;
             std::uint32_t id = 0;
-            return static_cast<int>(judge.judge(bytes_of(payload).data(), from, now_ns, id));
+            return static_cast<int>(judge.judge(bytes_of(payload), from, now_ns, id));
           },
           nb::arg("payload"), nb::arg("address"), nb::arg("port"), nb::arg("now_ns"),
           "The verdict on a packet, a SenderVerdict.")
@@ -56,7 +75,6 @@ void bind_receiver(nb::module_& m) {
           "The reason of the choice, a SenderReason.")
       .def_prop_ro("changes", &lc::SenderJudge::changes, "How often the choice changed.")
       .def_prop_ro("refused", &lc::SenderJudge::refused, "Packets of other senders.")
-      .def_prop_ro("other", &lc::SenderJudge::other, "Packets of other sensors, before the choice.")
       .def_prop_ro("not_pinned", &lc::SenderJudge::not_pinned, "Packets from addresses other than the pinned one.")
       .def_prop_ro(
           "last_not_pinned", [](const lc::SenderJudge& j) { return place_of(j.last_not_pinned()); },
@@ -72,18 +90,19 @@ void bind_receiver(nb::module_& m) {
             return found;
           },
           "For each sender: id, (address, port), packets kept, packets refused, score from 0 to 300.");
-  nb::class_<lc::UdpReceiver>(m, "UdpReceiver",
-                              "A thread that reads 1206-byte datagrams from a socket into a bounded ring.")
+  nb::class_<lc::UdpReceiver>(m, "UdpReceiver", "A thread that reads datagrams from a socket into a bounded queue.")
       .def(
           "__init__",
-          [](lc::UdpReceiver* self, int fd, std::size_t capacity, const nb::bytes& pinned, bool all) {
-            new (self) lc::UdpReceiver(fd, capacity, bytes_of(pinned), all);
+          [](lc::UdpReceiver* self, int fd, std::size_t capacity, const nb::bytes& pinned, bool all,
+             const std::vector<ShapeArgument>& shapes, bool any_size, bool hdl64e) {
+            new (self) lc::UdpReceiver(fd, capacity, bytes_of(pinned), all, shapes_of(shapes), any_size, hdl64e);
           },
-          nb::arg("fd"), nb::arg("capacity"), nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false)
+          nb::arg("fd"), nb::arg("capacity"), nb::arg("pinned") = nb::bytes("", 0), nb::arg("all") = false,
+          nb::arg("shapes") = std::vector<ShapeArgument>{}, nb::arg("any_size") = false, nb::arg("hdl64e") = true)
       .def(
           "take",
           [](lc::UdpReceiver& receiver, std::size_t most,
-             double limit_s) -> Tuple<nb::bytes, Array<std::int64_t>, Array<std::uint32_t>> {
+             double limit_s) -> Tuple<nb::bytes, Array<std::uint32_t>, Array<std::int64_t>, Array<std::uint32_t>> {
             const double bounded = std::isfinite(limit_s) ? std::clamp(limit_s, 0.0, 3600.0) : 0.0;
             const auto limit = std::chrono::nanoseconds(static_cast<std::int64_t>(bounded * 1e9));
             lc::ReceivedBatch b;
@@ -92,16 +111,14 @@ void bind_receiver(nb::module_& m) {
               b = receiver.take(most, limit);
             }
             const std::size_t n = b.senders.size();
-            return nb::make_tuple(give_bytes(b.payloads), give(std::move(b.stamps_ns), {n}),
-                                  give(std::move(b.senders), {n}));
+            return nb::make_tuple(give_bytes(b.payloads), give(std::move(b.sizes), {n}),
+                                  give(std::move(b.stamps_ns), {n}), give(std::move(b.senders), {n}));
           },
           nb::arg("most"), nb::arg("limit_s"),
-          "Payloads (n x 1206 bytes), kernel times int64(n) and ids of the senders uint32(n), in order.")
+          "Payloads one after the other, their sizes uint32(n), kernel times int64(n) and ids of the senders "
+          "uint32(n).")
       .def("senders", &lc::UdpReceiver::senders, "A copy of the judge of senders.")
       .def("holding", &lc::UdpReceiver::holding, "Whether packets wait for a choice of their sender.")
-      .def(
-          "foreign", [](const lc::UdpReceiver& r) { return give_bytes(r.foreign()); },
-          "The last packet of another sensor; empty if there was none.")
       .def(
           "counts",
           [](const lc::UdpReceiver& r) -> Tuple<std::uint64_t, std::uint64_t, std::uint64_t, std::uint64_t> {

@@ -16,6 +16,7 @@ from mcap.writer import Writer
 from lidarcodec.errors import LidarCodecError, PacketError, SourceError
 from lidarcodec.interop import ros
 from lidarcodec.interop.velodyne_scan import scan_of
+from lidarcodec.packet import Packet
 from lidarcodec.recording import RosbagWriter
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse
@@ -112,12 +113,25 @@ def test_a_bag_without_packets_says_what_it_has(tmp_path):
         open_source(path)
 
 
-def test_the_packets_of_another_sensor_are_named(tmp_path, data_file):
+def test_a_bag_of_another_sensor_has_its_packets_and_its_model(tmp_path, data_file):
     path = tmp_path / "small.mcap"
+    sent = made.read_plain_pcap(data_file("vlp16_sampleshort.pcap"))[:20]
     with path.open("wb") as file, RosbagWriter(file) as writer:
-        writer.write_scan(made.read_plain_pcap(data_file("vlp16_sampleshort.pcap"))[:20])
-    with pytest.raises(PacketError, match="VLP-16"):
+        writer.write_scan(sent)
+    with open_source(path) as source:
+        assert source.sensor.model == "vlp16"
+        assert [packet.payload for packet in source.packets()] == [packet.payload for packet in sent]
+
+
+def test_the_packets_of_an_unknown_sensor_are_named(tmp_path):
+    path = tmp_path / "small.mcap"
+    one = (b"\xff\xee" + bytes(98)) * 12 + bytes(4) + b"\x37\x23"
+    with path.open("wb") as file, RosbagWriter(file) as writer:
+        writer.write_scan([Packet(one, 10**18 + k) for k in range(20)])
+    with pytest.raises(PacketError, match="VLP-32A or VLP-32B, which is not known here"):
         open_source(path)
+    with open_source(f"{path}?model=packets") as source:
+        assert sum(1 for _ in source.packets()) == 20
 
 
 def test_a_folder_that_is_no_bag_or_lacks_a_file(tmp_path):

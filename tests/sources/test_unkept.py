@@ -18,6 +18,7 @@ NOTICED = {
     "position packets",
     "frames",
     "irregular blocks",
+    "odd packets",
     "lost packets",
     "repeated packets",
     "time jumps",

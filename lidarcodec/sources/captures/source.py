@@ -8,11 +8,12 @@ from collections.abc import Generator, Iterator
 from ipaddress import ip_address
 from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from lidarcodec.errors import PacketError, SourceError
+from lidarcodec.errors import SourceError
 from lidarcodec.files.regular import check_regular
 from lidarcodec.packet import UNKEPT_POSITIONS, Packet
+from lidarcodec.sensor_model import HDL64E
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.captures.datagrams import Datagram, DatagramReader
 from lidarcodec.sources.captures.pcap import MAGICS, Ending, Record, read_pcap
@@ -22,7 +23,7 @@ from lidarcodec.sources.decompress import ByteStream
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import SEARCHED_PACKETS, carries_table
 from lidarcodec.sources.unkept import OTHER_POSITIONS
-from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES, POSITION_PORT
+from lidarcodec.units import MAX_POSITION_BYTES, PACKET_BYTES, POSITION_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -30,6 +31,8 @@ FIRST_PACKETS: Final = 1024
 """Packets at the start of a file that are searched for streams: 0.3 s of an HDL-64E."""
 
 NAMED_STREAMS: Final = 16
+MAX_STREAMS: Final = 64
+"""Most streams of a capture among which the sensor's is looked for."""
 POSITIONS: Final = "position packets"
 
 Stream = tuple[bytes, int]
@@ -81,39 +84,44 @@ class CaptureSource(PacketSource):
         port: int | None = None,
         src: str | None = None,
         position: int | None = None,
+        model: str | None = None,
     ) -> None:
         """Looks at the first packets: which streams there are, and what sensor sends the chosen one.
 
+        model: of the sensor, as in `--model`; by default the one that the packets show
         port, src: destination port and sender's address of the stream to take; by default the most frequent stream.
-        position: destination port of its position packets, 8308 by default; 0: leave them out.
+        position: destination port of its position packets, by default 8308 (of an Ouster's inertial unit: the port
+        after the data's); 0: leave them out.
         Raises SourceError if the file cannot be read or has no such stream, PacketError for another sensor,
         CalibrationError.
         """
-        from lidarcodec.sensors import find_calibration
+        from lidarcodec.sensors.find import find_sensor
+        from lidarcodec.sensors.models.table import auxiliary_port
 
         self.path = path
         address = None if src is None else address_of(src).packed
-        self.stream, payloads, self.start_ns = _choose(path, port, address, search=calibration is None)
-        super().__init__(find_calibration(path, calibration, payloads))
+        self.stream, payloads, self.start_ns, found = _choose(path, port, address, model, search=calibration is None)
+        super().__init__(find_sensor(path, calibration, payloads, found))
         self.label = f"capture {path.name}, {_name(self.stream)}"
         self._warned = False
-        self._position_port = POSITION_PORT if position is None else position
+        usual = auxiliary_port(self.sensor.model, self.stream[1])
+        self._position_port = usual if position is None else position
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> CaptureSource:
         """The source for a path with options `?port=`, `?src=` and `?position=`."""
-        spec.only("port", "src", "position")
+        spec.only("port", "src", "position", "model")
         port, src = spec.whole("port", 1, 65535), spec.options.get("src")
-        return cls(spec.path, calibration, port, src, spec.position_port())
+        return cls(spec.path, calibration, port, src, spec.position_port(), spec.options.get("model"))
 
     def packets(self) -> Iterator[Packet]:
         """Packets in order of the file, from its beginning at each call. Cost: about 3 us a packet."""
         ending = Ending()
-        counts, chosen = self.counts, self.stream
+        counts, chosen, hdl64e = self.counts, self.stream, self.sensor.is_hdl64e
         for stamp_ns, (source, _, port, payload) in stamped_datagrams(self.path, counts, ending):
             if self.closed:
                 return
-            if (source, port) == chosen and len(payload) == PACKET_BYTES:
+            if (source, port) == chosen and (not hdl64e or len(payload) == PACKET_BYTES):
                 yield Packet(payload, stamp_ns)
                 continue
             cause = self._other((source, port), len(payload))
@@ -141,59 +149,70 @@ class CaptureSource(PacketSource):
         return OTHER_POSITIONS if stream[0] == self.stream[0] else UNKEPT_POSITIONS
 
 
-def _choose(path: Path, port: int | None, source: bytes | None, search: bool) -> tuple[Stream, list[bytes], int]:
-    """The stream to take, its first payloads (enough to `search` for a calibration), and the host time of the first."""
+class Choice(NamedTuple):
+    """The stream to take, its first payloads, the host time of the first, and the model of its sensor."""
+
+    stream: Stream
+    payloads: list[bytes]
+    start_ns: int
+    model: str
+
+
+def _choose(path: Path, port: int | None, source: bytes | None, model: str | None, search: bool) -> Choice:
+    """The stream to take; its first payloads are enough to `search` for a calibration.
+
+    Raises SourceError if there is none, PacketError if none is of a known sensor, UnknownNameError for the model.
+    """
     try:
         check_regular(path)
     except OSError as error:
         raise SourceError(f"cannot open {path}: {error.strerror or error}") from None
-    ending, lengths, count = Ending(), Counter[int](), 0
+    ending, lengths = Ending(), Counter[int]()
     streams: dict[Stream, list[bytes]] = {}
     others: dict[Stream, None] = {}
     stamps: dict[Stream, int] = {}
     datagrams = stamped_datagrams(path, Counter(), ending)
-    for stamp_ns, (sender, _, target, payload) in datagrams:
+    for count, (stamp_ns, (sender, _, target, payload)) in enumerate(datagrams, 1):
         lengths[len(payload)] += 1
-        if len(payload) != PACKET_BYTES:
-            continue
         if port not in (None, target) or source not in (None, sender):
             if len(others) < NAMED_STREAMS:
                 others[sender, target] = None
-            continue
-        streams.setdefault((sender, target), []).append(payload)
-        stamps.setdefault((sender, target), stamp_ns)
-        count += 1
+        elif (sender, target) in streams or len(streams) < MAX_STREAMS:
+            streams.setdefault((sender, target), []).append(payload)
+            stamps.setdefault((sender, target), stamp_ns)
         if count == FIRST_PACKETS:
             break
     if not streams and others:
         raise SourceError(f"{path} has no such stream; its streams are: {', '.join(map(_name, others))}")
     if not streams:
         raise SourceError(f"{path} holds no sensor packets{_seen(lengths)}{'; ' + ending.text if ending.text else ''}")
-    chosen = _supported(sorted(streams, key=lambda stream: -len(streams[stream])), streams)
+    chosen, found = _recognised(sorted(streams, key=lambda one: -sum(map(len, streams[one]))), streams, model)
+    if found is None:
+        raise SourceError(f"{path} holds no packets of a known sensor{_seen(lengths)}; --model packets carries any "
+                          "packets as they are")  # fmt: skip
     payloads = streams[chosen]
-    if search and carries_table(payloads):
-        more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
-        payloads.extend(islice(more, SEARCHED_PACKETS - len(payloads)))
+    if found == HDL64E:
+        payloads = [one for one in payloads if len(one) == PACKET_BYTES]
+        if search and carries_table(payloads):
+            more = (d.payload for _, d in datagrams if (d.source, d.port) == chosen and len(d.payload) == PACKET_BYTES)
+            payloads.extend(islice(more, SEARCHED_PACKETS - len(payloads)))
     datagrams.close()
-    return chosen, payloads, stamps[chosen]
+    return Choice(chosen, payloads, stamps[chosen], found)
 
 
-def _supported(wanted: list[Stream], streams: dict[Stream, list[bytes]]) -> Stream:
-    """The first of these streams that comes from a supported sensor.
+def _recognised(
+    wanted: list[Stream], streams: dict[Stream, list[bytes]], model: str | None
+) -> tuple[Stream, str | None]:
+    """The first of these streams that is of the named model, or of a known one; None as its model: there is none."""
+    from lidarcodec.sensors.recognise import recognised, takes
 
-    Raises PacketError naming the sensor of the very first, if none is.
-    """
-    from lidarcodec.sensors import identify_stream
-
-    refusals: list[PacketError] = []
+    if model is not None:
+        return next((one for one in wanted if takes(model, streams[one])), wanted[0]), model
     for stream in wanted:
-        try:
-            identify_stream(streams[stream])
-        except PacketError as error:
-            refusals.append(error)
-        else:
-            return stream
-    raise refusals[0]
+        found = recognised(streams[stream])
+        if found is not None:
+            return stream, found.model
+    return wanted[0], None
 
 
 def _name(stream: Stream) -> str:

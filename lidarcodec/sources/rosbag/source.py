@@ -23,7 +23,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.recording import MESSAGE_ENCODING, PACKET_ENCODING, RecordingReader
 from lidarcodec.recording.records import MAX_RECORD
 from lidarcodec.recording.rosbag import ENCODING, PROFILE
-from lidarcodec.sensors import find_calibration, identify_stream
+from lidarcodec.sensors import check_recognised, find_sensor
 from lidarcodec.sources.base import PacketSource
 from lidarcodec.sources.decompress import WINDOW_LIMIT
 from lidarcodec.sources.rosbag import sqlite
@@ -45,7 +45,9 @@ class RosbagSource(PacketSource):
     Counts: `truncated` (1 if a file was cut), `damaged`, `bad scans` (messages that are no VelodyneScan)
     """
 
-    def __init__(self, path: Path, calibration: Path | None = None, topic: str | None = None) -> None:
+    def __init__(
+        self, path: Path, calibration: Path | None = None, topic: str | None = None, model: str | None = None
+    ) -> None:
         """Reads the beginning.
 
         topic: topic to read, for a bag with several of VelodyneScan
@@ -59,16 +61,16 @@ class RosbagSource(PacketSource):
         if not first:
             raise SourceError(f"{path} has no readable packet on topic {self.topic}")
         payloads = [packet.payload for packet in first]
-        identify_stream(payloads)
-        super().__init__(find_calibration(path, calibration, payloads))
+        found = model or check_recognised(payloads).model
+        super().__init__(find_sensor(path, calibration, payloads, found))
         self.start_ns = first[0].stamp_ns
         self.label = f"rosbag {path.name}, {self.topic}"
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> RosbagSource:
         """The source for a path with an option `?topic=`."""
-        spec.only("topic")
-        return cls(spec.path, calibration, spec.options.get("topic"))
+        spec.only("topic", "model")
+        return cls(spec.path, calibration, spec.options.get("topic"), spec.options.get("model"))
 
     def packets(self) -> Iterator[Packet]:
         """Packets in the order of the files, from the first at each call."""

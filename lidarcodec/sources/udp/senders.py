@@ -26,7 +26,6 @@ class SenderVerdict(IntEnum):
     KEEP = 0
     HOLD = 1
     REFUSE = 2
-    OTHER_SENSOR = 3
 
 
 class SenderReason(IntEnum):
@@ -63,11 +62,8 @@ class Senders:
         else:
             self._strangers(judge, places, now_s)
             self._ambiguous(judge, places, now_s)
-        for cause, text in (
-            ("wrong length", "refused {packets}: packets of an HDL-64E have 1206 bytes"),
-            ("other sensor", "refused {packets} of another sensor: only the HDL-64E is supported"),
-        ):
-            self._notices.tell(cause, counts.get(cause, 0), text, now_s)
+        text = "refused {packets}: the sensor sends none of this length"
+        self._notices.tell("wrong length", counts.get("wrong length", 0), text, now_s)
 
     def refused_positions(self, count: int, stranger: str) -> None:
         """Warns of other senders to the port of position packets. stranger: the address of the first one"""

@@ -12,14 +12,20 @@ import os
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 
 from lidarcodec import _native
-from lidarcodec.errors import SourceError
+from lidarcodec.errors import CalibrationError, SourceError
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
-from lidarcodec.sensors import find_calibration, identify
+from lidarcodec.sensor_model import HDL64E, SensorModel
+from lidarcodec.sensors import check_recognised, find_calibration, find_sensor
+from lidarcodec.sensors.models.ouster.sensor import bare_sensors, model_from
+from lidarcodec.sensors.models.shapes import shapes
+from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.sources.base import PacketSource
+from lidarcodec.sources.ouster_http import metadata_over_http
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp.positions import listener_beside
@@ -31,12 +37,16 @@ from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
 logger = logging.getLogger(__name__)
 
 QUEUE_PACKETS: Final = 16_384
-"""Size of the queue: 4.7 s of an HDL-64 in single-return mode, 20 MB."""
+"""Size of the queue: 4.7 s of an HDL-64 in single-return mode, 20 MB; at most 128 MiB of larger packets."""
 BATCH_PACKETS: Final = 1024
 TAKE_S: Final = 0.2
 """Longest wait in native code, so that an interrupt of the main thread is seen."""
-REFUSED_PACKETS: Final = 64
-"""The source ends after this many packets of another sensor without one of an HDL-64E."""
+LOOKED_AT: Final = 32
+"""Packets of a sender by which the model of its sensor is recognised: 4 ms to 50 ms."""
+ANSWER_S: Final = 2.0
+"""Longest wait for the metadata of an Ouster. Packets wait in the queue meanwhile."""
+LOOK_S: Final = 0.2
+"""Time after which fewer are enough."""
 SAY_S: Final = 5.0
 """Time without a first packet after which a warning is logged."""
 WAIT_S: Final = 2.0
@@ -49,8 +59,10 @@ class UdpSource(PacketSource):
     A sender is an address and a port. It is chosen by the packets of the first 0.2 s. Another sender replaces it when
     it stops, or when its packets become inconsistent and those of the other are consistent; then a FirstPacket is
     given.
-    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length`,
-    `position packets` (which are given), `position packets not kept` (sent to the data port), `other sensor`.
+    The model of the sensor is recognised by the first packets of its sender, unless it is given.
+    Counts: `kernel drops`, `queue drops`, `strangers` (packets of other senders), `sender changes`, `wrong length` (of
+    no known sensor, or not of an HDL-64E), `position packets` (which are given), `position packets not kept` (sent to
+    the data port).
     """
 
     def __init__(
@@ -66,6 +78,7 @@ class UdpSource(PacketSource):
         interface: str | None = None,
         share: bool = False,
         position: int | None = None,
+        model: str | None = None,
     ) -> None:
         """Listens at once.
 
@@ -74,17 +87,26 @@ class UdpSource(PacketSource):
         wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
                     one that comes later replaces `sensor` while packets are read
         position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
-        Raises SourceError if the address cannot be listened on, PacketError if another sensor sends there,
-        CalibrationError.
+        model:      of the sensor, as in `--model`; by default the one that the packets show
+        Raises SourceError if the address cannot be listened on, PacketError if what sends there is no known sensor,
+        CalibrationError, UnknownNameError.
         """
-        super().__init__(find_calibration(None, calibration, ()), live=True)
+        super().__init__(_before_packets(calibration, model), live=True)
         wanted = None if src is None else address_of(src)
         sock = open_socket(host, port, interface=interface, share=share)
         with sock:
             self.address: tuple[str, int] = sock.getsockname()[:2]
             pinned = b"" if wanted is None else wanted.packed
             self._positions = listener_beside(host, self.address[1], position, interface=interface, share=share)
-            self._receiver = _native.UdpReceiver(sock.fileno(), QUEUE_PACKETS, pinned, any_sender)  # a copy of it
+            self._receiver = _native.UdpReceiver(
+                sock.fileno(),
+                QUEUE_PACKETS,
+                pinned,
+                any_sender,
+                list(shapes(_sought(model))),
+                model == PACKETS,
+                model in (None, HDL64E, PACKETS),
+            )  # a copy of the socket
         self.label = f"UDP {self.address[0]} port {self.address[1]}"
         self._idle_s, self._any = idle_s, any_sender
         self._senders = Senders(self.label, str(wanted or ""), any_sender)
@@ -92,22 +114,26 @@ class UdpSource(PacketSource):
         self._sender = 0
         self._known: tuple[int, bytes | None] = (0, None)
         self._searches = calibration is None
+        self._calibration, self._model = calibration, model
+        self._first: list[bytes] | None = None if model in (HDL64E, PACKETS) else []
+        """First packets of the sender, until the model of its sensor is known."""
+        self._first_s = 0.0
+        self._wrong = 0
         self._opened = False
         self._last_ns: int | None = None
         self._held: deque[Packet] = deque()
-        self._table = table = TableSearch() if calibration is None else None
-        if table is not None:
-            try:
-                self._await(table, wait_s)
-            except BaseException:
-                self.close()
-                raise
+        self._table = TableSearch() if calibration is None and model in (None, HDL64E) else None
+        try:
+            self._await(wait_s if calibration is None or not self.sensor.is_hdl64e else 0.0)
+        except BaseException:
+            self.close()
+            raise
         self._opened = True
 
     @classmethod
     def from_spec(cls, spec: Spec, calibration: Path | None) -> UdpSource:
-        """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=`."""
-        spec.only("src", "any", "idle", "wait", "interface", "share", "position")
+        """The source for `udp://HOST:PORT?src=&any=&idle=&wait=&interface=&share=&position=&model=`."""
+        spec.only("src", "any", "idle", "wait", "interface", "share", "position", "model")
         host, _, port = spec.place.rpartition(":") if not spec.place.endswith("]") else (spec.place, "", "")
         if not host and not port.isdigit():
             host, port = port, ""
@@ -124,13 +150,14 @@ class UdpSource(PacketSource):
             interface=spec.options.get("interface"),
             share=spec.flag("share"),
             position=spec.position_port(),
+            model=spec.options.get("model"),
         )
 
     def packets(self) -> Iterator[Packet]:
         """Packets as they come, each once, with the kernel's time of arrival; ends when `close` is called, when none
         came for `idle_s`, or behind those that had come when `finish` was called. Cost: 5 us a packet.
 
-        Raises PacketError if another sensor sends here and no HDL-64E, SourceError if the socket fails.
+        Raises PacketError if what sends here is no known sensor, SourceError if the socket fails.
         """
         heard, told = time.monotonic(), False
         while not self.closed:
@@ -172,46 +199,107 @@ class UdpSource(PacketSource):
         until = "until Ctrl-C (?idle=60 gives up after 60 s)" if limit_s is None else f"for up to {limit_s:g} s"
         logger.warning("%s: nothing came within %g s; waiting %s", self.label, SAY_S, until)
 
-    def _await(self, table: TableSearch, wait_s: float) -> None:
-        """Wait for the calibration table and hold packets meanwhile. Without a table the calibration is generic."""
+    def _await(self, wait_s: float) -> None:
+        """Wait for the model and the calibration table, and hold packets meanwhile."""
         end = time.monotonic() + wait_s
-        while not table.settled and (left_s := end - time.monotonic()) > 0.0:
+        while self._waits() and (left_s := end - time.monotonic()) > 0.0:
             self._pump(min(left_s, TAKE_S))
-        if table.sensor is None:
-            self.sensor = find_calibration(None, None, table.first)
+        if self._table is not None and self._table.sensor is None and self.sensor.is_hdl64e and self._searches:
+            self.sensor = find_calibration(None, None, self._table.first)
+
+    def _waits(self) -> bool:
+        table = self._table
+        return self._first is not None or (table is not None and not table.settled)
 
     def _pump(self, limit_s: float) -> None:
         """Wait for packets, at most `limit_s`, and hold them.
 
-        Raises PacketError, SourceError.
+        Raises PacketError, SourceError, CalibrationError.
         """
-        payloads, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
+        payloads, sizes, stamps_ns, senders = self._receiver.take(BATCH_PACKETS, limit_s)
         came: list[Packet] = []
-        for number, (stamp_ns, sender) in enumerate(zip(stamps_ns.tolist(), senders.tolist(), strict=True)):
-            payload = payloads[number * PACKET_BYTES : (number + 1) * PACKET_BYTES]
+        at = 0
+        for size, stamp_ns, sender in zip(sizes.tolist(), stamps_ns.tolist(), senders.tolist(), strict=True):
+            payload = payloads[at : (at := at + size)]
             kind = Packet
             if sender != self._sender:
                 if self._sender and not self._any:
                     kind = FirstPacket
                     self._forget()
                 self._sender = sender
-            if self._table is not None and not self._table.push(payload):
+            if self._first is not None:
+                self._look_at(payload)
+            if self.sensor.is_hdl64e and size != PACKET_BYTES and self._first is None:
+                self._wrong += 1
+                continue
+            if self._table is not None and size == PACKET_BYTES and not self._table.push(payload):
                 self._learn(self._table)
             came.append(kind(payload, stamp_ns))
+        self._recognise_late()
         if self._positions is not None:
             came = self._positions.among(came, self._address_of(self._sender), anybody=self._any)
         self._held.extend(came)
         if (now_s := time.monotonic()) - self._look_s >= TAKE_S:
             self._look_s = now_s
             self._count()
-        if not self._sender and self.counts["other sensor"] >= REFUSED_PACKETS:
-            identify(self._receiver.foreign())  # raises
         if self._receiver.failure() and not self.closed:
             raise SourceError(f"{self.label}: {os.strerror(self._receiver.failure())}")
 
+    def _look_at(self, payload: bytes) -> None:
+        """Keep one of the sender's first packets, and recognise its sensor when there are enough."""
+        assert self._first is not None
+        if not self._first:
+            self._first_s = time.monotonic()
+        self._first.append(payload)
+        if len(self._first) >= LOOKED_AT:
+            self._recognise(self._first)
+
+    def _recognise_late(self) -> None:
+        """Recognise the sensor by few packets when no more came in time."""
+        if self._first and time.monotonic() - self._first_s >= LOOK_S:
+            self._recognise(self._first)
+
+    def _recognise(self, first: list[bytes]) -> None:
+        """Take the sensor that these packets are of.
+
+        Raises PacketError if it is no known one, CalibrationError if the given calibration is of another.
+        """
+        self._first = None
+        found = check_recognised(first) if self._model is None else None
+        model = self._model if found is None else found.model
+        if found is not None:
+            logger.info("%s: %s", self.label, found.evidence)
+        if model == HDL64E:
+            if not self.sensor.is_hdl64e:
+                self._take(find_calibration(None, self._calibration, first))
+            return
+        self._table = None
+        sensor = find_sensor(None, self._calibration, first, str(model))
+        self._take(self._asked(sensor) if sensor.model in bare_sensors() else sensor)
+
+    def _asked(self, bare: SensorModel) -> SensorModel:
+        """An Ouster with the metadata that it tells over HTTP; without, if it does not answer."""
+        address = self._address_of(self._sender)
+        if not address:
+            return bare
+        try:
+            return model_from(metadata_over_http(str(ip_address(address)), answer_s=ANSWER_S), "stream")
+        except CalibrationError as error:
+            logger.warning("%s: %s", self.label, error)
+            return bare
+
+    def _take(self, sensor: SensorModel) -> None:
+        """Use another sensor from now on."""
+        before, self.sensor = self.sensor, sensor.with_convention(self.sensor.convention)
+        if self._opened and before.model != sensor.model:
+            logger.warning("%s: from now on packets of a %s are read", self.label, sensor.name)
+            warn_if_generic(self.sensor, self.label, live=True)
+
     def _forget(self) -> None:
-        """The sender changed: forget the calibration and time of the previous one."""
-        if self._searches:
+        """The sender changed: forget the calibration, model and time of the previous one."""
+        if self._model is None:
+            self._first = []
+        if self._searches and self._model in (None, HDL64E):
             self._table = TableSearch()
             self.sensor = find_calibration(None, None, ()).with_convention(self.sensor.convention)
             warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
@@ -239,12 +327,11 @@ class UdpSource(PacketSource):
         found = {
             "kernel drops": kernel + beside["kernel drops"],
             "queue drops": queue,
-            "wrong length": wrong + beside["wrong length"],
+            "wrong length": wrong + self._wrong + beside["wrong length"],
             "position packets": beside["position packets"],
             UNKEPT_POSITIONS: position,
             "strangers": judge.refused + beside["strangers"],
             "sender changes": judge.changes,
-            "other sensor": judge.other,
         }
         for cause, count in found.items():  # set, not added: `close` may do this in another thread at the same time
             if count:
@@ -252,3 +339,23 @@ class UdpSource(PacketSource):
         self._senders.look(judge, self.counts)
         if self._positions is not None:
             self._senders.refused_positions(beside["strangers"], self._positions.stranger)
+
+
+def _sought(model: str | None) -> str | None:
+    """The model whose packets are evidence of a sensor; None: any."""
+    return None if model == PACKETS else model
+
+
+def _before_packets(calibration: Path | None, model: str | None) -> SensorModel:
+    """The sensor that is assumed before its packets are seen.
+
+    Raises CalibrationError, UnknownNameError.
+    """
+    if model not in (None, HDL64E):
+        return find_sensor(None, None, (), model) if model == PACKETS else find_calibration(None, None, ())
+    try:
+        return find_calibration(None, calibration, ())
+    except CalibrationError:
+        if model == HDL64E or calibration is None or not calibration.is_file():
+            raise
+        return find_calibration(None, None, ())  # of another sensor, perhaps: its packets will show

@@ -18,11 +18,11 @@
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kBatch = 64;          // datagrams a system call
-constexpr std::size_t kBufferBytes = 1280;  // longer ones are cut there, and are no packets
-constexpr std::size_t kControlBytes = 128;  // a time stamp and a drop count
-constexpr int kCallsBeforeLooking = 64;     // so that stop() is seen under any load
-constexpr std::size_t kCompany = 4;         // packets worth waking the interpreter for
+constexpr std::size_t kBatch = 64;            // datagrams a system call
+constexpr std::size_t kBufferBytes = 65'536;  // more than any datagram has
+constexpr std::size_t kControlBytes = 128;    // a time stamp and a drop count
+constexpr int kCallsBeforeLooking = 64;       // so that stop() is seen under any load
+constexpr std::size_t kCompany = 4;           // packets worth waking the interpreter for
 constexpr auto kCompanyTime = std::chrono::milliseconds(1);
 // Until its time stamps run, the kernel stamps packets when they are read: later than those that come behind them.
 constexpr std::int64_t kJitterNs = 20'000'000;
@@ -66,12 +66,10 @@ struct UdpReceiver::Buffers {
   }
 };
 
-UdpReceiver::UdpReceiver(int fd, std::size_t capacity, std::span<const std::uint8_t> pinned, bool all)
-    : capacity_(capacity), judge_(pinned, all) {
+UdpReceiver::UdpReceiver(int fd, std::size_t capacity, std::span<const std::uint8_t> pinned, bool all,
+                         std::vector<PacketShape> shapes, bool any_size, bool hdl64e)
+    : capacity_(capacity), any_size_(any_size), judge_(pinned, all, std::move(shapes), hdl64e) {
   if (capacity < 1 || capacity > kMaxRing) throw Error(ErrorCode::Settings, "a receiver holds 1 to 1048576 packets");
-  payloads_ = std::make_unique_for_overwrite<std::uint8_t[]>(capacity * kDatagramBytes);
-  stamps_ns_.resize(capacity);
-  from_.resize(capacity);
   socket_ = dup(fd);
   wake_ = eventfd(0, EFD_CLOEXEC);
   if (socket_ < 0 || wake_ < 0) {
@@ -112,34 +110,31 @@ ReceivedBatch UdpReceiver::take(std::size_t most, std::chrono::nanoseconds limit
   std::unique_lock lock(ring_);
   const auto ended = [this] { return stopping_ || failure_ != 0; };
   const std::int64_t end_ns = steady_ns() + limit.count();
-  while ((count_ == 0 || !released_) && !ended()) {
+  while ((held_.empty() || !released_) && !ended()) {
     const std::int64_t now = steady_ns();
-    if (count_ > 0 && judge_.settle(now)) {
+    if (!held_.empty() && judge_.settle(now)) {
       release();
     } else if (now >= end_ns) {
       return {};
     } else {
-      const std::int64_t until_ns = count_ > 0 ? std::min(end_ns, judge_.decide_ns()) : end_ns;
+      const std::int64_t until_ns = !held_.empty() ? std::min(end_ns, judge_.decide_ns()) : end_ns;
       arrived_.wait_for(lock, std::chrono::nanoseconds(until_ns - now));
     }
   }
-  if (count_ > 0 && count_ < kCompany) {
-    arrived_.wait_for(lock, kCompanyTime, [&] { return count_ >= kCompany || ended(); });
+  if (!held_.empty() && held_.size() < kCompany) {
+    arrived_.wait_for(lock, kCompanyTime, [&] { return held_.size() >= kCompany || ended(); });
   }
   ReceivedBatch batch;
   if (stopping_ || !released_) return batch;
-  const std::size_t n = std::min(most, count_);
-  batch.payloads.resize(n * kDatagramBytes);
-  batch.stamps_ns.resize(n);
-  batch.senders.resize(n);
+  const std::size_t n = std::min(most, held_.size());
   for (std::size_t k = 0; k < n; ++k) {
-    const std::size_t at = (first_ + k) % capacity_;
-    std::memcpy(batch.payloads.data() + k * kDatagramBytes, payloads_.get() + at * kDatagramBytes, kDatagramBytes);
-    batch.stamps_ns[k] = stamps_ns_[at];
-    batch.senders[k] = from_[at];
+    const Held& one = held_.front();
+    batch.payloads.insert(batch.payloads.end(), one.payload.begin(), one.payload.end());
+    batch.sizes.push_back(static_cast<std::uint32_t>(one.payload.size()));
+    batch.stamps_ns.push_back(one.stamp_ns);
+    batch.senders.push_back(one.from);
+    drop_oldest();
   }
-  first_ = (first_ + n) % capacity_;
-  count_ -= n;
   return batch;
 }
 
@@ -150,12 +145,7 @@ SenderJudge UdpReceiver::senders() const {
 
 bool UdpReceiver::holding() const {
   const std::lock_guard lock(ring_);
-  return count_ > 0 && !released_;
-}
-
-std::vector<std::uint8_t> UdpReceiver::foreign() const {
-  const std::lock_guard lock(ring_);
-  return foreign_;
+  return !held_.empty() && !released_;
 }
 
 ReceiverCounts UdpReceiver::counts() const {
@@ -189,7 +179,7 @@ bool UdpReceiver::drain(Buffers& buffers) {
       return false;
     }
     const std::lock_guard lock(ring_);
-    const bool was_empty = count_ == 0;
+    const bool was_empty = held_.empty();
     const std::int64_t now = steady_ns();
     for (std::size_t k = 0; k < static_cast<std::size_t>(n); ++k) {
       msghdr& m = buffers.messages[k].msg_hdr;
@@ -208,7 +198,7 @@ bool UdpReceiver::drain(Buffers& buffers) {
         }
       }
       const std::size_t size = buffers.messages[k].msg_len;
-      if ((m.msg_flags & MSG_TRUNC) != 0 || size != kDatagramBytes) {
+      if ((m.msg_flags & MSG_TRUNC) != 0 || !(any_size_ || judge_.knows_size(size))) {
         const bool position = size == kPositionBytes && (m.msg_flags & MSG_TRUNC) == 0;
         ++(position ? counts_.position : counts_.wrong_length);
         continue;
@@ -227,57 +217,49 @@ bool UdpReceiver::drain(Buffers& buffers) {
         from.port = ntohs(whole.sin_port);
         std::memcpy(from.bytes.data(), &whole.sin_addr, 4);
       }
-      keep(buffers.data[k].data(), stamp_ns != 0 ? stamp_ns : now_ns(), from, now);
+      keep({buffers.data[k].data(), size}, stamp_ns != 0 ? stamp_ns : now_ns(), from, now);
     }
-    if ((was_empty && count_ > 0) || count_ >= kCompany) arrived_.notify_all();
+    if ((was_empty && !held_.empty()) || held_.size() >= kCompany) arrived_.notify_all();
     if (static_cast<std::size_t>(n) < kBatch) return true;
   }
   return true;
 }
 
 // Called with the ring locked.
-void UdpReceiver::keep(const std::uint8_t* payload, std::int64_t stamp_ns, const SenderAddress& from,
+void UdpReceiver::keep(std::span<const std::uint8_t> payload, std::int64_t stamp_ns, const SenderAddress& from,
                        std::int64_t now_ns) {
   std::uint32_t id = 0;
   const SenderVerdict verdict = judge_.judge(payload, from, now_ns, id);
-  if (verdict == SenderVerdict::OtherSensor) foreign_.assign(payload, payload + kDatagramBytes);
-  if (verdict == SenderVerdict::OtherSensor || verdict == SenderVerdict::Refuse) {
+  if (verdict == SenderVerdict::Refuse) {
     if (judge_.chosen() != 0 && !released_) release();
     return;
   }
   if (stamp_ns < last_ns_ && last_ns_ - stamp_ns < kJitterNs) stamp_ns = last_ns_;
   last_ns_ = stamp_ns;
-  if (count_ == capacity_) {
-    first_ = (first_ + 1) % capacity_;
-    --count_;
+  while (!held_.empty() && (held_.size() >= capacity_ || held_bytes_ + payload.size() > kMaxRingBytes)) {
+    drop_oldest();
     ++counts_.queue_drops;
   }
-  const std::size_t at = (first_ + count_) % capacity_;
-  std::memcpy(payloads_.get() + at * kDatagramBytes, payload, kDatagramBytes);
-  stamps_ns_[at] = stamp_ns;
-  from_[at] = id;
-  ++count_;
+  held_.push_back({{payload.begin(), payload.end()}, stamp_ns, id});
+  held_bytes_ += payload.size();
   if (judge_.chosen() != 0 && !released_) release();
+}
+
+void UdpReceiver::drop_oldest() {
+  held_bytes_ -= held_.front().payload.size();
+  held_.pop_front();
 }
 
 // A sender was chosen: of the packets that waited for it, keep its own. Called with the ring locked.
 void UdpReceiver::release() {
   released_ = true;
-  std::size_t kept = 0;
-  for (std::size_t k = 0; k < count_; ++k) {
-    const std::size_t from = (first_ + k) % capacity_, to = (first_ + kept) % capacity_;
-    if (from_[from] != judge_.chosen() && !judge_.keeps_all()) {
-      judge_.drop(from_[from]);
-      continue;
-    }
-    if (to != from) {
-      std::memcpy(payloads_.get() + to * kDatagramBytes, payloads_.get() + from * kDatagramBytes, kDatagramBytes);
-      stamps_ns_[to] = stamps_ns_[from];
-      from_[to] = from_[from];
-    }
-    ++kept;
-  }
-  count_ = kept;
+  if (judge_.keeps_all()) return;
+  std::erase_if(held_, [this](const Held& one) {
+    if (one.from == judge_.chosen()) return false;
+    judge_.drop(one.from);
+    held_bytes_ -= one.payload.size();
+    return true;
+  });
 }
 
 }  // namespace lidarcodec

@@ -3,17 +3,18 @@
 #include <algorithm>
 #include <tuple>
 
+#include "base/error.hpp"
+
 namespace lidarcodec {
 namespace {
 
-constexpr std::size_t kBlocks = 12, kBlockBytes = 100, kTime = 1200, kMode = 1204, kModel = 1205;
-constexpr int kUpper = 0xEEFF, kLower = 0xDDFF, kThird = 0xCCFF, kFourth = 0xBBFF, kNone = 0xFFFF;
+constexpr std::size_t kBlocks = 12, kBlockBytes = 100, kTime = 1200, kHdl64eBytes = 1206;
+constexpr int kUpper = 0xEEFF, kLower = 0xDDFF;
 constexpr int kTurn = 36000;       // 0.01 degree
 constexpr int kMaxAdvance = 1500;  // a sensor turns 0.5 to 2.1 degrees a packet; some packets may be lost
 constexpr std::uint32_t kMaxPauseUs = 5000;
 constexpr std::uint32_t kHourUs = 3'600'000'000;
-constexpr std::array<std::uint8_t, 7> kOtherModels = {0x21, 0x22, 0x23, 0x24, 0x28, 0x31, 0xA1};
-constexpr std::uint8_t kVls128 = 0xA1;
+constexpr std::uint32_t kMaxPartOfTurn = 8;  // a packet holds less than an eighth of a turn
 
 int word(const std::uint8_t* at) { return at[0] | at[1] << 8; }
 
@@ -34,30 +35,41 @@ int azimuth_of(const std::uint8_t* payload) {
 
 }  // namespace
 
-bool other_sensor(const std::uint8_t* payload) {
-  const std::uint8_t mode = payload[kMode], model = payload[kModel];
-  if (mode < 0x37 || mode > 0x39) return false;
-  if (std::find(kOtherModels.begin(), kOtherModels.end(), model) == kOtherModels.end()) return false;
-  bool upper = false, lower = false, third = false, fourth = false;
-  for (std::size_t block = 0; block < kBlocks; ++block) {
-    const int flag = word(payload + block * kBlockBytes);
-    upper |= flag == kUpper;
-    lower |= flag == kLower;
-    third |= flag == kThird;
-    fourth |= flag == kFourth;
-    const bool vls =
-        flag == kUpper || flag == kLower || flag == kThird || flag == kFourth || flag == kNone || flag == 0;
-    if (model == kVls128 ? !vls : flag != kUpper) return false;
-  }
-  return model != kVls128 || (upper && lower && third && fourth);
+bool PacketShape::fits(std::span<const std::uint8_t> payload) const {
+  return payload.size() == size &&
+         std::all_of(marks.begin(), marks.end(), [&](const Mark& mark) { return payload[mark.offset] == mark.value; });
 }
 
-SenderJudge::SenderJudge(std::span<const std::uint8_t> pinned, bool all)
-    : pinned_(pinned.begin(), pinned.end()), all_(all) {
+int PacketShape::position(std::span<const std::uint8_t> payload) const {
+  const int at = word(payload.data() + turn_offset);
+  return static_cast<std::uint32_t>(at) < span ? at : -1;
+}
+
+// A little further in the turn, or in the same turn or the next one.
+bool PacketShape::goes_on(int before, int position) const {
+  if (before < 0 || position < 0) return false;
+  const std::uint32_t advance = (static_cast<std::uint32_t>(position - before) + span) % span;
+  return counts ? advance <= 1 : advance > 0 && advance <= span / kMaxPartOfTurn;
+}
+
+SenderJudge::SenderJudge(std::span<const std::uint8_t> pinned, bool all, std::vector<PacketShape> shapes, bool hdl64e)
+    : pinned_(pinned.begin(), pinned.end()), all_(all), hdl64e_(hdl64e), shapes_(std::move(shapes)) {
   senders_.reserve(kMaxSenders);
+  for (const PacketShape& shape : shapes_) {
+    const bool inside = shape.size >= 2 && shape.turn_offset <= shape.size - 2 && shape.span >= 2 &&
+                        shape.span <= 0x10000 &&
+                        std::all_of(shape.marks.begin(), shape.marks.end(),
+                                    [&](const PacketShape::Mark& mark) { return mark.offset < shape.size; });
+    if (!inside) throw Error(ErrorCode::Settings, "a packet shape that does not fit into its packet");
+  }
 }
 
-SenderVerdict SenderJudge::judge(const std::uint8_t* payload, const SenderAddress& from, std::int64_t now_ns,
+bool SenderJudge::knows_size(std::size_t size) const {
+  return size == kHdl64eBytes ||
+         std::any_of(shapes_.begin(), shapes_.end(), [size](const PacketShape& shape) { return shape.size == size; });
+}
+
+SenderVerdict SenderJudge::judge(std::span<const std::uint8_t> payload, const SenderAddress& from, std::int64_t now_ns,
                                  std::uint32_t& id) {
   if (!pinned_.empty() &&
       !std::equal(pinned_.begin(), pinned_.end(), from.bytes.begin(), from.bytes.begin() + from.size)) {
@@ -65,10 +77,6 @@ SenderVerdict SenderJudge::judge(const std::uint8_t* payload, const SenderAddres
     ++not_pinned_;
     last_not_pinned_ = from;
     return SenderVerdict::Refuse;
-  }
-  if (chosen_ == 0 && other_sensor(payload)) {
-    ++other_;
-    return SenderVerdict::OtherSensor;
   }
   turn_windows(now_ns);
   Sender& sender = known(from, now_ns);
@@ -98,7 +106,8 @@ bool SenderJudge::settle(std::int64_t now_ns) {
   if (chosen_ != 0 || first_ns_ < 0 || now_ns < decide_ns() || senders_.empty()) return false;
   const auto weight = [](const Sender& s) {
     const std::uint32_t both = recent(s);
-    return std::tuple(score({both, s.now.consistent + s.last.consistent}, 2), both, ~s.id);  // then who came first
+    const Evidence evidence{both, s.now.consistent + s.last.consistent, s.now.shaped + s.last.shaped};
+    return std::tuple(score(evidence, 2), both, ~s.id);  // then who came first
   };
   choose(*std::max_element(senders_.begin(), senders_.end(),
                            [&](const Sender& a, const Sender& b) { return weight(a) < weight(b); }),
@@ -121,28 +130,50 @@ std::vector<SenderReport> SenderJudge::report() const {
   return found;
 }
 
-// Evidence of so many windows as a number that more packets than a sensor's can only lower.
+// Evidence of so many windows as a number that more packets than a sensor's can only lower. Sensors beside the HDL-64E
+// send at many rates, so their part of consistent packets counts.
 std::uint32_t SenderJudge::score(const Evidence& evidence, std::uint32_t windows) {
-  return evidence.packets > kMost * windows ? 0 : std::min(evidence.consistent, kFull * windows);
+  const std::uint32_t most = evidence.shaped > 0 ? kMostShaped : kMost;
+  if (evidence.packets > most * windows) return 0;
+  if (evidence.shaped >= kFew * windows && 2 * evidence.shaped > evidence.consistent)
+    return kFull * windows * evidence.consistent / evidence.packets;
+  return std::min(evidence.consistent, kFull * windows);
 }
 
 std::uint32_t SenderJudge::recent(const Sender& sender) { return sender.now.packets + sender.last.packets; }
 
 // Count a packet, and whether it goes on from the one before it: the azimuth advances a little, or the rotor stands and
 // the sensor's own clock advances a little.
-void SenderJudge::look(Sender& sender, const std::uint8_t* payload) {
-  const int azimuth = azimuth_of(payload);
-  const std::uint32_t gps_us = time_us(payload);
+void SenderJudge::look(Sender& sender, std::span<const std::uint8_t> payload) const {
   ++sender.now.packets;
-  if (azimuth >= 0 && sender.azimuth >= 0) {
-    const int advance = (azimuth - sender.azimuth + kTurn) % kTurn;
-    const std::uint32_t pause_us = gps_us >= sender.gps_us ? gps_us - sender.gps_us : gps_us + kHourUs - sender.gps_us;
-    const bool runs = pause_us > 0 && pause_us <= kMaxPauseUs;
-    sender.now.consistent += advance == 0 ? runs : advance <= kMaxAdvance;
+  const auto shape =
+      std::find_if(shapes_.begin(), shapes_.end(), [payload](const PacketShape& one) { return one.fits(payload); });
+  if (shape != shapes_.end() && !shape->wanted) {
+    sender.shape = nullptr;
+    sender.azimuth = sender.position = -1;
+  } else if (shape != shapes_.end()) {
+    const int position = shape->position(payload);
+    const bool goes_on = sender.shape == &*shape && shape->goes_on(sender.position, position);
+    sender.now.consistent += goes_on;
+    sender.now.shaped += goes_on;
+    sender.shape = &*shape;
+    sender.position = position;
+    sender.azimuth = -1;
+  } else if (hdl64e_ && payload.size() == kHdl64eBytes) {
+    const int azimuth = azimuth_of(payload.data());
+    const std::uint32_t gps_us = time_us(payload.data());
+    if (azimuth >= 0 && sender.azimuth >= 0) {
+      const int advance = (azimuth - sender.azimuth + kTurn) % kTurn;
+      const std::uint32_t pause_us =
+          gps_us >= sender.gps_us ? gps_us - sender.gps_us : gps_us + kHourUs - sender.gps_us;
+      const bool runs = pause_us > 0 && pause_us <= kMaxPauseUs;
+      sender.now.consistent += advance == 0 ? runs : advance <= kMaxAdvance;
+    }
+    sender.azimuth = azimuth;
+    sender.gps_us = gps_us;
+    sender.shape = nullptr;
   }
   sender.proven |= sender.now.consistent + sender.last.consistent >= kProof;
-  sender.azimuth = azimuth;
-  sender.gps_us = gps_us;
 }
 
 SenderJudge::Sender& SenderJudge::known(const SenderAddress& from, std::int64_t now_ns) {

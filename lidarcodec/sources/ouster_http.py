@@ -1,0 +1,100 @@
+"""The metadata of an Ouster, asked from the sensor itself: `GET /api/v1/sensor/metadata`, from firmware 2.1 on."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import socket
+import time
+from typing import Final, cast
+
+from lidarcodec.errors import CalibrationError
+from lidarcodec.sensors.models.ouster.metadata import read_metadata
+from lidarcodec.untrusted.json import MAX_BYTES
+
+PATH: Final = "/api/v1/sensor/metadata"
+PORT: Final = 80
+ANSWER_S: Final = 5.0
+MAX_ANSWER_BYTES: Final = 2 * MAX_BYTES
+"""Headers and metadata; chunks have a head each."""
+READ_BYTES: Final = 16 * 1024
+
+
+def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) -> bytes:
+    """The metadata that a sensor gives, checked to be that of an Ouster. host: its name or address.
+
+    The answer is read for `answer_s` seconds and 128 KiB at most. Redirections are not followed, no proxy is asked.
+    Raises CalibrationError if the sensor does not answer, or with something else.
+    """
+    address = f"http://{f'[{host}]' if ':' in host else host}{'' if port == PORT else f':{port}'}{PATH}"
+    if not host or any(character.isspace() or character in "/?#@\\" for character in host):
+        raise CalibrationError(f"{host!r:.80} is not the name or address of a sensor")
+    try:
+        answer = _answer(host, port, time.monotonic() + answer_s)
+        status, body = _parsed(answer)
+    except (OSError, UnicodeError, http.client.HTTPException) as error:
+        said = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        reason = "".join(character for character in said if character.isprintable())[:120]
+        raise CalibrationError(f"no metadata from {address}: {reason}") from None
+    if status != http.client.OK:
+        raise CalibrationError(f"no metadata from {address}: the answer has the status {status}")
+    try:
+        read_metadata(body)
+    except CalibrationError as error:
+        raise CalibrationError(f"no metadata from {address}: {error}") from None
+    return body
+
+
+def _answer(host: str, port: int, deadline: float) -> bytes:
+    """All bytes of the answer."""
+    named = f"[{host.partition('%')[0]}]" if ":" in host else host
+    asked = f"GET {PATH} HTTP/1.1\r\nHost: {named}\r\nAccept: application/json\r\nConnection: close\r\n\r\n"
+    answer = bytearray()
+    with socket.create_connection((host, port), _left(deadline)) as connection:
+        connection.settimeout(_left(deadline))
+        connection.sendall(asked.encode("ascii"))
+        while not _is_whole(answer):
+            connection.settimeout(_left(deadline))
+            received = connection.recv(READ_BYTES)
+            if not received:
+                break
+            answer += received
+            if len(answer) > MAX_ANSWER_BYTES:
+                raise http.client.HTTPException(f"the answer is larger than {MAX_ANSWER_BYTES:,} bytes")
+    return bytes(answer)
+
+
+def _left(deadline: float) -> float:
+    left = deadline - time.monotonic()
+    if left <= 0:
+        raise TimeoutError("timed out")
+    return left
+
+
+def _is_whole(answer: bytearray) -> bool:
+    """Whether an answer has as many bytes as it announces, for servers that keep the connection open."""
+    head, found, body = answer.partition(b"\r\n\r\n")
+    for line in head.split(b"\r\n")[1:] if found else ():
+        name, _, value = line.partition(b":")
+        if name.strip().lower() == b"content-length" and value.strip().isdigit():
+            return len(body) >= int(value.strip()[:9])
+        if name.strip().lower() == b"transfer-encoding":
+            return body.endswith(b"\r\n0\r\n\r\n")
+    return False
+
+
+class _Received:
+    """What http.client takes for a socket."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def makefile(self, _mode: str) -> io.BytesIO:
+        return io.BytesIO(self._data)
+
+
+def _parsed(answer: bytes) -> tuple[int, bytes]:
+    """Status and body."""
+    response = http.client.HTTPResponse(cast(socket.socket, _Received(answer)), method="GET")
+    response.begin()
+    return response.status, response.read()
