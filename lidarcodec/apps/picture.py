@@ -19,7 +19,7 @@ import PIL.ImageFont
 
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
-from lidarcodec.units import AZIMUTH_TURN, LASERS, RANGE_STEP_M
+from lidarcodec.units import AZIMUTH_TURN, LASERS_PER_BLOCK
 
 Image = npt.NDArray[np.uint8]
 
@@ -112,7 +112,10 @@ def perspective_of(frame: Frame) -> Image:
     order = np.flatnonzero(inside)[np.argsort(-depth[inside])]
     column, row = at[order].astype(int).T
     # Bright where the surface reflects, dimmer with distance: shapes stand out and the horizon fades.
-    light = (0.78 + 0.42 * np.sqrt(cloud["intensity"][order] / 255.0)) * np.clip(1.2 - depth[order] / 220.0, 0.55, 1.0)
+    brightest = np.iinfo(cloud["intensity"].dtype).max
+    light = (0.78 + 0.42 * np.sqrt(cloud["intensity"][order] / brightest)) * np.clip(
+        1.2 - depth[order] / 220.0, 0.55, 1.0
+    )
     colours = np.minimum(_colours(points[order, 2], *HEIGHTS_M) * light[:, None] + 22.0, 255.0).astype(np.uint8)
     for shift_row in range(-1, 2):
         for shift_column in range(-1, 2):
@@ -128,16 +131,18 @@ def range_strip_of(frame: Frame) -> Image:
 
     Rows are turned by each laser's rotation correction, so that upright edges stand upright.
     """
-    strip = np.empty((LASERS, WIDTH, 3), np.uint8)
+    rows, columns = frame.sensor.rows, min(WIDTH, max(1, frame.width))
+    strip = np.empty((rows, columns, 3), np.uint8)
     strip[:] = BACKGROUND
     ring, column = np.nonzero(frame.valid)
     laser = frame.sensor.laser_of_ring[ring]
-    turned = frame.azimuth[laser // 32, column] * (360.0 / AZIMUTH_TURN)
+    half = laser // LASERS_PER_BLOCK if frame.sensor.is_hdl64e else 0
+    turned = frame.azimuth[half, column] * (360.0 / AZIMUTH_TURN)
     direction_deg = turned - np.degrees(frame.sensor.calibration["rot_correction_rad"])[laser]
-    across = np.rint((direction_deg + 180.0) % 360.0 * ((WIDTH - 1) / 360.0)).astype(int)
-    metres = np.maximum(frame.range[ring, column] * RANGE_STEP_M, RANGES_M[0])
+    across = np.rint((direction_deg + 180.0) % 360.0 * ((columns - 1) / 360.0)).astype(int)
+    metres = np.maximum(frame.range[ring, column] * frame.sensor.range_step_m, RANGES_M[0])
     strip[ring, across] = _colours(np.log(metres), np.log(RANGES_M[0]), np.log(RANGES_M[1]), reverse=True)
-    return strip.repeat(STRIP_HEIGHT // LASERS, axis=0)
+    return strip[np.arange(STRIP_HEIGHT)[:, None] * rows // STRIP_HEIGHT, np.arange(WIDTH) * columns // WIDTH]
 
 
 def picture_of(frame: Frame, title: str) -> Image:
@@ -151,7 +156,7 @@ def picture_of(frame: Frame, title: str) -> Image:
 
     valid = int(np.count_nonzero(frame.valid))
     write(title, 24, 34, TEXT, 22)
-    counted = f"{valid:,} points of {LASERS} x {frame.width}: range image, forward in the middle"
+    counted = f"{valid:,} points of {frame.sensor.rows} x {frame.width}: range image, forward in the middle"
     write(counted, 24, MARGIN + VIEW_HEIGHT + 34, QUIET, 19)
     for radius in RINGS_M[:3]:
         pixels, _ = _project(np.array([[0.0, -radius, GROUND_Z_M]]), WIDTH, VIEW_HEIGHT)

@@ -2,12 +2,14 @@
 
 A point has 18 bytes: x y z float32 in metres (x forward, y left, z up), intensity and ring uint8, and `t_ns`, uint32,
 its time after the message's in nanoseconds (held at 4.29 s, and at 0 where a packet is stamped before the first one).
-With marks it has 19: `filled`, uint8, is 1 for a return that a receiver made up.
+The intensity of a sensor that sends 16 bits is uint16, and a point has 19 bytes. The fields of the message say which.
+With marks it has one more: `filled`, uint8, is 1 for a return that a receiver made up.
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -86,11 +88,14 @@ FRAME_TRANSFORM: Final = Schema("foxglove.FrameTransform", descriptor_set((_TIME
 
 
 def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:
-    """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order; with marks MARKED_DTYPE."""
+    """(N,) POINT_DTYPE, the points of `Frame.cloud` in its order; with marks MARKED_DTYPE.
+
+    The intensity is uint16 if the sensor sends so many bits.
+    """
     cloud = frame.cloud()
-    points = np.empty(len(cloud), MARKED_DTYPE if marks else POINT_DTYPE)
+    points = np.empty(len(cloud), _dtype_of(cloud["intensity"].dtype, marks=marks))
     if marks:
-        points["filled"] = made_up(frame)
+        points["filled"] = 0 if frame.filled is None else made_up(frame)
     for name in ("x", "y", "z", "intensity", "ring"):
         points[name] = cloud[name]
     points["t_ns"] = np.clip(cloud["t_ns"] - frame.stamp_ns, 0, 2**32 - 1)
@@ -103,10 +108,10 @@ def point_cloud(frame: Frame, frame_id: str, *, marks: bool = False) -> bytes:
 
 
 def cloud_message(stamp_ns: int, frame_id: str, points: npt.NDArray[np.void]) -> bytes:
-    """(N,) POINT_DTYPE or MARKED_DTYPE, whatever they are of, as `foxglove.PointCloud`."""
+    """(N,) points as `points_of` gives them, whatever they are of, as `foxglove.PointCloud`."""
     fields = Fields().data(1, _time(stamp_ns)).text(2, frame_id).data(3, _IDENTITY)
     fields.fixed32(4, points.dtype.itemsize)
-    for element in _ELEMENTS[: len(points.dtype.names or ())]:
+    for element in _elements(points.dtype):
         fields.data(5, element)
     return fields.data(6, points.tobytes()).done()
 
@@ -130,10 +135,19 @@ def _doubles(values: list[float]) -> bytes:
     return fields.done()
 
 
-def _element(name: str) -> bytes:
-    about = dict(MARKED_DTYPE.fields or {})[name]
-    return Fields().text(1, name).fixed32(2, about[1]).varint(3, _NUMERIC_TYPES[about[0].str]).done()
+def _dtype_of(intensity: np.dtype[Any], *, marks: bool) -> np.dtype[np.void]:
+    dtype = MARKED_DTYPE if marks else POINT_DTYPE
+    if intensity.itemsize == 1:
+        return dtype
+    return np.dtype([(name, "<u2" if name == "intensity" else dtype[name]) for name in dtype.names or ()])
+
+
+@lru_cache(maxsize=8)
+def _elements(dtype: np.dtype[np.void]) -> tuple[bytes, ...]:
+    return tuple(
+        Fields().text(1, name).fixed32(2, offset).varint(3, _NUMERIC_TYPES[form.str]).done()
+        for name, (form, offset, *_) in dict(dtype.fields or {}).items()
+    )
 
 
 _IDENTITY: Final = Fields().data(1, _doubles([0.0, 0.0, 0.0])).data(2, _doubles([0.0, 0.0, 0.0, 1.0])).done()
-_ELEMENTS: Final = tuple(_element(name) for name in MARKED_DTYPE.names or ())

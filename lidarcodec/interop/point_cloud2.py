@@ -16,7 +16,6 @@ from lidarcodec.filling import made_up
 from lidarcodec.frame import Frame
 from lidarcodec.interop.cdr import CdrWriter
 from lidarcodec.interop.poses import quaternion_of
-from lidarcodec.units import LASERS
 
 POINT_DTYPE: Final = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]
@@ -30,10 +29,10 @@ def points_of(frame: Frame, *, marks: bool = False) -> npt.NDArray[np.void]:
     cloud = frame.cloud()
     points = np.empty(len(cloud), MARKED_DTYPE if marks else POINT_DTYPE)
     if marks:
-        points["filled"] = made_up(frame)
+        points["filled"] = 0 if frame.filled is None else made_up(frame)
     for name in ("x", "y", "z", "intensity"):
         points[name] = cloud[name]
-    points["ring"] = LASERS - 1 - cloud["ring"].astype(np.uint16)
+    points["ring"] = frame.sensor.rows - 1 - cloud["ring"].astype(np.uint16)
     points["time"] = (cloud["t_ns"] - frame.stamp_ns) * 1e-9
     return points
 

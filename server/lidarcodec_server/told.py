@@ -174,7 +174,7 @@ _FIELDS: Final[dict[str, Check]] = {
     "settings": _settings,
     "codec": _name,
     "codec_choice": or_null(record(codec=_name, because=text(TEXT), encode_ms=named(number), budget_ms=_any_number)),
-    "sensor_model": record(name=_name, calibration=text(TEXT), hash=_name, note=_long),
+    "sensor_model": record(name=_name, model=_name, calibration=text(TEXT), hash=_name, note=_long),
     "matching": flag,
     "ended": flag,
     "time_source": record(stamps=_name, sensor=_word, host_minus_sensor_ms=_any_number),

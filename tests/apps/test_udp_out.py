@@ -50,7 +50,7 @@ class Driver:
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
-                data, sender = self._socket.recvfrom(2000)
+                data, sender = self._socket.recvfrom(65_536)
             except TimeoutError:
                 continue
             self.times.append(time.monotonic())

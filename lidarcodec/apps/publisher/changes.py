@@ -13,6 +13,7 @@ from lidarcodec.apps.publisher.coding import Coding
 from lidarcodec.apps.publisher.sending import Sending
 from lidarcodec.apps.worker.process import START_S as WORKER_START_S
 from lidarcodec.codecs import table
+from lidarcodec.codecs.other_sensors import check_for
 from lidarcodec.errors import SettingsError
 from lidarcodec.ratecontrol.choosing import with_codec
 from lidarcodec.settings import StreamSettings
@@ -51,7 +52,7 @@ class Changes:
         Raises SettingsError, UnknownNameError or MissingExtraError; then nothing has changed.
         """
         with self._lock:
-            asked = settings_with(self.asked, changes)
+            asked = check_for(self._sending.sensor, settings_with(self.asked, changes))
             table.check_installed(asked.codec)
             first, key = self._apply(asked, self._choosing.codec_for(asked, self._encoder.settings.codec))
         logger.info("new settings from frame %d on: %s", first, changes)

@@ -12,8 +12,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from lidarcodec.codecs.other_sensors import KINDS
 from lidarcodec.errors import LidarCodecError
 from lidarcodec.frame import Frame
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.ratecontrol.choosing import SHARE, Choice, choice, ranked, with_codec
 from lidarcodec.settings import AUTO, StreamSettings
@@ -31,6 +33,7 @@ LONGEST_S: Final = 1.0
 HOPELESS: Final = 3.0
 """A codec that takes this many times the budget is not timed again."""
 FRAME_NS: Final = 100_000_000
+MAX_FRAME_NS: Final = 1_000_000_000
 CLOSE_S: Final = 1.0
 
 
@@ -104,8 +107,7 @@ class CodecChooser:
             thread.join(CLOSE_S)
 
     def _run(self, asked: StreamSettings, frame: Frame) -> None:
-        packets = 0 if frame.side is None else frame.side.packets
-        budget_ms = 1e3 * SHARE * self._interval_s * max(packets or frame.width // FIRINGS_PER_PACKET, 1)
+        budget_ms = 1e3 * SHARE * self._duration_s(frame)
         times = self._measured(asked, frame, budget_ms)
         if self._closed or not times:
             return
@@ -120,13 +122,24 @@ class CodecChooser:
         except LidarCodecError as error:
             logger.warning("codec auto cannot be %s: %s", found.codec, error)
 
+    def _duration_s(self, frame: Frame) -> float:
+        """Time from a frame to the next one."""
+        side = frame.side
+        if isinstance(side, PacketRest):  # other sensors send at rates of their own
+            packets = side.packets
+            span_ns = int(side.packet_ns[-1] - side.packet_ns[0]) * packets // (packets - 1) if packets > 1 else 0
+            return (span_ns if 0 < span_ns < MAX_FRAME_NS else FRAME_NS) / 1e9
+        packets = 0 if side is None else side.packets
+        return self._interval_s * max(packets or frame.width // FIRINGS_PER_PACKET, 1)
+
     def _measured(self, asked: StreamSettings, frame: Frame, budget_ms: float) -> dict[str, float]:
         """Encoding time in ms by codec, best codec first, up to the first that is fast enough. With target `auto` the
         stream may become lossless, which takes longest, so that is timed."""
         target = None if asked.target_kbps == AUTO else asked.target_kbps
         times: dict[str, float] = {}
         end = time.monotonic() + LONGEST_S
-        for name in ranked(asked):
+        names = ranked(asked) if frame.sensor.is_hdl64e else [name for name in ranked(asked) if name in KINDS]
+        for name in names:
             settings = with_codec(asked, name).model_copy(update={"target_kbps": target})
             try:
                 times[name] = encode_ms(settings, frame, budget_ms)

@@ -32,6 +32,7 @@ from lidarcodec.apps.publisher.source import NOMINAL_HZ, FrameFeed, Rate
 from lidarcodec.apps.publisher.status import StatusBoard
 from lidarcodec.apps.recorder import BackgroundRecorder, Record
 from lidarcodec.apps.worker.isolation import Isolate
+from lidarcodec.codecs.other_sensors import check_for
 from lidarcodec.errors import TransportError, WorkerError, told
 from lidarcodec.pipeline import check
 from lidarcodec.settings import StreamSettings
@@ -96,7 +97,7 @@ class Publisher:
         """
         self.keys = StreamKeys(vehicle, sensor)
         self._once = Once(logger)
-        asked = check(settings or StreamSettings())
+        asked = check_for(source.sensor, check(settings or StreamSettings()))
         live_rate = rate if isinstance(rate, int | float) and not source.live else NOMINAL_HZ
         self._coding = Coding(asked, 1.0 / (live_rate * FRAME_PACKETS), isolate, self._worker_failed, self._once)
         self._network = Network(endpoints, transport)

@@ -17,6 +17,7 @@ from lidarcodec.apps.recorder import BackgroundRecorder
 from lidarcodec.errors import TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.message import Message
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.settings import StreamSettings
 from lidarcodec.transport.base import Sender
 from lidarcodec.wire import checksum_of, pack
@@ -69,6 +70,11 @@ class Sending:
         self.adapting = Adapting(flight)
         self.matching = False
         self.next_index = 0
+
+    @property
+    def sensor(self) -> SensorModel:
+        """The sensor of the source."""
+        return self._feed.sensor
 
     def request_key(self) -> bool:
         """Make the next message a key frame. Requests within half a second count as one. True: not the first one."""

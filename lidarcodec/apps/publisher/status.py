@@ -95,6 +95,7 @@ class StatusBoard:
             "settings": settings.model_dump(),
             "sensor_model": {
                 "name": sensor.name,
+                "model": sensor.model,
                 "calibration": sensor.origin,
                 "hash": sensor.hash,
                 "note": note_of(sensor),

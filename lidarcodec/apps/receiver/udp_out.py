@@ -22,6 +22,7 @@ from lidarcodec.assembly import packets_of
 from lidarcodec.errors import LidarCodecError, SettingsError, TransportError
 from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.side import SideInfo
 from lidarcodec.units import DATA_PORT, POSITION_PORT, is_number
 
@@ -82,7 +83,7 @@ def target_of(text: str) -> Target:
     return Target(family, data, None if port == "off" else (data[0], int(port)))
 
 
-def due_s(side: SideInfo) -> npt.NDArray[np.float64]:
+def due_s(side: SideInfo | PacketRest) -> npt.NDArray[np.float64]:
     """(N,) float64, seconds from a frame's first data packet at which each of its packets leaves, in the order of
     `packets_of`. A position packet is sent between its neighbours, whatever time it has."""
     data = np.clip(np.maximum.accumulate(side.packet_ns), 0, 10**9).tolist()

@@ -79,7 +79,7 @@ class FrameWriter:
 
         Raises SectionError for a frame that is too large.
         """
-        side, sensor = frame.side, frame.sensor
+        side, sensor = frame.blocks, frame.sensor
         told = _identity(sensor)
         counts, positions = (0, 0, 0, 0, 0), b""
         if side is not None:
@@ -157,7 +157,18 @@ class FrameReader:
             )
             if side.layouts.max(initial=0) > max(Role):
                 raise GarbledError("side information with a role that is none")
-        return Frame(index, stamp_ns, **images, sensor=self._sensor, side=side, keep=keep, pose=pose)
+        return Frame(
+            index,
+            stamp_ns,
+            images["range"],
+            images["intensity"],
+            images["azimuth"],
+            images["fired"],
+            self._sensor,
+            side,
+            keep,
+            pose,
+        )
 
     @staticmethod
     def _take_sensor(channel: Channel, end: float | None) -> SensorModel:

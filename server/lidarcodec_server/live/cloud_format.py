@@ -13,11 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.cloud import xyz_of
+from lidarcodec.errors import CalibrationError
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
+from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.units import LASERS, LASERS_PER_BLOCK
 from lidarcodec_server.live.options import Encoding
+from lidarcodec_server.live.ring_geometry import facts_of_rings, shown_ranges, shown_step
 
 FORMAT_VERSION: Final = 1
 MAGIC: Final = {"points": b"LDCP", "range": b"LDCR"}
@@ -58,6 +61,8 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
         encoding = _without(encoding, "filled")
     if encoding.form == "range":
         return _range_image(frame, facts, encoding, original)
+    if not frame.sensor.is_hdl64e:
+        return _other_points(frame, facts, encoding)
     chosen = np.flatnonzero(frame.valid.T)
     there = len(chosen)
     if encoding.max_points is not None and there > encoding.max_points:
@@ -74,6 +79,30 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
     for name in encoding.attributes:
         arrays.append((chosen % LASERS).astype(np.uint8) if name == "ring" else images[name].T.ravel()[chosen])
     return _message(frame, facts, encoding, len(chosen), len(chosen) < there, step_m, arrays)
+
+
+def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
+    """Points of another sensor than an HDL-64E. Their ranges are not sent: they can need more than 16 bits."""
+    encoding = _without(encoding, "range")
+    try:
+        cloud = frame.cloud()
+    except CalibrationError:  # an Ouster without metadata: its facts have a note that says so
+        cloud = frame.with_(range=np.zeros_like(frame.range)).cloud()
+    there = len(cloud)
+    if encoding.max_points is not None and there > encoding.max_points:
+        cloud = cloud[np.arange(encoding.max_points, dtype=np.int64) * there // encoding.max_points]
+    reach_m = max((float(np.abs(cloud[axis]).max()) for axis in "xyz"), default=0.0) if len(cloud) else 0.0
+    step_m = float(np.float32(max(STEP_M, reach_m * 1.0001 / _LARGEST)))
+    arrays: list[npt.NDArray[Any]] = [np.rint(cloud[axis] / np.float32(step_m)).astype("<i2") for axis in "xyz"]
+    for name in encoding.attributes:
+        arrays.append(_bytes_of(cloud["intensity"]) if name == "intensity" else cloud[name])
+    return _message(frame, facts, encoding, len(cloud), len(cloud) < there, step_m, arrays)
+
+
+def _bytes_of(intensity: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Intensities of 16 bits as 8, larger ones as 255."""
+    found: npt.NDArray[np.uint8] = np.minimum(intensity, 255).astype(np.uint8)
+    return found
 
 
 def _without(encoding: Encoding, attribute: str) -> Encoding:
@@ -93,11 +122,14 @@ def _measured(frame: Frame) -> int:
 
 def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | None) -> bytes:
     valid = frame.valid
-    ranges = frame.range if frame.keep is None else np.where(valid, frame.range, 0).astype(np.uint16)
+    if not frame.sensor.is_hdl64e:
+        ranges = shown_ranges(frame)
+    else:
+        ranges = frame.range if frame.keep is None else np.where(valid, frame.range, 0).astype(np.uint16)
     returns = int(np.count_nonzero(valid))
     arrays: list[npt.NDArray[Any]] = [ranges, frame.azimuth]
     if "intensity" in encoding.attributes:
-        arrays.append(frame.intensity)
+        arrays.append(_bytes_of(frame.intensity))
     if "original" in encoding.attributes:
         if original is None or original.shape != frame.range.shape:
             encoding = _without(encoding, "original")
@@ -105,7 +137,8 @@ def _range_image(frame: Frame, facts: Facts, encoding: Encoding, original: Range
             arrays.append(original)
     if "filled" in encoding.attributes:
         arrays.append(_made_up(frame))
-    return _message(frame, facts, encoding, returns, False, frame.sensor.range_step_m, arrays)
+    step_m = frame.sensor.range_step_m * (1 if frame.sensor.is_hdl64e else shown_step(frame))
+    return _message(frame, facts, encoding, returns, False, step_m, arrays)
 
 
 def _message(
@@ -128,14 +161,20 @@ def _message(
     parts[0] = HEADER.pack(
         MAGIC[encoding.form], FORMAT_VERSION, HEADER.size + len(pose), facts.stream_id, frame.index, frame.stamp_ns,
         facts.decoded_ns, facts.codec, flags, count, _measured(frame), min(facts.missing, 2**32 - 1), latency_ms,
-        step_m, 0.0, 0.0, 0.0, frame.width, LASERS, HEADER.size + sum(map(len, parts)),
+        step_m, 0.0, 0.0, 0.0, frame.width, frame.sensor.rows, HEADER.size + sum(map(len, parts)),
     )  # fmt: skip
     return b"".join(parts)
 
 
-def sensor_facts(sensor: SensorModel) -> dict[str, Any]:
+def sensor_facts(sensor: SensorModel, frame: Frame | None = None) -> dict[str, Any]:
     """What a viewer needs to turn a range image into points: for each ring the laser, the block that it fires in, and
-    its calibration, in radians and metres (docs/live-sockets.md has the formula)."""
+    its calibration, in radians and metres (docs/live-sockets.md has the formula).
+
+    frame: one of the sensor, by which the geometry of other sensors than an HDL-64E is fitted
+    """
+    about = {"name": sensor.name, "model": sensor.model, "hash": sensor.hash, "origin": sensor.origin}
+    if not sensor.is_hdl64e and frame is not None:
+        return {**about, "convention": "veloview", "note": note_of(sensor), **facts_of_rings(frame)}
     order = sensor.laser_of_ring
     values = {
         name: [round(float(value), 9) for value in sensor.calibration[name][order]]
@@ -143,9 +182,7 @@ def sensor_facts(sensor: SensorModel) -> dict[str, Any]:
         if name not in _NOT_ANGLES
     }
     return {
-        "name": sensor.name,
-        "hash": sensor.hash,
-        "origin": sensor.origin,
+        **about,
         "convention": sensor.convention,
         "range_step_m": sensor.range_step_m,
         "rings": LASERS,

@@ -140,7 +140,7 @@ class CloudViewer(Viewer):
         sensor = view.frame.sensor
         if sensor.hash + sensor.convention != self._told_sensor:
             self._told_sensor = sensor.hash + sensor.convention
-            events.append({"event": "sensor", **sensor_facts(sensor)})
+            events.append({"event": "sensor", **sensor_facts(sensor, view.frame)})
         if self.options.rate is not None:
             now, period_s = time.monotonic(), 1.0 / self.options.rate
             self._due = (now if now - self._due > period_s else self._due) + period_s

@@ -1,6 +1,6 @@
 /** How high the road lies, in the sensor's frame: the middle of what the lower beams hit. */
 import type { RangeFrame } from "./stream/frame";
-import { MAX_COLUMNS, RINGS } from "./stream/frame";
+import { MAX_COLUMNS } from "./stream/frame";
 import { type SensorTable, TEXELS } from "./stream/sensor";
 
 const STRIDE = 16;
@@ -14,10 +14,10 @@ export class Ground {
   readonly #heights = new Float32Array((LOWEST * MAX_COLUMNS) / STRIDE);
 
   /** Take every tenth frame into account. */
-  update({ range, columns, rangeStepM }: RangeFrame, { values }: SensorTable): void {
+  update({ range, columns, rangeStepM }: RangeFrame, { rings, values }: SensorTable): void {
     if (this.#count++ % EVERY !== 0) return;
     let found = 0;
-    for (let ring = RINGS - LOWEST; ring < RINGS; ring++) {
+    for (let ring = Math.max(rings - LOWEST, 0); ring < rings; ring++) {
       const row = ring * TEXELS * 4;
       const sine = values[row + 3] as number;
       if (sine > -0.15) continue;

@@ -56,6 +56,7 @@ test("the road is found where the lower beams hit it", () => {
   const list = (value: number) => Array<number>(64).fill(value);
   const event: SensorEvent = {
     convention: "ros",
+    rings: 64,
     range_step_m: 0.002,
     block: list(0),
     rot_correction_rad: list(0),

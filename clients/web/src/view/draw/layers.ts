@@ -1,5 +1,5 @@
 /** Frames on the graphics card: the newest, and the trail behind it. Textures are taken once and written over. */
-import { coverageOf, type RangeFrame, RINGS } from "../stream/frame";
+import { coverageOf, type RangeFrame } from "../stream/frame";
 import { formats, Texture } from "./gl";
 
 /** Columns are taken by so many at once: their number changes from turn to turn. */
@@ -23,32 +23,32 @@ export class Layer {
   ) {
     const columns = Math.ceil(frame.columns / COLUMNS_AT_ONCE) * COLUMNS_AT_ONCE;
     const { u16, u8 } = formats(gl);
-    this.range = new Texture(gl, u16, columns, RINGS);
+    this.range = new Texture(gl, u16, columns, frame.rings);
     this.azimuth = new Texture(gl, u16, columns, 2);
-    this.intensity = new Texture(gl, u8, columns, RINGS);
+    this.intensity = new Texture(gl, u8, columns, frame.rings);
     this.frame = frame;
     this.write(frame);
   }
 
   fits(frame: RangeFrame): boolean {
-    return frame.columns <= this.range.width;
+    return frame.rings === this.frame.rings && frame.columns <= this.range.width;
   }
 
   write(frame: RangeFrame): void {
-    const { columns } = frame;
+    const { rings, columns } = frame;
     this.frame = frame;
     const coverage = coverageOf(frame);
     this.coverage = coverage > 0.98 || coverage <= 0 ? 1 : coverage;
-    this.range.write(frame.range, columns, RINGS);
+    this.range.write(frame.range, columns, rings);
     this.azimuth.write(frame.azimuth, columns, 2);
-    if (frame.intensity) this.intensity.write(frame.intensity, columns, RINGS);
+    if (frame.intensity) this.intensity.write(frame.intensity, columns, rings);
     if (frame.original) {
-      this.original ??= new Texture(this.gl, formats(this.gl).u16, this.range.width, RINGS);
-      this.original.write(frame.original, columns, RINGS);
+      this.original ??= new Texture(this.gl, formats(this.gl).u16, this.range.width, rings);
+      this.original.write(frame.original, columns, rings);
     }
     if (frame.filled) {
-      this.filled ??= new Texture(this.gl, formats(this.gl).u8, this.range.width, RINGS);
-      this.filled.write(frame.filled, columns, RINGS);
+      this.filled ??= new Texture(this.gl, formats(this.gl).u8, this.range.width, rings);
+      this.filled.write(frame.filled, columns, rings);
     }
   }
 

@@ -1,7 +1,7 @@
 /** Draws the frames that are on the card. Nothing is allocated while it draws. */
 
 import { between, identity, type Matrix, multiply, type Pose } from "../matrix";
-import { type RangeFrame, RINGS } from "../stream/frame";
+import { MAX_RINGS, type RangeFrame } from "../stream/frame";
 import { type SensorTable, TEXELS } from "../stream/sensor";
 import type { Camera } from "./camera";
 import { allMaps, FAR_M, HEIGHT_M, MAPS, type MapName, STEPS } from "./colours";
@@ -70,7 +70,7 @@ export class Renderer {
     this.#image = new Program(gl, COVER_VERTEX, IMAGE_FRAGMENT);
     this.#labels = new Labels(gl);
     this.#surface = new Surface(gl);
-    this.#sensor = new Texture(gl, rgba32f, TEXELS, RINGS);
+    this.#sensor = new Texture(gl, rgba32f, TEXELS, MAX_RINGS);
     this.#maps = new Texture(gl, rgba8, STEPS, MAPS.length);
     const rows = Math.ceil(TURN_STEPS / TURN_WIDTH);
     this.#turn = new Texture(gl, rg32f, TURN_WIDTH, rows);
@@ -97,7 +97,7 @@ export class Renderer {
     if (sensor !== this.#table) {
       this.layers.clear();
       this.#table = sensor;
-      this.#sensor.write(sensor.values);
+      this.#sensor.write(sensor.values, TEXELS, sensor.rings);
     }
     this.layers.push(frame, trail);
   }
@@ -211,7 +211,7 @@ export class Renderer {
       );
       gl.uniform1f(program.at("u_fade"), number < now ? 0 : 0.3 + (0.5 * (number - now + 1)) / trails);
       this.#bind(program, layer, original, error);
-      gl.drawArrays(gl.POINTS, 0, RINGS * layer.frame.columns);
+      gl.drawArrays(gl.POINTS, 0, layer.frame.rings * layer.frame.columns);
     }
   }
 
@@ -272,6 +272,7 @@ export class Renderer {
     gl.activeTexture(gl.TEXTURE0 + UNITS.filled);
     gl.bindTexture(gl.TEXTURE_2D, (layer.frame.filled ? layer.filled : null)?.handle ?? layer.intensity.handle);
     gl.uniform1i(program.at("u_hasFilled"), layer.frame.filled && !(original && before) ? 1 : 0);
+    gl.uniform1i(program.at("u_rings"), layer.frame.rings);
     gl.uniform1f(program.at("u_step"), layer.frame.rangeStepM);
     gl.uniform1i(program.at("u_compare"), error && before ? 1 : 0);
     gl.uniform1i(program.at("u_hasIntensity"), layer.frame.intensity ? 1 : 0);

@@ -46,6 +46,7 @@ const COLOUR = `
 uniform usampler2D u_intensity;
 uniform sampler2D u_maps;
 uniform int u_mode;
+uniform int u_rings;
 uniform float u_ground;
 uniform vec2 u_height;
 uniform float u_far;
@@ -74,7 +75,7 @@ vec3 colourOf(vec3 p, uint range, int ring, int column, float error) {
     float i = u_hasIntensity ? float(texelFetch(u_intensity, ivec2(column, ring), 0).r) : 0.0;
     t = pow(i / 255.0, 0.6);
   } else if (u_mode == 2) t = sqrt(float(range) * u_step / u_far);
-  else if (u_mode == 3) t = float(ring) / 63.0;
+  else if (u_mode == 3) t = float(ring) / float(max(u_rings - 1, 1));
   else t = error * u_errorScale;
   return mapped(t, u_mode);
 }
@@ -98,8 +99,8 @@ out vec3 v_colour;
 out vec3 v_point;
 
 void main() {
-  int ring = gl_VertexID & 63;
-  int column = gl_VertexID >> 6;
+  int column = gl_VertexID / u_rings;
+  int ring = gl_VertexID - column * u_rings;
   uint range = texelFetch(u_range, ivec2(column, ring), 0).r;
   uint shown = range;
   float error = 0.0;
@@ -291,7 +292,7 @@ out vec4 o_colour;
 const float TURN = 6.283185307179586;
 
 void main() {
-  int ring = clamp(int((1.0 - v_at.y) * 64.0), 0, 63);
+  int ring = clamp(int((1.0 - v_at.y) * float(u_rings)), 0, u_rings - 1);
   float first = float(texelFetch(u_azimuth, ivec2(0, 0), 0).r) / 36000.0;
   float correction = texelFetch(u_sensor, ivec2(2, ring), 0).z / TURN;
   // a column later is coverage / columns of a turn further to the right

@@ -40,6 +40,11 @@ describe("a message of the cloud socket", () => {
     expect(parseFrame(message({ columns: 2 }))).toMatchObject({ filled: null, madeUp: 0 });
   });
 
+  test("has as many rings as its sensor", () => {
+    const frame = parseFrame(changed(message({ columns: 2 }), 78, 16));
+    expect([frame.rings, frame.range.length]).toEqual([16, 32]);
+  });
+
   test.each<[string, (data: ArrayBuffer) => ArrayBuffer]>([
     ["cut off", (data) => data.slice(0, data.byteLength - 1)],
     ["nothing", () => new ArrayBuffer(0)],
@@ -47,7 +52,8 @@ describe("a message of the cloud socket", () => {
     ["of another version", (data) => changed(data, 4, 2)],
     ["without columns", (data) => changed(data, 76, 0)],
     ["of more columns than it has", (data) => changed(data, 76, 200)],
-    ["of 32 rings", (data) => changed(data, 78, 32)],
+    ["of more rings than any sensor has", (data) => changed(data, 78, 129)],
+    ["without rings", (data) => changed(data, 78, 0)],
     ["with a header that ends within itself", (data) => changed(data, 6, 40)],
     ["with a pose where its header has no room", (data) => changed(data, 42, 33)],
   ])("that is %s is refused, not shown", (_, spoil) => {

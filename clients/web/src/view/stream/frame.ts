@@ -3,7 +3,8 @@
  * The arrays are views into the message: nothing is copied between the socket and the graphics card. */
 import type { Pose } from "../matrix";
 
-export const RINGS = 64;
+/** Rows of the image of the sensor that has most. */
+export const MAX_RINGS = 128;
 /** Of a frame of 2048 packets, the longest there is. */
 export const MAX_COLUMNS = 12_288;
 
@@ -18,6 +19,8 @@ export interface RangeFrame {
   /** From the frame's last packet to its decoding; NaN where the clocks are apart. */
   latencyMs: number;
   codec: number;
+  /** Rows. */
+  rings: number;
   columns: number;
   /** Returns that were measured. */
   returns: number;
@@ -25,15 +28,15 @@ export interface RangeFrame {
   madeUp: number;
   /** Metres of a step of `range`. */
   rangeStepM: number;
-  /** (64, columns), row by row; 0 = no return. */
+  /** (rings, columns), row by row; 0 = no return. */
   range: Uint16Array;
   /** (2, columns) in 0.01 degree: of each column's block 0, then of its block 1. */
   azimuth: Uint16Array;
-  /** (64, columns). */
+  /** (rings, columns). */
   intensity: Uint8Array | null;
-  /** (64, columns): the range image before it was coded, in the same steps. */
+  /** (rings, columns): the range image before it was coded, in the same steps. */
   original: Uint16Array | null;
-  /** (64, columns): 1 for a return that was made up; null where none was. */
+  /** (rings, columns): 1 for a return that was made up; null where none was. */
   filled: Uint8Array | null;
   /** T_world_sensor at the stamp. */
   pose: Pose | null;
@@ -74,24 +77,24 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
   const flags = view.getUint16(42, true);
   const columns = view.getUint16(76, true);
   const rings = view.getUint16(78, true);
-  if (rings !== RINGS || columns === 0 || columns > MAX_COLUMNS) {
+  if (rings === 0 || rings > MAX_RINGS || columns === 0 || columns > MAX_COLUMNS) {
     throw new FrameError(`an image of ${rings} x ${columns} cannot be shown`);
   }
   const hasPose = (flags & POSE) !== 0;
-  const cells = RINGS * columns;
+  const cells = rings * columns;
   const wanted =
     header +
-    2 * cells +
+    padded(2 * cells) +
     padded(4 * columns) +
     (flags & INTENSITY ? padded(cells) : 0) +
-    (flags & ORIGINAL ? 2 * cells : 0) +
-    (flags & FILLED ? cells : 0);
+    (flags & ORIGINAL ? padded(2 * cells) : 0) +
+    (flags & FILLED ? padded(cells) : 0);
   if (header < HEADER_BYTES + (hasPose ? POSE_BYTES : 0) || header % 4 !== 0 || wanted > data.byteLength) {
     throw new FrameError("the message is shorter than its arrays");
   }
   let at = header;
   const range = new Uint16Array(data, at, cells);
-  at += 2 * cells;
+  at += padded(2 * cells);
   const azimuth = new Uint16Array(data, at, 2 * columns);
   at += padded(4 * columns);
   let intensity: Uint8Array | null = null;
@@ -112,6 +115,7 @@ export function parseFrame(data: ArrayBuffer): RangeFrame {
     decodedMs: milliseconds(view, 32),
     latencyMs: view.getFloat32(56, true),
     codec: view.getUint16(40, true),
+    rings,
     columns,
     returns,
     madeUp: Math.max(view.getUint32(44, true) - returns, 0),

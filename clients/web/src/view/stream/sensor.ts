@@ -1,5 +1,5 @@
 /** A sensor's calibration, as the socket's event `sensor` tells it, made ready for the shader. */
-import { RINGS } from "./frame";
+import { MAX_RINGS } from "./frame";
 
 const LISTS = [
   "block",
@@ -15,13 +15,15 @@ type List = (typeof LISTS)[number];
 
 export interface SensorEvent extends Record<List, number[]> {
   convention: "ros" | "veloview";
+  rings: number;
   range_step_m: number;
 }
 
 export const TEXELS = 3;
 
 export interface SensorTable {
-  /** (64, TEXELS, 4): of each ring cos and sin of the rotation correction, cos and sin of the elevation; distance
+  rings: number;
+  /** (rings, TEXELS, 4): of each ring cos and sin of the rotation correction, cos and sin of the elevation; distance
    * correction, vertical and horizontal offset, block; slope of the near correction along and across, rotation
    * correction, elevation. Metres and radians. */
   values: Float32Array;
@@ -35,15 +37,19 @@ const ACROSS_M = 25.04 - 2.4;
 
 /** The table of an event; throws when the event lacks what a point needs. */
 export function sensorTable(event: Partial<SensorEvent>): SensorTable {
-  const values = new Float32Array(RINGS * TEXELS * 4);
+  const { rings } = event;
+  if (!Number.isInteger(rings) || (rings as number) < 1 || (rings as number) > MAX_RINGS) {
+    throw new Error(`a sensor of ${rings} rings cannot be shown`);
+  }
   for (const name of LISTS) {
     const list = event[name];
-    if (!Array.isArray(list) || list.length !== RINGS || !list.every(Number.isFinite)) {
-      throw new Error(`the sensor's table has no ${name} for ${RINGS} rings`);
+    if (!Array.isArray(list) || list.length !== rings || !list.every(Number.isFinite)) {
+      throw new Error(`the sensor's table has no ${name} for ${rings} rings`);
     }
   }
   const given = event as SensorEvent;
-  for (let ring = 0; ring < RINGS; ring++) {
+  const values = new Float32Array(given.rings * TEXELS * 4);
+  for (let ring = 0; ring < given.rings; ring++) {
     const of = (name: List) => given[name][ring] as number;
     const turn = of("rot_correction_rad");
     const up = of("vert_correction_rad");
@@ -53,5 +59,5 @@ export function sensorTable(event: Partial<SensorEvent>): SensorTable {
     row.push((of("dist_correction_y_m") - far) / ALONG_M, (of("dist_correction_x_m") - far) / ACROSS_M, turn, up);
     values.set(row, ring * TEXELS * 4);
   }
-  return { values, ros: given.convention !== "veloview" };
+  return { rings: given.rings, values, ros: given.convention !== "veloview" };
 }

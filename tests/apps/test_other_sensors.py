@@ -1,0 +1,166 @@
+"""If these fail, a vehicle with another sensor than an HDL-64E cannot be watched: its packets or points differ."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+import lidarcodec
+from lidarcodec.apps.demo.processes import free_port
+from lidarcodec.apps.publisher.publisher import Publisher
+from lidarcodec.apps.receiver.live_stream import subscribe
+from lidarcodec.assembly import packets_of
+from lidarcodec.errors import SettingsError
+from lidarcodec.sources import open_source
+from lidarcodec.transport.memory import MemoryNetwork
+from tests.apps.test_udp_out import Driver
+from tests.command_line import run, start, the_one_line
+from tests.sensors.captures import CAPTURES
+from tests.transport.test_contract import eventually
+
+SENSORS = ["vlp16", "vlp32c", "pandar40p", "xt32m", "OS-1-128"]
+
+
+def sent_by(path):
+    with open_source(path) as source:
+        return [packet.payload for packet in source.packets()]
+
+
+@pytest.fixture
+def driver():
+    one = Driver()
+    yield one
+    one.close()
+
+
+@contextmanager
+def sensor(payloads, port, host="127.0.0.1", pace_s=0.0005):
+    """A sensor that sends these packets again and again."""
+    stop = threading.Event()
+
+    def send():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.bind((host, 0))
+            while not stop.is_set():
+                for payload in payloads:
+                    sock.sendto(payload, ("127.0.0.1", port))
+                    if stop.wait(pace_s):
+                        return
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("codec", ["pcodec", "predictive"])
+def test_every_payload_of_a_capture_arrives(data_file, name, codec):
+    path, network = data_file(CAPTURES[name]), MemoryNetwork()
+    with (
+        subscribe(newest=False, until_end=True, transport=network.transport()) as stream,
+        open_source(path) as source,
+        Publisher(source, lidarcodec.StreamSettings(codec=codec), rate="max", transport=network.transport()) as car,
+    ):
+        received = [packet.payload for frame in stream for packet in packets_of(frame)]
+        assert received == sent_by(path)
+        assert car.status()["errors"] == stream.summary()["errors"] == {}
+        assert car.status()["sensor_model"]["model"] == source.sensor.model != "hdl64e"
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["vlp16", "pandar40p", "OS-1-128"])
+def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packets(data_file, driver, name):
+    payloads = sent_by(data_file(CAPTURES[name]))
+    listening, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    receiving = start("subscribe", "car/roof", "--listen", endpoint, "--json", "--udp", driver.address)
+    where = f"udp://127.0.0.1:{listening}?src=127.0.0.1"
+    try:
+        with sensor(payloads, listening), sensor(sent_by(data_file(CAPTURES["xt16"])), listening, "127.0.0.2"):
+            sending = start("publish", where, "--vehicle", "car", "--sensor", "roof", "--connect", endpoint)
+            try:
+                assert eventually(lambda: len(driver.payloads) > 300, 15)
+            finally:
+                sending.terminate()
+                _, said = sending.communicate(timeout=30)
+        assert set(driver.payloads) <= set(payloads)
+        assert "refused" in said
+    finally:
+        receiving.terminate()
+        out, complaints = receiving.communicate(timeout=30)
+    assert json.loads(out)["errors"] == {}, complaints
+
+
+@pytest.mark.data
+def test_settings_that_such_a_sensor_cannot_have_are_refused_by_name(data_file):
+    path = data_file(CAPTURES["vlp16"])
+    for words in (["codec=jpeg"], ["codec=pcodec", "target_kbps=500"], ["codec=pcodec", "reduction=voxel"]):
+        told = run("publish", path, *(part for word in words for part in ("--set", word)))
+        assert told.returncode == 2
+        assert "HDL-64E" in the_one_line(told)
+    network = MemoryNetwork()
+    with open_source(path) as source, Publisher(source, transport=network.transport()) as car:
+        for changes in ({"codec": "jpeg"}, {"target_kbps": 500.0}, {"codec": "riddle"}):
+            with pytest.raises(SettingsError, match=r"only .*an HDL-64E"):
+                car.change(**changes)
+        assert car.settings.codec == "pcodec"
+
+
+@pytest.mark.data
+def test_codec_auto_becomes_one_that_takes_such_frames(data_file, caplog):
+    path, network = data_file(CAPTURES["pandar40p"]), MemoryNetwork()
+    settings = lidarcodec.StreamSettings(codec="auto")
+    with (
+        subscribe(newest=False, until_end=True, transport=network.transport()) as stream,
+        open_source(path) as source,
+        Publisher(source, settings, rate="max", transport=network.transport()) as car,
+    ):
+        assert len(list(stream)) >= 4
+        assert eventually(lambda: (car.status()["codec_choice"] or {}).get("because"), 20)
+        assert car.status()["codec"] in ("predictive", "pcodec")
+        assert car.status()["errors"] == {}
+    assert "could not encode" not in caplog.text
+
+
+@pytest.mark.data
+def test_another_model_takes_the_place_of_one_that_fell_silent(data_file, caplog):
+    caplog.set_level(logging.INFO)
+    vlp16, xt32m = (sent_by(data_file(CAPTURES[name])) for name in ("vlp16", "xt32m"))
+    with open_source("udp://127.0.0.1:0?wait=1&idle=10") as source:
+        port, models = source.address[1], []
+        packets = source.packets()
+        with sensor(vlp16, port):
+            while len(models) < 500:
+                models.append((next(packets).payload in set(vlp16), source.sensor.model))
+        assert source.sensor.model == "vlp16"
+        end = time.monotonic() + 10
+        with sensor(xt32m, port, "127.0.0.2"):
+            while source.sensor.model != "xt32m" and time.monotonic() < end:
+                next(packets)
+        assert source.sensor.model == "xt32m"
+    assert "fell silent" in caplog.text
+    assert "XT32M" in caplog.text
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("wanted", "other"), [("vlp16", "HDL-64E S3"), ("xt16", "vlp16"), ("vlp16", "xt32m")])
+def test_a_sensor_whose_model_is_given_is_not_replaced_by_a_louder_one(data_file, wanted, other):
+    own, louder = sent_by(data_file(CAPTURES[wanted])), sent_by(data_file(CAPTURES[other]))
+    with open_source(f"udp://127.0.0.1:0?model={wanted}") as source:
+        port = source.address[1]
+        with sensor(louder, port, "127.0.0.2", 0.00025), sensor(own, port, pace_s=0.001):
+            packets, came, end = source.packets(), [], time.monotonic() + 2.0
+            while time.monotonic() < end:
+                came.append(next(packets).payload)
+        assert set(came[len(came) // 2 :]) <= set(own)
+        assert source.counts["strangers"] > 1000
