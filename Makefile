@@ -138,9 +138,11 @@ $(STAMPS)/server: $(STAMPS)/base requirements/server.txt
 	@$(LOCKED)/server.txt
 	@touch $@
 
-$(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt
+$(STAMPS)/dev: $(STAMPS)/base requirements/dev.txt requirements/oracle.txt
 	@echo "Installing what its tests need ..."
 	@$(LOCKED)/dev.txt
+	@$(PIP) --require-hashes --no-deps -r requirements/oracle.txt 2>/dev/null \
+	  || echo "No wheel of ouster-sdk here: tests that compare with it are skipped"
 	@$(PIP) -c constraints.txt '$(TORCH)+cpu' 2>/dev/null \
 	  || $(PIP) -c constraints.txt --index-url https://download.pytorch.org/whl/cpu '$(TORCH)' 2>/dev/null \
 	  || { [ "$$(uname -sm)" != "Linux x86_64" ] && $(PIP) -c constraints.txt '$(TORCH)' 2>/dev/null; } \

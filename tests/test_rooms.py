@@ -93,6 +93,7 @@ BELOW = {
     "motion": "base",
     "mask": "motion bits base",
     "planes": "mask motion bits base",
+    "images": "bits base",
     "network": "bits base",
     "predictive": "network mask bits base",
     "ranges": "base",

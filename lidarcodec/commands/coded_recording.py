@@ -10,10 +10,11 @@ from typing import IO
 
 from lidarcodec.evaluation.round_trip import RoundTrip
 from lidarcodec.frame import Frame
+from lidarcodec.frame_images import payload_bytes
 from lidarcodec.message import Message
 from lidarcodec.pipeline import StreamEncoder
 from lidarcodec.recording import RecordingWriter
-from lidarcodec.units import PACKET_BYTES, PACKET_INTERVAL_US
+from lidarcodec.units import PACKET_INTERVAL_US
 from lidarcodec.wire import pack
 
 VEHICLE, SENSOR = "vehicle", "lidar"
@@ -24,7 +25,7 @@ class CodedRecording:
 
     `write` and `close` raise RoundTripError when a message does not decode within the bounds of the settings.
 
-    frames, packets, positions: numbers taken so far; positions are position packets
+    frames, packets, positions: numbers taken so far; positions are position packets; payload_bytes: of the packets
     left_out: frames left out to keep the target;  seconds: duration of all frames
     coded: bytes of the messages;  clouds: whether points are written
     """
@@ -36,7 +37,9 @@ class CodedRecording:
         self._writer = RecordingWriter(handle, VEHICLE, SENSOR, encoder.settings, about, clouds=clouds)
         self._check = RoundTrip(encoder.settings)
         self.frames = self.packets = self.positions = self.coded = self.left_out = 0
+        self.payload_bytes = 0
         self.seconds = 0.0
+        self._begin_ns: int | None = None
 
     def write(self, frame: Frame) -> None:
         """Encode one frame."""
@@ -50,7 +53,15 @@ class CodedRecording:
         if frame.side is not None:
             self.packets += frame.side.packets
             self.positions += len(frame.side.positions)
-        self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
+            self.payload_bytes += payload_bytes(frame)
+            self._seconds_of(frame)
+
+    def _seconds_of(self, frame: Frame) -> None:
+        if frame.sensor.is_hdl64e:
+            self.seconds = self.packets * PACKET_INTERVAL_US * 1e-6
+        elif frame.side is not None:  # the packets of a turn are as many as the sensor likes
+            self._begin_ns = frame.stamp_ns if self._begin_ns is None else self._begin_ns
+            self.seconds = (frame.stamp_ns - self._begin_ns + int(frame.side.packet_ns[-1])) * 1e-9
 
     def close(self) -> None:
         """End the recording, not the file."""
@@ -60,7 +71,7 @@ class CodedRecording:
 
     def summary(self) -> str:
         """Numbers of frames and bytes, in a line."""
-        size = self.packets * PACKET_BYTES
+        size = self.payload_bytes
         coded = f"{size:,} bytes of packets in {self.coded:,} bytes, ratio {size / self.coded:.2f}"
         left = f" ({self.left_out} of them left out to keep the target)" * bool(self.left_out)
         positions = f"{self.positions} position packets, " * bool(self.positions)

@@ -21,6 +21,7 @@ from lidarcodec.errors import MissingExtraError, SettingsError
 from lidarcodec.files.whole import check_free
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
+from lidarcodec.side import SideInfo
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
 
 Array = npt.NDArray[Any]
@@ -55,7 +56,8 @@ class PcapOutput:
 
 class NpzOutput:
     """Images in the sensor's integers, a folder a frame: `000000/range`, `/intensity`, `/azimuth`, `/fired`, `/index`,
-    `/stamp_ns`, `/column_ns`, and `/calibration`, the hash that names the table in `calibration/HASH`."""
+    `/stamp_ns`, `/column_ns` (HDL-64E), further planes by name (other sensors), and `/calibration`, the hash that names
+    the table in `calibration/HASH`."""
 
     def __init__(self, path: Path) -> None:
         self._zip = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
@@ -77,7 +79,7 @@ class NpzOutput:
     def write(self, frame: Frame) -> None:
         self._add_calibration(frame.sensor)
         parts: dict[str, npt.ArrayLike] = {
-            "range": np.where(frame.valid, frame.range, np.uint16(0)),
+            "range": np.where(frame.valid, frame.range, frame.range.dtype.type(0)),
             "intensity": frame.intensity,
             "azimuth": frame.azimuth,
             "fired": frame.fired,
@@ -85,8 +87,9 @@ class NpzOutput:
             "stamp_ns": np.int64(frame.stamp_ns),
             "calibration": np.array(frame.sensor.hash),
         }
-        if frame.side is not None:
+        if isinstance(frame.side, SideInfo):
             parts["column_ns"] = frame.side.column_ns
+        parts |= frame.planes
         for name, array in parts.items():
             self._add(f"{self._count:06d}/{name}", array)
         self._count += 1
@@ -96,25 +99,30 @@ class NpzOutput:
 
 
 class PlyOutput:
-    """Binary PLY: x y z in metres, intensity, laser, ring, frame, and t in seconds since the first point."""
+    """Binary PLY: x y z in metres, intensity (16 bits of a sensor that sends so many), laser, ring, frame, and t in
+    seconds since the first point."""
 
     DTYPE: Final = np.dtype(
         [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "u1"), ("laser", "u1"), ("ring", "u1"),
          ("frame", "<i4"), ("t", "<f8")]
     )  # fmt: skip
-    TYPE_NAMES: Final = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int"}
+    WIDE: Final = np.dtype(
+        [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<u2"), ("laser", "u1"), ("ring", "u1"),
+         ("frame", "<i4"), ("t", "<f8")]
+    )  # fmt: skip
+    TYPE_NAMES: Final = {"f4": "float", "f8": "double", "u1": "uchar", "u2": "ushort", "i4": "int"}
     COUNT_DIGITS: Final = 12
 
     def __init__(self, path: Path) -> None:
         self._handle = path.open("wb")
         self._count = 0
         self._start_ns: int | None = None
-        self._write_header()
+        self._dtype = self.DTYPE
 
     def _write_header(self) -> None:
         # The number of points is known at the end: it is written over the first one, padded to the same length.
         properties = "".join(
-            f"property {self.TYPE_NAMES[self.DTYPE[name].str[1:]]} {name}\n" for name in self.DTYPE.names or ()
+            f"property {self.TYPE_NAMES[self._dtype[name].str[1:]]} {name}\n" for name in self._dtype.names or ()
         )
         padding = "0" * (self.COUNT_DIGITS - len(str(self._count)))
         self._handle.write(
@@ -126,7 +134,9 @@ class PlyOutput:
         cloud = frame.cloud()
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
-        rows = np.empty(len(cloud), self.DTYPE)
+            self._dtype = self.DTYPE if cloud["intensity"].dtype == np.uint8 else self.WIDE
+            self._write_header()
+        rows = np.empty(len(cloud), self._dtype)
         for name in ("x", "y", "z", "intensity", "laser", "ring"):
             rows[name] = cloud[name]
         if frame.index > np.iinfo(np.int32).max:
@@ -167,7 +177,8 @@ class LasOutput:
             points.x, points.y, points.z = (cloud[axis].astype(np.float64) for axis in "xyz")
         except OverflowError:
             raise SettingsError(f"frame {frame.index} has points further away than .las can hold: write .ply") from None
-        points.intensity = cloud["intensity"].astype(np.uint16) * 257
+        wide = cloud["intensity"].astype(np.uint16)
+        points.intensity = wide * 257 if cloud["intensity"].dtype == np.uint8 else wide
         points.user_data = cloud["ring"]
         points.point_source_id = cloud["laser"].astype(np.uint16)
         points.gps_time = cloud["t_ns"] * 1e-9
@@ -194,7 +205,7 @@ class KittiOutput:
         rows = np.empty((len(cloud), 4), "<f4")
         for at, axis in enumerate("xyz"):
             rows[:, at] = cloud[axis][order]
-        rows[:, 3] = cloud["intensity"][order] / np.float32(255)
+        rows[:, 3] = cloud["intensity"][order] / np.float32(np.iinfo(cloud["intensity"].dtype).max)
         name = f"{len(self._stamps):06d}.bin"
         (self._folder / name).write_bytes(rows.tobytes())
         self._stamps[name] = frame.stamp_ns

@@ -28,6 +28,8 @@ PEAK_M = 130.0
 
 PEAK_INTENSITY = 255
 
+Ranges = npt.NDArray[np.uint16] | npt.NDArray[np.uint32]
+
 PLANE_OF_SECTION: dict[int, str] = {
     SectionType.RANGE: "range",
     SectionType.MASK: "mask",
@@ -36,6 +38,8 @@ PLANE_OF_SECTION: dict[int, str] = {
     SectionType.AZIMUTH: "azimuth",
     SectionType.SIDE: "side",
     SectionType.POSITION: "side",
+    SectionType.REST: "side",
+    SectionType.PLANES: "planes",
 }
 
 
@@ -43,7 +47,8 @@ PLANE_OF_SECTION: dict[int, str] = {
 class RangeErrors:
     """Errors of decoded ranges: sums, so that frames of any number and width add up.
 
-    points: returns compared with; lost: returns that came back as none; invented: the reverse
+    points: returns compared with; lost: returns that came back as none; invented: the reverse; range_step_m: of the
+    sensor
     """
 
     points: int = 0
@@ -52,8 +57,9 @@ class RangeErrors:
     compared: int = 0
     max_steps: int = 0
     squared_steps: int = 0
+    range_step_m: float = RANGE_STEP_M
 
-    def add(self, original: npt.NDArray[np.uint16], decoded: npt.NDArray[np.uint16]) -> None:
+    def add(self, original: Ranges, decoded: Ranges) -> None:
         """Compare two range images of one shape; 0 = no return."""
         there, back = original > 0, decoded > 0
         both = there & back
@@ -77,12 +83,12 @@ class RangeErrors:
     @property
     def max_error_m(self) -> float | None:
         """Largest error; None when nothing could be compared."""
-        return round(self.max_steps * RANGE_STEP_M, 6) if self.compared else None
+        return round(self.max_steps * self.range_step_m, 6) if self.compared else None
 
     @property
     def rmse_m(self) -> float | None:
         """Root of the mean squared error; None when nothing could be compared."""
-        return math.sqrt(self.squared_steps / self.compared) * RANGE_STEP_M if self.compared else None
+        return math.sqrt(self.squared_steps / self.compared) * self.range_step_m if self.compared else None
 
     @property
     def psnr_db(self) -> float | None:
@@ -129,10 +135,13 @@ class Sizes:
                 self.planes[plane] += len(section.data)
 
     def bits_per(self, points: int) -> dict[str, float | None]:
-        """Bits of each part over a number of points; None for all of them when there is no point."""
+        """Bits of each part over a number of points; None for all of them when there is no point.
+
+        `planes`: all images together, of sensors whose images are coded together.
+        """
         planes = self.planes
         geometry = planes["range"] + planes["mask"] + planes["keep"]
-        other = self.total - geometry - planes["intensity"] - planes["azimuth"] - planes["side"]
+        other = self.total - geometry - planes["intensity"] - planes["azimuth"] - planes["side"] - planes["planes"]
         sizes = {
             "range": planes["range"],
             "mask": planes["mask"],
@@ -142,6 +151,7 @@ class Sizes:
             "side": planes["side"],
             "header": other,
             "total": self.total,
+            **({"planes": planes["planes"]} if planes["planes"] else {}),
         }
         return {name: round(size * 8 / points, 6) if points else None for name, size in sizes.items()}
 

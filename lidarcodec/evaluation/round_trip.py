@@ -20,9 +20,10 @@ from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
 from lidarcodec.message import Message, SectionType
+from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamDecoder
 from lidarcodec.planes.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
-from lidarcodec.settings import AUTO, StreamSettings
+from lidarcodec.settings import AUTO, StreamSettings, step_of
 from lidarcodec.side import SideInfo
 from lidarcodec.wire import unpack
 
@@ -146,6 +147,8 @@ def difference(
         return "a different time, pose or calibration, or different azimuths"
     if not _same_side(came.side, sent.side):
         return "other packets"
+    if not sent.sensor.is_hdl64e:
+        return _range_difference(came, sent, settings, step) or _plane_difference(came, sent, settings)
     return _range_difference(came, sent, settings, step) or _intensity_difference(
         came, sent, Quality.of(settings) if told is None else told, exact=told is None
     )
@@ -156,11 +159,23 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
         return None
     allowed = (step or 1) // 2
     if settings.target_kbps is None:  # nothing else may turn the bound
-        allowed = min(allowed, settings.step // 2)
-    off = int(np.abs(came.range.astype(np.int32) - sent.range)[sent.valid].max(initial=0))
+        allowed = min(allowed, step_of(settings.max_error_m or 0.0, sent.sensor.range_step_m) // 2)
+    off = int(np.abs(came.range.astype(np.int64) - sent.range.astype(np.int64))[sent.valid].max(initial=0))
     if off <= allowed:
         return None
-    return f"a range error of {bound_of(2 * off):g} m, although only {bound_of(2 * allowed):g} m are allowed"
+    error_m, most_m = (bound_of(2 * steps, sent.sensor.range_step_m) for steps in (off, allowed))
+    return f"a range error of {error_m:g} m, although only {most_m:g} m are allowed"
+
+
+def _plane_difference(came: Frame, sent: Frame, settings: StreamSettings) -> str | None:
+    """Of a frame of another sensor than an HDL-64E: all attributes are exact, or there are none."""
+    if settings.intensity == "off":
+        return None
+    names = [name for name in sent.planes if name != "range2" or settings.max_error_m in (None, 0.0)]
+    same = np.array_equal(came.intensity, sent.intensity) and all(
+        name in came.planes and np.array_equal(came.planes[name], sent.planes[name]) for name in names
+    )
+    return None if same else "different attributes"
 
 
 def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: bool) -> str | None:
@@ -181,9 +196,11 @@ def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: 
     return None
 
 
-def _same_side(came: SideInfo | None, sent: SideInfo | None) -> bool:
+def _same_side(came: SideInfo | PacketRest | None, sent: SideInfo | PacketRest | None) -> bool:
     """Whether packets have the same bytes, and host times as near as they are kept."""
-    if came is None or sent is None:
+    if isinstance(came, PacketRest) and isinstance(sent, PacketRest):
+        return _same_rest(came, sent)
+    if not isinstance(came, SideInfo) or not isinstance(sent, SideInfo):
         return came is sent
     return (
         np.array_equal(came.layouts[came.layout], sent.layouts[sent.layout])
@@ -191,5 +208,16 @@ def _same_side(came: SideInfo | None, sent: SideInfo | None) -> bool:
         and np.array_equal(came.status, sent.status)
         and np.array_equal(came.irregular, sent.irregular)
         and np.array_equal(came.second, sent.second)
+        and int(np.abs(came.packet_ns - sent.packet_ns).max(initial=0)) <= CLOCK_NS
+    )
+
+
+def _same_rest(came: PacketRest, sent: PacketRest) -> bool:
+    return (
+        came.layout == sent.layout
+        and came.odd_packets == sent.odd_packets
+        and np.array_equal(came.odd, sent.odd)
+        and came.series.keys() == sent.series.keys()
+        and all(np.array_equal(values, sent.series[name]) for name, values in came.series.items())
         and int(np.abs(came.packet_ns - sent.packet_ns).max(initial=0)) <= CLOCK_NS
     )

@@ -22,6 +22,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet import Packet, data_packets
 from lidarcodec.pipeline import frames_of
+from lidarcodec.planes.plane_section import read_head
 from lidarcodec.units import FRAME_PACKETS, MAX_PACKETS, RANGE_STEP_M
 
 LATE_NS = 1_000_000_000
@@ -41,9 +42,9 @@ class Promise(NamedTuple):
     reduced: bool = False
 
 
-def bound_of(step: int) -> float:
+def bound_of(step: int, range_step_m: float = RANGE_STEP_M) -> float:
     """The largest error, in metres, of a range that was quantised with a step."""
-    return round(step // 2 * RANGE_STEP_M, 6)
+    return round(step // 2 * range_step_m, 6)
 
 
 def promise_of(message: Message) -> Promise:
@@ -58,11 +59,22 @@ def promise_of(message: Message) -> Promise:
         return Promise(None, False, reduced)
     if name == "raw":
         return Promise(1, False)
+    if message.planes:
+        return _promise_of_planes(message)
     sections = {section.type: bytes(section.data[:2]) for section in message.sections}
     intensity = sections.get(SectionType.INTENSITY, b"")
     step = int.from_bytes(sections.get(SectionType.RANGE, b""), "little") or 1
     whole = bool(intensity) and intensity[0] in LOSSLESS_INTENSITY and not reduced
     return Promise(step, step == 1 and whole, reduced)
+
+
+def _promise_of_planes(message: Message) -> Promise:
+    """The same of a message of another sensor than an HDL-64E."""
+    if not message.has(SectionType.PLANES):
+        return Promise(1, True)
+    head = read_head(message.section(SectionType.PLANES))
+    whole = any(form.role == "attribute" for form in head.forms)
+    return Promise(head.step, head.step == 1 and whole)
 
 
 class Coverage(NamedTuple):
@@ -271,7 +283,8 @@ class Comparison:
                 f"frame {decoded.index} of the recording has {decoded.width} columns, but the packets of that time "
                 f"have {original.width}: the recording was not made from this source"
             )
-        errors, sent = RangeErrors(), original.range
+        step_m = self.errors.range_step_m = decoded.sensor.range_step_m
+        errors, sent = RangeErrors(range_step_m=step_m), original.range
         if promise is not None and promise.reduced:
             sent = np.where(decoded.range > 0, sent, np.uint16(0))
             self.left_out += original.points - int(np.count_nonzero(sent))
@@ -301,5 +314,7 @@ class Comparison:
             "invented": errors.invented,
             "left_out": self.left_out,
             "frames_beyond_their_bound": self.beyond,
-            "bounds_m": [bound_of(step) for step in sorted(step for step in self.steps if step is not None)],
+            "bounds_m": [
+                bound_of(step, errors.range_step_m) for step in sorted(step for step in self.steps if step is not None)
+            ],
         }

@@ -14,11 +14,13 @@ from lidarcodec.commands.signatures.common import (
     CodecName,
     Force,
     FrameCount,
+    ModelName,
     Pairs,
     PosesFile,
     SkipCount,
     Source,
     WithClouds,
+    of_model,
 )
 
 
@@ -54,10 +56,11 @@ def convert(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     poses: PosesFile = None,
 ) -> None:
     """Convert a source to a capture, a recording, or a rosbag2 (velodyne_msgs/VelodyneScan). Packets do not change."""
     from lidarcodec.commands.convert import convert as command
 
-    command.run(source, out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds, topic, frame_id,
-                force, allow_missed)  # fmt: skip
+    command.run(of_model(source, model), out, to, codec, pairs or [], frames, skip, calibration, poses, with_clouds,
+                topic, frame_id, force, allow_missed)  # fmt: skip

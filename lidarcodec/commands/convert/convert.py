@@ -69,10 +69,13 @@ def run(
         progress("converting", frames) as tick,
         whole(out, force=force, contents=contents) as output,
     ):
+        if (frames is not None or skip) and not source.sensor.is_hdl64e:
+            raise SettingsError("--frames and --skip of convert count turns of an HDL-64E: use encode", "frames")
         read = parse(spec).path
         beside = _calibration_file(
             out, wanted.form, source.sensor, force, _calibration_of(read) if read.is_file() else None
         )
+        metadata = _metadata_file(out, wanted.form, source.sensor, force)
         wanted_packets = part_of(source.packets(), 0, None if limit is None else skip * FRAME_PACKETS + limit)
         turns = Turns(wanted_packets, stopped, tick)
         turns.pass_over(skip)
@@ -96,13 +99,17 @@ def run(
             inside = beside.parent == out
             place = output.beside / CALIBRATION if inside else output.companion(_calibration_of, ".xml")
             place.write_text(db_xml.text(source.sensor.calibration), encoding="utf-8")
+        if metadata is not None:
+            output.companion(_metadata_of, ".json").write_bytes(source.sensor.description)
         if part:
             output.only_part()
     say_unkept(source.label, source.counts)
     count, kept = turns.packets, output.kept or out
     where = "" if beside is None or beside.parent == out else f"; calibration in {_calibration_of(kept)}"
+    where += "" if metadata is None else f"; metadata in {_metadata_of(kept)}"
+    turns_read = f", {count / FRAME_PACKETS:.1f} frames" * source.sensor.is_hdl64e
     more = f", {turns.positions} position packets" * bool(turns.positions and wanted.form != "rosbag")
-    print(f"{kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{more}{'; ' * bool(said)}{said}{where}")
+    print(f"{kept}: {count} packets{turns_read}{more}{'; ' * bool(said)}{said}{where}")
     if part:
         raise remaining.stopped(out, kept, count // FRAME_PACKETS, skip=skip, frames=frames, live=source.live)
 
@@ -125,7 +132,7 @@ def _wanted(
 
 
 def _needs_file(form: Form, sensor: SensorModel) -> bool:
-    return form != "recording" and sensor.origin not in IN_THE_STREAM
+    return form != "recording" and sensor.is_hdl64e and sensor.origin not in IN_THE_STREAM
 
 
 def _calibration_file(
@@ -155,6 +162,29 @@ def _calibration_file(
     if beside_input is not None and beside_input.exists() and path.samefile(beside_input):
         raise SettingsError(f"{path} is the calibration of the source: give the output another name", "force")
     return path
+
+
+def _metadata_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> Path | None:
+    """Path for the metadata of an Ouster beside a capture, where readers find it; None if it is not needed, or already
+    there.
+
+    Raises SettingsError if another file is in the way.
+    """
+    if form == "recording" or not sensor.description or not out.suffix:
+        return None
+    path = _metadata_of(out)
+    if not os.path.lexists(path):
+        check_free(path)
+        return path
+    if path.is_file() and path.stat().st_size == len(sensor.description) and path.read_bytes() == sensor.description:
+        return None
+    if not force:
+        raise SettingsError(f"{path} is not the metadata of {out}: use --force to replace it", "force")
+    return path
+
+
+def _metadata_of(out: Path) -> Path:
+    return out.with_suffix(".json")
 
 
 def _calibration_of(out: Path) -> Path:

@@ -14,7 +14,11 @@ from lidarcodec.commands.progress import progress
 from lidarcodec.commands.sources import is_endless
 from lidarcodec.errors import SourceError
 from lidarcodec.frame import Frame
+from lidarcodec.packet_rest import PacketRest
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import StatusReader
+from lidarcodec.sensors.models.table import sensor_of
+from lidarcodec.sensors.recognise import STREAM_PACKETS
 from lidarcodec.side import Role
 from lidarcodec.sources import open_source
 from lidarcodec.sources.spec import parse
@@ -59,6 +63,9 @@ class _Totals:
         self.longest_gap_ns = max(self.longest_gap_ns, int(np.diff(stamps, prepend=before).max()))
         self.first_ns = int(stamps[0]) if self.first_ns is None else self.first_ns
         self.last_ns = int(stamps[-1])
+        if isinstance(side, PacketRest):
+            self.layouts[side.layout or "odd"] += side.packets - len(side.odd) if side.layout else side.packets
+            return
         for layout, count in enumerate(np.bincount(side.layout, minlength=len(side.layouts))):
             name = "".join(ROLE_LETTERS[Role(role)] for role in side.layouts[layout])
             self.layouts[name] += int(count)
@@ -73,6 +80,7 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
     quiet_s = parse(spec).number("idle", 0.0, 1e9) or QUIET_S
     totals, status = _Totals(), StatusReader()
     packets = positions = 0
+    first: list[bytes] = []
     with open_source(_limited(spec), calibration=calibration) as source, progress("reading packets", limit) as tick:
         sensor = source.sensor
         assembler = Assembler(sensor)
@@ -82,15 +90,18 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
                 positions += 1
                 continue
             packets += 1
-            status.push(packet.payload)
+            if sensor.is_hdl64e:
+                status.push(packet.payload)
+            elif len(first) < STREAM_PACKETS:
+                first.append(packet.payload)
             if frame is not None:
-                totals.add(frame, int(np.count_nonzero(frame.fired)) * 32)
+                totals.add(frame, _cells(frame))
             tick()
             if packets == limit:
                 break
         last = assembler.flush()
         if last is not None:
-            totals.add(last, int(np.count_nonzero(last.fired)) * 32)
+            totals.add(last, _cells(last))
         noticed = source.counts + assembler.counts
         if source.live and not packets + positions:
             besides = "".join(f", {count} {cause}" for cause, count in sorted(noticed.items()))
@@ -105,10 +116,12 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "source": spec + (f" (the first {packets} packets: it has no end)" if limit else ""),
         "what": label,
         "sensor": sensor.name,
+        "model": sensor.model,
+        **({} if sensor.is_hdl64e else _about(sensor, first)),
         "calibration": {"origin": sensor.origin, "hash": sensor.hash},
         "packets": packets,
         **({"position packets": positions} if positions else {}),
-        "frames": round(packets / FRAME_PACKETS, 3),
+        "frames": round(packets / FRAME_PACKETS, 3) if sensor.is_hdl64e else totals.frames,
         "begins": time_text(totals.first_ns) if totals.first_ns is not None else "never",
         "duration_s": round(duration_s, 3),
         "packets_per_s": round((packets - 1) / duration_s, 1) if duration_s > 0 else None,
@@ -117,13 +130,33 @@ def inspect_source(spec: str, calibration: Path | None) -> dict[str, Any]:
         "points": totals.points,
         "returns_percent": round(100 * totals.points / totals.cells, 2) if totals.cells else None,
         "layouts": dict(totals.layouts.most_common()),
-        "return_mode": _return_mode(status, totals.layouts),
-        "status": _status(status),
+        **(
+            {"return_mode": _return_mode(status, totals.layouts), "status": _status(status)} if sensor.is_hdl64e else {}
+        ),
         "noticed": dict(noticed),
     }
     if fidelity is not None:
         found["fidelity"] = [one.rounded() for one in fidelity]
     return found
+
+
+def _cells(frame: Frame) -> int:
+    """Cells that were fired."""
+    return int(np.count_nonzero(frame.fired)) * (frame.sensor.rows // 2) if frame.sensor.rows > 1 else frame.width
+
+
+def _about(sensor: SensorModel, payloads: list[bytes]) -> dict[str, Any]:
+    """What is known of another sensor than an HDL-64E: rows, range step, planes, and why it must be this model."""
+    family = sensor_of(sensor)
+    if family is None:
+        return {"evidence": "its packets are carried as they are, without images or points"}
+    layouts = [layout for payload in payloads if (layout := family.layout_of(payload)) is not None]
+    return {
+        "evidence": next((found for payload in payloads if (found := family.evidence(payload))), "named by --model"),
+        "rows": sensor.rows,
+        "range_step_m": sensor.range_step_m,
+        "planes": " ".join(plane.name for plane in layouts[0].planes) if layouts else "",
+    }
 
 
 def _limited(spec: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import urlencode
 
 import typer
 from typer import Option
@@ -17,7 +18,17 @@ Source = Annotated[
 CalibrationFile = Annotated[
     Path | None,
     Option(
-        "--calibration", metavar="FILE", help="Calibration: db.xml or ROS yaml. Default: the one that `info` names."
+        "--calibration",
+        metavar="FILE",
+        help="Calibration: db.xml, ROS yaml, Hesai csv. Default: the one that `info` names.",
+    ),
+]
+ModelName = Annotated[
+    str | None,
+    Option(
+        "--model",
+        metavar="NAME",
+        help="Model of the sensor, such as vlp16. Default: the one that the packets show. `packets` takes any packets.",
     ),
 ]
 PosesFile = Annotated[
@@ -68,3 +79,10 @@ ZenohConfig = Annotated[
 DatabasePassword = Annotated[
     Path | None, Option("--database-password-file", metavar="FILE", help="File with the password for --database-url.")
 ]
+
+
+def of_model(source: str, model: str | None) -> str:
+    """The source as text, with the model of its sensor among its options."""
+    if model is None:
+        return source
+    return f"{source}{'&' if '?' in source else '?'}{urlencode({'model': model})}"

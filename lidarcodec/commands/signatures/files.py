@@ -18,11 +18,13 @@ from lidarcodec.commands.signatures.common import (
     Force,
     FrameCount,
     LearnSteps,
+    ModelName,
     Pairs,
     PosesFile,
     SkipCount,
     Source,
     WithClouds,
+    of_model,
 )
 from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 
@@ -36,12 +38,13 @@ def info(
         Option("--message", min=0, max=MAX_FRAMES, metavar="N", help="Show message N of a recording, byte by byte."),
     ] = None,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     as_json: AsJson = False,
 ) -> None:
     """Describe a source or a recording. Without SOURCE: show versions, extras, ports, clock and settings."""
     from lidarcodec.commands.info import command
 
-    command.run(source, message, calibration, as_json)
+    command.run(None if source is None else of_model(source, model), message, calibration, as_json)
 
 
 def encode(
@@ -55,6 +58,7 @@ def encode(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     poses: PosesFile = None,
     with_clouds: WithClouds = False,
     learn: LearnSteps = 0,
@@ -65,7 +69,8 @@ def encode(
     from lidarcodec.commands import encode as command
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
-    command.run(source, out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force, allow_missed)
+    command.run(of_model(source, model), out, codec, pairs, frames, skip, calibration, poses, with_clouds, learn, force,
+                allow_missed)  # fmt: skip
 
 
 def decode(
@@ -90,6 +95,7 @@ def verify(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", show_default=False)],
     source: Source,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     allow_part: Annotated[
         bool,
         Option(
@@ -102,7 +108,7 @@ def verify(
     missing."""
     from lidarcodec.commands import verify as command
 
-    if not command.run(recording, source, calibration, as_json, allow_part):
+    if not command.run(recording, of_model(source, model), calibration, as_json, allow_part):
         raise typer.Exit(FAILED)
 
 
@@ -137,14 +143,16 @@ def annotate(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     as_json: AsJson = False,
 ) -> None:
     """Label each return of a drive as high, low or ground. High: it was seen from many places. Continues an
     unfinished run."""
     from lidarcodec.commands import annotate as command
 
-    command.run(source, out, frames, skip, calibration, poses, workers, as_json, refine=refine, odometry=odometry,
-                ground=ground, share=share, every=every, travel_m=travel, label_every=label_every)  # fmt: skip
+    command.run(of_model(source, model), out, frames, skip, calibration, poses, workers, as_json, refine=refine,
+                odometry=odometry, ground=ground, share=share, every=every, travel_m=travel,
+                label_every=label_every)  # fmt: skip
 
 
 def bench(
@@ -164,6 +172,7 @@ def bench(
     frames: FrameCount = None,
     skip: SkipCount = 0,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     poses: PosesFile = None,
     plot: Annotated[
         Path | None, Option("--plot", metavar="FILE", help="Also draw the results into FILE (extra `plot`).")
@@ -199,7 +208,20 @@ def bench(
 
     pairs = reduced(pairs, reduction, keep_points, keep_fraction)
     command.run(
-        source, codec, pairs, frames, skip, calibration, poses, plot, as_json, metrics, curve, peers, learn, force
+        of_model(source, model),
+        codec,
+        pairs,
+        frames,
+        skip,
+        calibration,
+        poses,
+        plot,
+        as_json,
+        metrics,
+        curve,
+        peers,
+        learn,
+        force,
     )
 
 

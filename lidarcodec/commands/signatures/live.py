@@ -16,9 +16,11 @@ from lidarcodec.commands.signatures.common import (
     Connect,
     FrameCount,
     Listen,
+    ModelName,
     Pairs,
     WithClouds,
     ZenohConfig,
+    of_model,
 )
 from lidarcodec.commands.signatures.reduction import KeepFraction, KeepPoints, ReductionName, reduced
 from lidarcodec.errors import SettingsError
@@ -81,6 +83,7 @@ def publish(
         ),
     ] = None,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     poses: Annotated[
         Path | None,
         Option(
@@ -127,7 +130,7 @@ def publish(
                 "SOURCE": source, "--sensor": sensor, "--link": link, "--codec": codec, "--set": pairs,
                 "--reduction": reduction, "--keep-points": keep_points, "--keep-fraction": keep_fraction,
                 "--rate": rate, "--record": record, "--record-as": record_as, "--record-gb": record_gb,
-                "--calibration": calibration, "--poses": poses, "--original": original,
+                "--calibration": calibration, "--model": model, "--poses": poses, "--original": original,
             }
         )  # fmt: skip
         publish_config.run(config, vehicle, (connect or [], listen or [], zenoh_config), health_file, weights_dir)
@@ -137,7 +140,8 @@ def publish(
     if record is None and (record_as is not None or record_gb is not None):
         raise SettingsError("--record-as and --record-gb need --record DIR", "record")
     command.run(
-        source, vehicle, sensor or "lidar", codec, reduced(pairs, reduction, keep_points, keep_fraction), rate,
+        of_model(source, model), vehicle, sensor or "lidar", codec,
+        reduced(pairs, reduction, keep_points, keep_fraction), rate,
         (connect or [], listen or [], zenoh_config),
         record, record_as or "packets", 8.0 if record_gb is None else record_gb, calibration, poses,
         health_file, original, weights_dir, link,
@@ -188,6 +192,7 @@ def demo(
     codec: CodecName = None,
     pairs: Pairs = None,
     calibration: CalibrationFile = None,
+    model: ModelName = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address of the page, but do not open a browser.")
     ] = False,
@@ -206,4 +211,4 @@ def demo(
     from lidarcodec.commands import demo as command
 
     keep_standard_output()
-    command.run(seconds, source, codec, pairs or [], calibration, port=port, browser=not no_browser)
+    command.run(seconds, of_model(source, model), codec, pairs or [], calibration, port=port, browser=not no_browser)

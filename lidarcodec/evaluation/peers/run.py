@@ -55,6 +55,7 @@ def bench_peer(
     found = peer(name)
     run = _Run(name, found, value, MoreErrors() if metrics == "all" else None)
     with open_source(spec, calibration=calibration) as source:
+        source.sensor.only_hdl64e("a comparison with other coders")
         cut = frames_and_payloads(source.packets(), source.sensor, framing)
         for frame, payloads in islice(cut, skip, None if frames is None else skip + frames):
             run.frame(frame, payloads)

@@ -96,6 +96,7 @@ def source_samples(spec: str, how: Gathering, *stream: int, scans: bool = False)
     """
     units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
     with open_source(spec) as source:
+        source.sensor.only_hdl64e("train riddle")
         found = clips(frames_to_learn(source, how.framing, how.frames), step_rng(how.seed, 0, *stream))
         for number, clip in enumerate(found):
             rng = step_rng(how.seed, number + 1, *stream)
@@ -113,6 +114,7 @@ def stream_samples(spec: str, how: Gathering, beside: Weights, *stream: int) -> 
     units = how.units == "varied" or (how.units == "auto" and spec.startswith("sim:"))
     rng = step_rng(how.seed, 0, *stream, 1)
     with open_source(spec) as source:
+        source.sensor.only_hdl64e("train riddle")
         frames = [
             frame.with_(side=None) for frame in islice(frames_to_learn(source, how.framing, how.frames), _STREAM_FRAMES)
         ]
@@ -206,6 +208,7 @@ class SampleStore:
 
 def _identity(spec: str) -> str:
     with open_source(spec) as source:
+        source.sensor.only_hdl64e("train riddle")
         return identity(source, spec)
 
 

@@ -1,0 +1,75 @@
+#include <nanobind/stl/vector.h>
+
+#include <utility>
+
+#include "base/error.hpp"
+#include "bindings.hpp"
+#include "images/coder.hpp"
+
+namespace lc = lidarcodec;
+
+namespace {
+
+lc::PlaneFrame frame_of(std::size_t rows, std::size_t columns, const In<std::uint8_t, 2>& forms,
+                        const In<std::int32_t, 1>& shift, std::uint32_t step) {
+  if (forms.shape(1) != 4) throw lc::Error(lc::ErrorCode::Settings, "forms of planes are (P, 4)");
+  if (forms.shape(0) > lc::kMostPlanes) throw lc::Error(lc::ErrorCode::Settings, "a frame has 1 to 32 planes");
+  lc::PlaneFrame frame;
+  frame.rows = rows;
+  frame.columns = columns;
+  frame.shift.assign(shift.data(), shift.data() + shift.shape(0));
+  frame.step = step;
+  for (std::size_t i = 0; i < forms.shape(0); ++i) {
+    const std::uint8_t* form = forms.data() + 4 * i;
+    if (form[0] > static_cast<std::uint8_t>(lc::PlaneRole::Attribute))
+      throw lc::Error(lc::ErrorCode::Settings, "a plane has a role of 0 to 2");
+    frame.planes.push_back({static_cast<lc::PlaneRole>(form[0]), form[1], form[2], form[3]});
+  }
+  return frame;
+}
+
+}  // namespace
+
+void bind_planes(nb::module_& m) {
+  m.def(
+      "encode_planes",
+      [](const std::vector<In<std::uint32_t, 2>>& planes, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
+         std::uint32_t step, bool quick) {
+        const lc::PlaneFrame frame =
+            frame_of(shift.shape(0), planes.empty() ? 0 : planes[0].shape(1), forms, shift, step);
+        lc::check_frame(frame);
+        std::vector<lc::PlaneImage> images;
+        for (const In<std::uint32_t, 2>& plane : planes) {
+          if (plane.shape(0) != frame.rows || plane.shape(1) != frame.columns)
+            throw lc::Error(lc::ErrorCode::Settings, "planes have one shape, (H, W), and one shift for each row");
+          images.emplace_back(plane.data(), plane.data() + plane.size());
+        }
+        std::vector<std::uint8_t> data;
+        {
+          nb::gil_scoped_release release;
+          data = lc::encode_planes(frame, images, quick);
+        }
+        return give_bytes(data);
+      },
+      nb::arg("planes").noconvert(), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
+      nb::arg("quick"),
+      "Bytes of P planes, (H, W) uint32 each. forms: (P, 4) role, bits, of, like; shift: (H,) columns.");
+  m.def(
+      "decode_planes",
+      [](nb::bytes data, std::size_t columns, In<std::uint8_t, 2> forms, In<std::int32_t, 1> shift,
+         std::uint32_t step) -> List<Array<std::uint32_t>> {
+        const lc::PlaneFrame frame = frame_of(shift.shape(0), columns, forms, shift, step);
+        const std::uint8_t* bytes = data_of(data);
+        const std::size_t size = data.size();
+        std::vector<lc::PlaneImage> images;
+        {
+          nb::gil_scoped_release release;
+          images = lc::decode_planes(bytes, size, frame);
+        }
+        nb::list result;
+        for (lc::PlaneImage& image : images) result.append(give(std::move(image), {frame.rows, columns}));
+        return result;
+      },
+      nb::arg("data"), nb::arg("columns"), nb::arg("forms").noconvert(), nb::arg("shift").noconvert(), nb::arg("step"),
+      "P planes, (H, W) uint32 each.");
+}

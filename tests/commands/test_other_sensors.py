@@ -1,0 +1,137 @@
+"""What a user of a VLP-16 or an Ouster would lose here: the commands that they type first."""
+
+from __future__ import annotations
+
+import json
+import lzma
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from lidarcodec.sources import open_source
+from tests.command_line import run
+from tests.sensors.captures import CAPTURES, payloads
+from tests.sensors.ouster_packets import FOLDER
+
+OUSTER = "OS-0-32-U1_v2.2.0_1024x10"
+NAMES = {"vlp16": CAPTURES["vlp16"], "os0-32": f"{FOLDER}/{OUSTER}.pcap.xz"}
+VLP16 = (b"\xff\xee\x10\x27" + b"\xe8\x03\x40" * 32) * 12 + bytes(4) + b"\x37\x22"
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def capture(request, data_file, tmp_path_factory) -> tuple[str, Path]:
+    """Model, and a capture of it."""
+    model = request.param
+    folder = tmp_path_factory.mktemp(model)
+    path = folder / "drive.pcap"
+    path.write_bytes(lzma.decompress(data_file(NAMES[model]).read_bytes()))
+    if model.startswith("os"):
+        (folder / "drive.json").write_bytes(data_file(f"{FOLDER}/{OUSTER}.json").read_bytes())
+    return model, path
+
+
+@pytest.fixture(scope="module")
+def recording(capture) -> Path:
+    """Its first frame, coded."""
+    path = capture[1].with_suffix(".mcap")
+    done = run("encode", capture[1], path, "--codec", "predictive", "--frames", "1")
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+def test_info_says_which_sensor_it_is_and_why(capture) -> None:
+    model, path = capture
+    done = run("info", path, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert model in json.dumps(told)
+    assert "evidence" in json.dumps(told)
+    shown = run("info", path)
+    assert model in shown.stdout
+
+
+def test_info_explains_a_recording(capture, recording) -> None:
+    done = run("info", recording)
+    assert done.returncode == 0, done.stderr
+
+
+def test_verify_finds_every_packet_again(capture, recording) -> None:
+    whole = recording.with_name("whole.mcap")
+    assert run("encode", capture[1], whole, "--codec", "zstd").returncode == 0
+    done = run("verify", whole, capture[1])
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_decoded_capture_has_the_packets(capture, recording, tmp_path) -> None:
+    done = run("decode", recording, tmp_path / "out.pcap")
+    assert done.returncode == 0, done.stderr
+    before, after = payloads(capture[1]), payloads(tmp_path / "out.pcap")
+    assert len(after) > 10
+    assert after == before[: len(after)]
+
+
+@pytest.mark.parametrize("ending", ["ply", "las", "npz"])
+def test_decoded_points_are_those_of_the_frame(capture, recording, tmp_path, ending: str) -> None:
+    out = tmp_path / f"out.{ending}"
+    done = run("decode", recording, out)
+    assert done.returncode == 0, done.stderr
+    made = next(path for path in (out, *sorted(tmp_path.rglob(f"*.{ending}"))) if path.is_file())
+    with open_source(recording) as source:
+        rows = source.sensor.rows
+    if ending == "npz":
+        with np.load(made) as found:
+            image = next(found[name] for name in found.files if name.endswith("/range"))
+        assert image.shape[0] == rows
+    elif ending == "las":
+        assert len(laspy.read(made)) > 1000
+    else:
+        assert made.read_bytes().startswith(b"ply\n")
+
+
+def test_bench_measures_it(capture) -> None:
+    done = run("bench", capture[1], "--codec", "zstd", "--frames", "1")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_codec_that_cannot_take_it_says_which_ones_can(capture, tmp_path) -> None:
+    done = run("encode", capture[1], tmp_path / "out.mcap", "--codec", "riddle")
+    assert done.returncode != 0
+    assert "choose one of raw, zstd, pcodec, predictive" in done.stderr
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def made_capture(folder: Path, sent: list[bytes]) -> Path:
+    from tests.sources import captures as c
+
+    path = folder / "made.pcap"
+    path.write_bytes(c.pcap(map(c.frame, sent)))
+    return path
+
+
+def test_the_model_that_is_named_is_taken(tmp_path) -> None:
+    path = made_capture(tmp_path, [VLP16] * 30)
+    for model in ("vlp16", "packets"):
+        done = run("encode", path, tmp_path / f"{model}.mcap", "--model", model)
+        assert done.returncode == 0, done.stderr
+        done = run("decode", tmp_path / f"{model}.mcap", tmp_path / f"{model}.pcap")
+        assert done.returncode == 0, done.stderr
+        assert payloads(tmp_path / f"{model}.pcap") == [VLP16] * 30
+
+
+def test_a_model_that_nobody_knows_is_refused_with_all_names(tmp_path) -> None:
+    done = run("info", made_capture(tmp_path, [VLP16] * 3), "--model", "vlp17")
+    assert done.returncode != 0
+    assert "vlp17" in done.stderr
+    assert "vlp16" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_packets_of_another_model_than_the_named_one_come_back_too(tmp_path) -> None:
+    path = made_capture(tmp_path, [VLP16] * 30)
+    done = run("encode", path, tmp_path / "out.mcap", "--model", "xt32")
+    assert "Traceback" not in done.stderr
+    if done.returncode == 0:
+        assert run("decode", tmp_path / "out.mcap", tmp_path / "out.pcap").returncode == 0
+        assert payloads(tmp_path / "out.pcap") == [VLP16] * 30

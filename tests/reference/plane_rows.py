@@ -1,0 +1,55 @@
+"""What planes keep of their rows and of numbers far off, for `planes`."""
+
+from __future__ import annotations
+
+from tests.reference.range_coder import BitModel
+
+
+def clamp(x: int, low: int, high: int) -> int:
+    """x, but within low and high."""
+    return max(low, min(x, high))
+
+
+def toward_zero(a: int, b: int) -> int:
+    """a / b without its fraction."""
+    return a // b if a >= 0 else -(-a // b)
+
+
+def ql(x: int) -> int:
+    """Logarithm in quarters of an octave."""
+    below = (x + 4).bit_length() - 3
+    return 4 * below + ((x + 4) >> below) - 4
+
+
+class Row:
+    """What is kept of a plane's last rows: `here[-1]` to the left, `above(1)` above to the right."""
+
+    def __init__(self, width: int, first: int) -> None:
+        self.width, self.first, self.rows = width, first, [[first] * width]
+        self.same = False  # whether all rows are one
+
+    def start(self) -> None:
+        """Go on to the next row."""
+        self.rows.insert(0, [self.first] * self.width)
+        del self.rows[3:]
+
+    def at(self, row: int, x: int, i: int, up: int) -> int:
+        """The value `up` rows above and i columns to the right."""
+        if row == 0 and up:
+            return self.at(row, x, -1, 0)
+        if up == 2 and row == 1:
+            up = 1
+        x += i
+        if self.same:
+            return self.rows[0][x] if 0 <= x < self.width else self.first
+        if up == 0:
+            return self.rows[0][x] if x >= 0 else self.first if row == 0 else self.rows[1][0]
+        return self.rows[up][clamp(x, 0, self.width - 1)]
+
+
+class Far:
+    """Numbers of any size."""
+
+    def __init__(self) -> None:
+        self.longer = [BitModel() for _ in range(22)]
+        self.high = [[BitModel() for _ in range(4)] for _ in range(23)]
