@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.assembly.any_sensor import image_frame
 from lidarcodec.codecs import table
 from lidarcodec.codecs.base import CodecSettings, Encoder, InForce
 from lidarcodec.codecs.frame_encoder import Coded, FrameEncoder
@@ -20,6 +19,7 @@ from lidarcodec.entropy.rest_coder import decode_rest, encode_rest
 from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionError
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
+from lidarcodec.image_frame import image_frame
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.motion import is_rigid
 from lidarcodec.packet_rest import PacketRest
