@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
+from lidarcodec.sensors.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
 
 LONGEST_GAP_US = 1_000_000
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.frame import Frame
-from lidarcodec.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
+from lidarcodec.sensors.packet_clock import PLAUSIBLE_INTERVAL_US, clock_steps
 
 _KEPT_STEPS: Final = 400
 """Steps of the clock from packet to packet that are kept, because a slab has few of its own."""
