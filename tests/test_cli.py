@@ -74,10 +74,10 @@ def test_a_file_that_is_no_capture_is_refused_by_name(tmp_path):
     assert "holiday.pcap" in the_one_line(result)
 
 
-def test_another_sensor_is_refused_by_name(data_file):
-    result = run_here("bench", data_file("vlp16_sampleshort.pcap"))
-    assert result.returncode == 1
-    assert "VLP-16" in the_one_line(result)
+def test_what_a_codec_cannot_do_for_a_sensor_is_said_by_name(data_file):
+    result = run_here("bench", data_file("vlp16_sampleshort.pcap"), "--codec", "riddle")
+    assert result.returncode == 2
+    assert "riddle takes only frames of an HDL-64E" in the_one_line(result)
 
 
 def test_debug_shows_the_traceback_wherever_it_stands():

@@ -55,6 +55,7 @@ RUN = """
   gl.uniformMatrix4fv(at("u_view"), false, still);
   gl.uniform1f(at("u_step"), step);
   gl.uniform1i(at("u_ros"), ros);
+  gl.uniform1i(at("u_rings"), 64);
   const count = 64 * width;
   gl.bindBuffer(gl.TRANSFORM_FEEDBACK_BUFFER, gl.createBuffer());
   gl.bufferData(gl.TRANSFORM_FEEDBACK_BUFFER, 12 * count, gl.STATIC_READ);

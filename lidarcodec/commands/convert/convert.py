@@ -10,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from lidarcodec.budgets import FileTooLargeError, read_file
 from lidarcodec.commands import encode
 from lidarcodec.commands.convert.outputs import Bag, Form, Output, Wanted, form_of, open_output
 from lidarcodec.commands.progress import progress
@@ -176,7 +177,11 @@ def _metadata_file(out: Path, form: Form, sensor: SensorModel, force: bool) -> P
     if not os.path.lexists(path):
         check_free(path)
         return path
-    if path.is_file() and path.stat().st_size == len(sensor.description) and path.read_bytes() == sensor.description:
+    try:
+        same = read_file(path, "calibration") == sensor.description
+    except (OSError, FileTooLargeError):
+        same = False
+    if same:
         return None
     if not force:
         raise SettingsError(f"{path} is not the metadata of {out}: use --force to replace it", "force")

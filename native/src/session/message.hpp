@@ -21,7 +21,9 @@ enum class SectionType : std::uint8_t {
   Pose,
   Filler,
   Lattice,
-  Position
+  Position,
+  Planes,  // of other sensors than an HDL-64E: their messages are refused by a flag
+  Rest
 };
 
 // Numbers that name codecs in messages.
