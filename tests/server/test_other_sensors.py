@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import httpx
 import numpy as np
 import pytest
@@ -39,7 +41,7 @@ class Again:
         self._source.close()
 
 
-@pytest.fixture(params=["vlp16", "pandar40p", "vls128"])
+@pytest.fixture(params=["vlp16", "pandar40p"])
 def path(request, data_file):
     return data_file(CAPTURES[request.param])
 
@@ -73,7 +75,11 @@ async def test_viewers_get_the_points_pictures_and_model_of_the_sensor(path, tmp
             for view in ("cloud", "range"):
                 answer = await client.get(f"{STREAM}/snapshot.png", params={"view": view})
                 assert (answer.status_code, answer.content[:4]) == (200, b"\x89PNG"), answer.text[:300]
-            status = (await client.get(STREAM)).json()
+            for _ in range(50):  # it is told once a second
+                status = (await client.get(STREAM)).json()
+                if status["status"] is not None:
+                    break
+                await asyncio.sleep(0.1)
             assert name in str(status)
             for changes in ({"codec": "jpeg"}, {"target_kbps": 500.0}, {"reduction": "random"}):
                 answer = await client.patch(f"{STREAM}/settings", json=changes)
