@@ -33,9 +33,9 @@ def read_frames(
     """
     if isinstance(source, str | Path):
         with open_source(source, calibration=calibration) as opened:
-            yield from frames_of(opened.packets(), opened.sensor, framing)
+            yield from frames_of(opened.packets(), opened.sensor, framing, current=lambda: opened.sensor)
     else:
-        yield from frames_of(source.packets(), source.sensor, framing)
+        yield from frames_of(source.packets(), source.sensor, framing, current=lambda: source.sensor)
 
 
 def encode(frames: Iterable[Frame], settings: StreamSettings | None = None, **changes: Any) -> Iterator[bytes]:

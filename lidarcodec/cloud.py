@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.errors import SectionError
+from lidarcodec.errors import CalibrationError, SectionError
 from lidarcodec.other_cloud import other_cloud_of
 from lidarcodec.side import Role, SideInfo
 from lidarcodec.units import AZIMUTH_STEP_DEG, LASERS, LASERS_PER_BLOCK
@@ -64,6 +64,15 @@ def cloud_of(frame: Frame, returns: Literal["first", "all"] = "first") -> npt.ND
         both[name] = np.concatenate((first[name], second[name]))
     both["return_number"] = np.repeat((1, 2), (len(first), len(second)))
     return both
+
+
+def cloud_to_show(frame: Frame) -> npt.NDArray[np.void]:
+    """`cloud_of` for viewers: empty where the points cannot be known, as of an Ouster without metadata. The note of the
+    sensor's calibration says why."""
+    try:
+        return cloud_of(frame)
+    except CalibrationError:
+        return np.empty(0, CLOUD_DTYPE)
 
 
 def _first_cloud(frame: Frame) -> npt.NDArray[np.void]:

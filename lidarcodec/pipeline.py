@@ -33,11 +33,17 @@ from lidarcodec.thinned_stream import LatticeNotes, in_own_columns
 
 
 def frames_of(
-    packets: Iterable[Packet], sensor: SensorModel, framing: str = "packets", counts: Counter[str] | None = None
+    packets: Iterable[Packet],
+    sensor: SensorModel,
+    framing: str = "packets",
+    counts: Counter[str] | None = None,
+    *,
+    current: Callable[[], SensorModel] | None = None,
 ) -> Iterator[Frame]:
     """Frames of packets, with the last, partial one.
 
     counts: counts position packets that no frame could hold
+    current: the sensor of the packet read last, for a live source, in which another sensor can take the place of one
     A frame is given when the next data packet arrives, so that position packets at the end join the last frame.
     """
     assembler = Assembler(sensor, framing)
@@ -47,6 +53,8 @@ def frames_of(
         if held is not None and not packet.position:
             yield held
             held = None
+        if current is not None and (before := assembler.follow(current())) is not None:
+            yield before
         held = assembler.push(packet) or held
         if counts is not None and (lost := assembler.counts[UNKEPT_POSITIONS]) > told:
             counts[UNKEPT_POSITIONS] += lost - told

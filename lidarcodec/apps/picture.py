@@ -17,8 +17,10 @@ import PIL.Image
 import PIL.ImageDraw
 import PIL.ImageFont
 
+from lidarcodec.cloud import cloud_to_show
 from lidarcodec.files.whole import written_whole
 from lidarcodec.frame import Frame
+from lidarcodec.sources.unit_calibration import note_of
 from lidarcodec.units import AZIMUTH_TURN, LASERS_PER_BLOCK
 
 Image = npt.NDArray[np.uint8]
@@ -104,7 +106,7 @@ def perspective_of(frame: Frame) -> Image:
     canvas = PIL.Image.new("RGB", (width, height), BACKGROUND)
     _draw_ground(canvas)
     image: Image = np.array(canvas)
-    cloud = frame.cloud()
+    cloud = cloud_to_show(frame)
     points = np.stack([cloud[axis].astype(np.float64) for axis in "xyz"], axis=1)
     pixels, depth = _project(points, width, height)
     at = np.rint(pixels)
@@ -157,6 +159,8 @@ def picture_of(frame: Frame, title: str) -> Image:
     valid = int(np.count_nonzero(frame.valid))
     write(title, 24, 34, TEXT, 22)
     counted = f"{valid:,} points of {frame.sensor.rows} x {frame.width}: range image, forward in the middle"
+    if valid and not len(cloud_to_show(frame)):
+        counted += f" ({note_of(frame.sensor)})"
     write(counted, 24, MARGIN + VIEW_HEIGHT + 34, QUIET, 19)
     for radius in RINGS_M[:3]:
         pixels, _ = _project(np.array([[0.0, -radius, GROUND_Z_M]]), WIDTH, VIEW_HEIGHT)

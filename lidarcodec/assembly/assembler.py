@@ -48,11 +48,9 @@ class Assembler:
     """
 
     def __init__(self, sensor: SensorModel, framing: str = "packets", first_index: int = 0) -> None:
-        self.sensor = sensor
         self.counts: Counter[str] = Counter()
-        self._frame_packets = settings_from({"framing": framing}).frame_packets
-        if framing == "packets" and not sensor.is_hdl64e:
-            self._frame_packets = None  # a turn: how many packets it has is each sensor's own
+        self._framing = framing
+        self._use(sensor)
         self._index = first_index
         self._payloads: list[bytes] = []
         self._stamps: list[int] = []
@@ -62,7 +60,13 @@ class Assembler:
         self._last_azimuth = -1
         self._last_payload = b""
         self._last_gps: int | None = None
+
+    def _use(self, sensor: SensorModel) -> None:
+        self.sensor = sensor
         self._turns = None if sensor.is_hdl64e else TurnWatch(sensor)
+        self._frame_packets = settings_from({"framing": self._framing}).frame_packets
+        if self._framing == "packets" and not sensor.is_hdl64e:
+            self._frame_packets = None  # a turn: how many packets it has is each sensor's own
 
     def push(self, packet: Packet) -> Frame | None:
         """Take one packet; returns the frame that it completed, if any. A position packet completes none.
@@ -88,6 +92,19 @@ class Assembler:
         self._stamps.append(packet.stamp_ns)
         # At most one frame: frames of one packet leave nothing waiting that `_begin_anew` could cut.
         return self._cut() if len(self._payloads) == self._frame_packets else frame
+
+    def follow(self, sensor: SensorModel) -> Frame | None:
+        """Take packets of another sensor from now on, if it is one; returns the frame of the packets that are waiting.
+
+        A new calibration of the same HDL-64E is none: it needs a new assembler, between two frames.
+        """
+        if sensor is self.sensor or (
+            sensor.model == self.sensor.model and (sensor.is_hdl64e or sensor.hash == self.sensor.hash)
+        ):
+            return None
+        frame = self._begin_anew()
+        self._use(sensor)
+        return frame
 
     @property
     def waiting(self) -> int:

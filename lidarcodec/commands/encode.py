@@ -52,7 +52,13 @@ def run(
     ):
         about = {"source": readable(spec), "calibration": f"{source.sensor.origin} {source.sensor.hash}"}
         cut = with_poses(
-            frames_of(source.packets(), source.sensor, encoder.settings.framing, source.counts),
+            frames_of(
+                source.packets(),
+                source.sensor,
+                encoder.settings.framing,
+                source.counts,
+                current=lambda: source.sensor,
+            ),
             source.poses if poses else None,
         )
         # A signal ends a live source after the packets received so far, which are the last frame.

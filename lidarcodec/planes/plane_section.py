@@ -20,7 +20,8 @@ from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, PlaneRole, U
 from lidarcodec.units import MAX_COLUMNS
 
 MAX_BITS: Final = 20
-MAX_STEP: Final = 20_001
+MAX_STEP: Final = 40_001
+"""Errors of up to 20 m, the largest bound there is, in ranges of 1 mm."""
 _ROLES: Final[tuple[PlaneRole, ...]] = ("range", "second range", "attribute")
 _MAX_NAME: Final = 16
 _LEVEL: Final = 3

@@ -120,6 +120,21 @@ class PacketLayout(Protocol):
         """
 
 
+def packets_of_images(layout: PacketLayout, images: Images) -> int:
+    """P, from the shapes of the planes. Raises SectionError if they are not the planes and series of the layout."""
+    names = {plane.name for plane in layout.planes}
+    if set(images.planes) != names or set(images.series) != set(layout.series):
+        given = ", ".join(sorted({*images.planes, *images.series}))
+        raise SectionError(f"images with {given} are not of the layout {layout.name}")
+    shape = images.planes["range"].shape
+    if len(shape) != 2 or shape[0] != layout.rows or shape[1] % layout.columns:
+        raise SectionError(f"planes of the layout {layout.name} are {layout.rows} x {layout.columns} n, not {shape}")
+    for name, plane in images.planes.items():
+        if plane.shape != shape:
+            raise SectionError(f"plane {name} is {plane.shape}, but range is {shape}")
+    return int(shape[1]) // layout.columns
+
+
 def check_series(layout: PacketLayout, series: Mapping[str, Unsigned], packets: int) -> None:
     """Raises SectionError if these are not the series of so many packets of a layout."""
     if set(series) != set(layout.series):

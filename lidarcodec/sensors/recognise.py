@@ -44,7 +44,7 @@ def recognised(payloads: Sequence[bytes]) -> Detected | None:
         return found
     right = [payload for payload in first if len(payload) == PACKET_BYTES]
     named = {_unknown_sensor(payload) for payload in right}
-    if not right or (len(named) == 1 and None not in named):
+    if 2 * len(right) <= len(first) or (len(named) == 1 and None not in named):
         return None
     flags = Counter(np.frombuffer(b"".join(right), PACKET_DTYPE)["blocks"]["flag"].ravel().tolist())
     common = ", ".join(f"{flag:#06x}" for flag, _ in flags.most_common(2))

@@ -164,3 +164,36 @@ def test_a_sensor_whose_model_is_given_is_not_replaced_by_a_louder_one(data_file
                 came.append(next(packets).payload)
         assert set(came[len(came) // 2 :]) <= set(own)
         assert source.counts["strangers"] > 1000
+
+
+@pytest.mark.parametrize("name", ["xt16", "vlp16", "OS-1-128"])
+def test_a_sensor_that_is_switched_on_late_loses_no_packet_and_shows_no_other_sensor(data_file, name):
+    payloads = [one for one in sent_by(data_file(CAPTURES[name])) if len(one) > 48][:400]  # without an inertial unit's
+    port = free_port()
+    with open_source(f"udp://127.0.0.1:{port}?idle=3&wait=0.1") as source:
+        assert source.sensor.is_hdl64e  # as long as nobody knows better
+
+        def send():
+            time.sleep(0.5)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+                for payload in payloads:
+                    sock.sendto(payload, ("127.0.0.1", port))
+                    time.sleep(0.0005)
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        frames = list(lidarcodec.read_frames(source, framing="revolution"))
+        thread.join()
+    assert {frame.sensor.is_hdl64e for frame in frames} == {False}
+    assert [packet.payload for frame in frames for packet in packets_of(frame)] == payloads
+
+
+def test_so_few_packets_that_only_the_end_tells_their_sensor_come_out_too(data_file):
+    payloads = sent_by(data_file(CAPTURES["vlp16"]))[:5]
+    port = free_port()
+    with open_source(f"udp://127.0.0.1:{port}?idle=1&wait=0") as source:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            for payload in payloads:
+                sock.sendto(payload, ("127.0.0.1", port))
+        assert [packet.payload for packet in source.packets()] == payloads
+        assert source.sensor.model == "vlp16"

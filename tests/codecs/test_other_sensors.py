@@ -24,7 +24,7 @@ from lidarcodec.packet import Packet
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder, frames_of
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.models.table import PACKETS, any_packets, names, sensor_named
-from lidarcodec.settings import settings_from
+from lidarcodec.settings import MAX_BOUND_M, settings_from
 from lidarcodec.sources import open_source
 from tests.conftest import data_folder
 from tests.fuzz.mutations import mutated
@@ -101,6 +101,16 @@ def test_a_bound_is_kept_at_every_return(capture: str, codec: str) -> None:
             off = np.abs(after.astype(np.int64) - before.astype(np.int64))
             assert 0 < int(off.max()) * sensor.range_step_m <= 0.05
         np.testing.assert_array_equal(decoded.intensity, frame.intensity)
+
+
+@pytest.mark.parametrize("codec", KINDS)
+@pytest.mark.parametrize("capture", SMALL)
+def test_the_largest_bound_loses_no_return(capture: str, codec: str) -> None:
+    sensor, packets = opened(FILES[capture])
+    for frame, decoded in sent(packets[:200], sensor, {"codec": codec, "max_error_m": MAX_BOUND_M}):
+        np.testing.assert_array_equal(decoded.range > 0, frame.range > 0)
+        off = np.abs(decoded.range.astype(np.int64) - frame.range.astype(np.int64))
+        assert int(off.max(initial=0)) * sensor.range_step_m <= MAX_BOUND_M
 
 
 @pytest.mark.parametrize("codec", KINDS)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from lidarcodec.errors import SectionError
 from lidarcodec.sensors.images import Images
-from lidarcodec.sensors.models import hesai, velodyne
+from lidarcodec.sensors.models.table import block_sensors
 
-SENSORS = {sensor.name: sensor for sensor in (*velodyne.SENSORS, *hesai.SENSORS)}
+SENSORS = {sensor.name: sensor for sensor in block_sensors()}
 LAYOUTS = {f"{sensor.name} {layout.name}": layout for sensor in SENSORS.values() for layout in sensor.layouts}
 
 

@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 
 from lidarcodec.errors import CalibrationError
 from lidarcodec.sensors import hesai_csv
-from lidarcodec.sensors.models.hesai import SENSORS
+from lidarcodec.sensors.models.hesai_packet import HesaiSensor
+from lidarcodec.sensors.models.table import block_sensors
 
 HEADER = "Laser id,Elevation,Azimuth\n"
 TWO = HEADER + "1,14.882,-1.042\n2,11.032,-1.041\n"
+
+SENSORS = [sensor for sensor in block_sensors() if isinstance(sensor, HesaiSensor)]
 
 
 def test_angles_come_out_by_channel_with_the_azimuth_subtracted() -> None:

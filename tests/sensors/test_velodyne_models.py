@@ -10,13 +10,15 @@ from lidarcodec.errors import CalibrationError
 from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml, ros_yaml
 from lidarcodec.sensors.models import vlp16
-from lidarcodec.sensors.models.velodyne import SENSORS, detect
+from lidarcodec.sensors.models.table import block_sensors, detect
+from lidarcodec.sensors.models.velodyne_packet import VelodyneSensor
 from tests.sensors.captures import CAPTURES, data_packets, payloads
 
 vd = pytest.importorskip("velodyne_decoder")
 
 HOUR_S = 1_699_999_200
 """A full hour of the Unix epoch, in which all packets are said to have come."""
+SENSORS = [sensor for sensor in block_sensors() if isinstance(sensor, VelodyneSensor)]
 SENSOR = {sensor.name: sensor for sensor in SENSORS}
 VELODYNE = ["vlp16", "vlp16 single", "hdl32e", "vlp32c", "vls128"]
 EVIDENCE = {
@@ -54,7 +56,7 @@ def test_a_capture_is_taken_for_its_own_model_only(data_file, capture: str) -> N
     packets = payloads(data_file(CAPTURES[capture]))
     found = detect(packets)
     own = SENSOR.get(capture.split(maxsplit=1)[0])
-    assert found is own
+    assert (None if found is None or found.model not in SENSOR else SENSOR[found.model]) is own
     for sensor in SENSORS:
         if sensor is not own:
             assert not any(sensor.layout_of(payload) for payload in packets)
@@ -177,7 +179,9 @@ def test_a_dual_packet_of_a_vls128_is_one_column_and_keeps_its_padding() -> None
 
 def test_the_hires_puck_has_its_own_angles() -> None:
     payload = bytearray(b"\xff\xee" + bytes(98)) * 12 + bytes(4) + b"\x37\x24"
-    assert detect([bytes(payload)]) is vlp16.HIRES
+    found = detect([bytes(payload)])
+    assert found is not None
+    assert found.model == "puck_hires"
     assert vlp16.HIRES.generic_sensor.calibration["vert_correction_rad"].max() == pytest.approx(np.radians(10))
 
 

@@ -23,6 +23,8 @@ export const Section = {
   FILLER: 11,
   LATTICE: 12,
   POSITION: 13,
+  PLANES: 14,
+  REST: 15,
 } as const;
 const KNOWN_SECTIONS: ReadonlySet<number> = new Set(Object.values(Section));
 

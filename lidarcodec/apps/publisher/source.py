@@ -116,6 +116,9 @@ class FrameFeed:
                 self._batch.append(packet)
                 if len(self._batch) >= RECORD_BATCH:
                     self._record_batch(self._recorder)
+            last = self._assembler.follow(self.source.sensor)
+            if last is not None:
+                self._leave(last, wait=wait)
             try:
                 frame = self._assembler.push(packet)
             except PacketError:

@@ -14,10 +14,10 @@ the two-point correction of an HDL-64E does not occur.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ Angles = npt.NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
-class BlockSensor:
+class BlockSensor(ABC):
     """A model of sensor that sends blocks; the model's file fills it in.
 
     name: as in `--model`; title: for people; short: the title without maker; range_step_m: metres of one range unit;
@@ -77,12 +77,12 @@ class BlockSensor:
         calibration = Calibration.from_values(dict(self.generic))
         return SensorModel(self.title, calibration, "generic", "veloview", self.range_step_m, self.name)
 
+    @abstractmethod
     def calibration_of(self, data: bytes) -> Calibration:
         """Calibration of this model from the bytes of a file.
 
         Raises CalibrationError if it is no such file, or of a sensor with another number of lasers.
         """
-        raise NotImplementedError
 
     def calibrated(self, data: bytes, origin: Origin, name: str) -> SensorModel:
         """The SensorModel of the unit that a calibration file describes. name: of the file, for errors.
@@ -111,24 +111,9 @@ class BlockSensor:
         return flat * cos_b + offset * sin_b, offset * cos_b - flat * sin_b, z
 
 
-Model = TypeVar("Model", bound=BlockSensor)
-
-
 def rows_of(elevations: npt.ArrayLike) -> tuple[int, ...]:
     """Channel of each row for elevations by channel: the highest first, ties in the order of the channels."""
     return tuple(np.argsort(-np.asarray(elevations, np.float64), kind="stable").tolist())
-
-
-def most_likely(sensors: Sequence[Model], payloads: Sequence[bytes]) -> Model | None:
-    """The sensor that takes most payloads, and more than half of those of its packets' size; None if none does."""
-    best, most = None, 0
-    for sensor in sensors:
-        sizes = {layout.packet_bytes for layout in sensor.layouts}
-        right = [payload for payload in payloads if len(payload) in sizes]
-        taken = sum(sensor.layout_of(payload) is not None for payload in right)
-        if taken > most and 2 * taken > len(right):
-            best, most = sensor, taken
-    return best
 
 
 def own_layout(layout: PacketLayout) -> BlockLayout:

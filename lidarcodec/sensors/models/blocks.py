@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec.errors import SectionError
-from lidarcodec.sensors.images import Bytes, Images, Plane, Turn, Unsigned
+from lidarcodec.sensors.images import Bytes, Images, Plane, Turn, Unsigned, packets_of_images
 from lidarcodec.sensors.models.checksum import crc32_mpeg2
 from lidarcodec.units import AZIMUTH_TURN
 
@@ -166,7 +166,7 @@ class BlockLayout:
         Raises SectionError if the shapes or the lengths of series do not fit together, or a value does not fit its
         field.
         """
-        count = self._packets_of(images)
+        count = packets_of_images(self, images)
         records = np.zeros(count, self.packet)
         self._write_constants(records)
         blocks = records["blocks"]
@@ -225,20 +225,6 @@ class BlockLayout:
 
     def _records(self, packets: Bytes) -> Records:
         return np.ascontiguousarray(packets, np.uint8).view(self.packet)[:, 0]
-
-    def _packets_of(self, images: Images) -> int:
-        """P, from the shapes of the planes."""
-        names = {plane.name for plane in self.planes}
-        if set(images.planes) != names or set(images.series) != set(self.series):
-            given = ", ".join(sorted({*images.planes, *images.series}))
-            raise SectionError(f"images with {given} are not of the layout {self.name}")
-        shape = images.planes["range"].shape
-        if len(shape) != 2 or shape[0] != self.rows or shape[1] % self.columns:
-            raise SectionError(f"planes of the layout {self.name} are {self.rows} x {self.columns} n, not {shape}")
-        for name, plane in images.planes.items():
-            if plane.shape != shape:
-                raise SectionError(f"plane {name} is {plane.shape}, but range is {shape}")
-        return int(shape[1]) // self.columns
 
     def _numbers(self, images: Images, name: str, packets: int) -> Unsigned:
         dtype, each = self.series[name]

@@ -21,7 +21,7 @@ from lidarcodec.errors import CalibrationError, SourceError
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
 from lidarcodec.sensor_model import HDL64E, SensorModel
 from lidarcodec.sensors import check_recognised, find_calibration, find_sensor
-from lidarcodec.sensors.models.ouster.sensor import bare_sensors, model_from
+from lidarcodec.sensors.models.ouster.sensor import bare_sensors
 from lidarcodec.sensors.models.shapes import shapes
 from lidarcodec.sensors.models.table import PACKETS
 from lidarcodec.sources.base import PacketSource
@@ -91,7 +91,8 @@ class UdpSource(PacketSource):
         Raises SourceError if the address cannot be listened on, PacketError if what sends there is no known sensor,
         CalibrationError, UnknownNameError.
         """
-        super().__init__(_before_packets(calibration, model), live=True)
+        assumed = _before_packets(calibration, model)
+        super().__init__(assumed or find_calibration(None, None, ()), live=True)
         wanted = None if src is None else address_of(src)
         sock = open_socket(host, port, interface=interface, share=share)
         with sock:
@@ -115,19 +116,25 @@ class UdpSource(PacketSource):
         self._known: tuple[int, bytes | None] = (0, None)
         self._searches = calibration is None
         self._calibration, self._model = calibration, model
+        self._now = self._given = self.sensor
+        """The sensor of the packets that come in now, and of those given last."""
         self._first: list[bytes] | None = None if model in (HDL64E, PACKETS) else []
         """First packets of the sender, until the model of its sensor is known."""
+        self._unknown: list[Packet] = []
+        """Packets that wait for that."""
+        self._changed = False
         self._first_s = 0.0
         self._wrong = 0
         self._opened = False
         self._last_ns: int | None = None
-        self._held: deque[Packet] = deque()
+        self._held: deque[tuple[Packet, SensorModel]] = deque()
         self._table = TableSearch() if calibration is None and model in (None, HDL64E) else None
         try:
-            self._await(wait_s if calibration is None or not self.sensor.is_hdl64e else 0.0)
+            self._await(wait_s if calibration is None or assumed is None else 0.0)
         except BaseException:
             self.close()
             raise
+        self.sensor = self._given = self._now
         self._opened = True
 
     @classmethod
@@ -155,7 +162,8 @@ class UdpSource(PacketSource):
 
     def packets(self) -> Iterator[Packet]:
         """Packets as they come, each once, with the kernel's time of arrival; ends when `close` is called, when none
-        came for `idle_s`, or behind those that had come when `finish` was called. Cost: 5 us a packet.
+        came for `idle_s`, or behind those that had come when `finish` was called. `sensor` is that of the packet given
+        last. Cost: 5 us a packet.
 
         Raises PacketError if what sends here is no known sensor, SourceError if the socket fails.
         """
@@ -165,13 +173,19 @@ class UdpSource(PacketSource):
                 self._pump(TAKE_S if self._idle_s is None else min(TAKE_S, self._idle_s))
             if self._held:
                 while self._held and not self.closed:
-                    packet = self._held.popleft()
+                    packet, sensor = self._held.popleft()
                     if self._last_ns is not None and packet.stamp_ns > self._last_ns:
                         return
+                    if sensor is not self._given or isinstance(packet, FirstPacket):
+                        self._give(sensor)
                     yield packet
                 heard, told = time.monotonic(), True
             elif self._receiver.holding():
                 heard = time.monotonic()
+            elif self._unknown:
+                waited_s = time.monotonic() - self._first_s
+                if self._last_ns is not None or waited_s >= min(LOOK_S, self._idle_s or LOOK_S):
+                    self._pump(0.0, settle=True)
             elif self._last_ns is not None:
                 return
             elif self._idle_s is not None and time.monotonic() - heard >= self._idle_s:
@@ -204,15 +218,15 @@ class UdpSource(PacketSource):
         end = time.monotonic() + wait_s
         while self._waits() and (left_s := end - time.monotonic()) > 0.0:
             self._pump(min(left_s, TAKE_S))
-        if self._table is not None and self._table.sensor is None and self.sensor.is_hdl64e and self._searches:
-            self.sensor = find_calibration(None, None, self._table.first)
+        if self._table is not None and self._table.sensor is None and self._now.is_hdl64e and self._searches:
+            self._now = find_calibration(None, None, self._table.first)
 
     def _waits(self) -> bool:
         table = self._table
         return self._first is not None or (table is not None and not table.settled)
 
-    def _pump(self, limit_s: float) -> None:
-        """Wait for packets, at most `limit_s`, and hold them.
+    def _pump(self, limit_s: float, *, settle: bool = False) -> None:
+        """Wait for packets, at most `limit_s`, and hold them. settle: recognise the sensor by what came so far
 
         Raises PacketError, SourceError, CalibrationError.
         """
@@ -220,30 +234,64 @@ class UdpSource(PacketSource):
         came: list[Packet] = []
         at = 0
         for size, stamp_ns, sender in zip(sizes.tolist(), stamps_ns.tolist(), senders.tolist(), strict=True):
-            payload = payloads[at : (at := at + size)]
+            payload, before = payloads[at : (at := at + size)], self._now
             kind = Packet
             if sender != self._sender:
                 if self._sender and not self._any:
                     kind = FirstPacket
+                    self._unknown = self._drop_unknown()
                     self._forget()
                 self._sender = sender
             if self._first is not None:
                 self._look_at(payload)
-            if self.sensor.is_hdl64e and size != PACKET_BYTES and self._first is None:
-                self._wrong += 1
-                continue
             if self._table is not None and size == PACKET_BYTES and not self._table.push(payload):
                 self._learn(self._table)
-            came.append(kind(payload, stamp_ns))
-        self._recognise_late()
-        if self._positions is not None:
-            came = self._positions.among(came, self._address_of(self._sender), anybody=self._any)
-        self._held.extend(came)
+            if self._now is not before:
+                self._hold(came, before)
+                came = []
+            self._unknown.append(kind(payload, stamp_ns))
+            if self._first is None:
+                came += self._of_known_size()
+        before = self._now
+        if self._first and (settle or time.monotonic() - self._first_s >= LOOK_S):
+            self._recognise(self._first)
+            self._hold(came, before)
+            came = self._of_known_size()
+        if came or not self._unknown:
+            self._hold(came, self._now)
         if (now_s := time.monotonic()) - self._look_s >= TAKE_S:
             self._look_s = now_s
             self._count()
         if self._receiver.failure() and not self.closed:
             raise SourceError(f"{self.label}: {os.strerror(self._receiver.failure())}")
+
+    def _hold(self, came: list[Packet], sensor: SensorModel) -> None:
+        """Hold packets of a sensor, with the position packets among them."""
+        if self._positions is not None:
+            came = self._positions.among(came, self._address_of(self._sender), anybody=self._any)
+        self._held.extend((packet, sensor) for packet in came)
+
+    def _of_known_size(self) -> list[Packet]:
+        """The packets that waited, now that their sensor is known; those that an HDL-64E does not send are counted."""
+        waited, self._unknown = self._unknown, []
+        if not self._now.is_hdl64e:
+            return waited
+        right = [packet for packet in waited if len(packet.payload) == PACKET_BYTES]
+        self._wrong += len(waited) - len(right)
+        return right
+
+    def _drop_unknown(self) -> list[Packet]:
+        """Count the packets of a sender that gave way before its sensor was known."""
+        self._wrong += len(self._unknown)
+        return []
+
+    def _give(self, sensor: SensorModel) -> None:
+        """Packets of another sensor, or with another calibration, follow."""
+        before, self._given = self._given, sensor
+        self.sensor = sensor.with_convention(self.sensor.convention)
+        if before.model != sensor.model:
+            logger.warning("%s: from now on packets of a %s are read", self.label, sensor.name)
+        warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
 
     def _look_at(self, payload: bytes) -> None:
         """Keep one of the sender's first packets, and recognise its sensor when there are enough."""
@@ -252,11 +300,6 @@ class UdpSource(PacketSource):
             self._first_s = time.monotonic()
         self._first.append(payload)
         if len(self._first) >= LOOKED_AT:
-            self._recognise(self._first)
-
-    def _recognise_late(self) -> None:
-        """Recognise the sensor by few packets when no more came in time."""
-        if self._first and time.monotonic() - self._first_s >= LOOK_S:
             self._recognise(self._first)
 
     def _recognise(self, first: list[bytes]) -> None:
@@ -270,48 +313,42 @@ class UdpSource(PacketSource):
         if found is not None:
             logger.info("%s: %s", self.label, found.evidence)
         if model == HDL64E:
-            if not self.sensor.is_hdl64e:
-                self._take(find_calibration(None, self._calibration, first))
+            if self._changed or not self._now.is_hdl64e:
+                self._now = find_calibration(None, self._calibration, first if self._opened else ())
             return
         self._table = None
         sensor = find_sensor(None, self._calibration, first, str(model))
-        self._take(self._asked(sensor) if sensor.model in bare_sensors() else sensor)
+        self._now = self._asked(sensor) if sensor.model in bare_sensors() else sensor
 
     def _asked(self, bare: SensorModel) -> SensorModel:
-        """An Ouster with the metadata that it tells over HTTP; without, if it does not answer."""
+        """An Ouster with the metadata that it tells over HTTP; without, if it tells none, or that of other packets."""
         address = self._address_of(self._sender)
         if not address:
             return bare
         try:
-            return model_from(metadata_over_http(str(ip_address(address)), answer_s=ANSWER_S), "stream")
+            metadata = metadata_over_http(str(ip_address(address)), answer_s=ANSWER_S)
+            return bare_sensors()[bare.model].calibrated(metadata, "stream", f"of {ip_address(address)}")
         except CalibrationError as error:
             logger.warning("%s: %s", self.label, error)
             return bare
 
-    def _take(self, sensor: SensorModel) -> None:
-        """Use another sensor from now on."""
-        before, self.sensor = self.sensor, sensor.with_convention(self.sensor.convention)
-        if self._opened and before.model != sensor.model:
-            logger.warning("%s: from now on packets of a %s are read", self.label, sensor.name)
-            warn_if_generic(self.sensor, self.label, live=True)
-
     def _forget(self) -> None:
         """The sender changed: forget the calibration, model and time of the previous one."""
+        self._changed = True
         if self._model is None:
             self._first = []
         if self._searches and self._model in (None, HDL64E):
             self._table = TableSearch()
-            self.sensor = find_calibration(None, None, ()).with_convention(self.sensor.convention)
-            warn_if_generic(self.sensor, f"{self.label}, sender {self._sender}", live=True)
+        if self._searches and self._model == HDL64E:
+            self._now = find_calibration(None, None, ())
 
     def _learn(self, table: TableSearch) -> None:
         """The search is over; a table that was found replaces the generic calibration."""
         self._table = None
-        if table.sensor is not None:
-            late = self._opened
-            self.sensor = table.sensor.with_convention(self.sensor.convention)
+        if table.sensor is not None and self._now.is_hdl64e:
+            self._now = table.sensor
             text = "%s: from now on the calibration %s from the sensor's status bytes is used"
-            logger.log(logging.WARNING if late else logging.INFO, text, self.label, self.sensor.hash)
+            logger.log(logging.WARNING if self._opened else logging.INFO, text, self.label, table.sensor.hash)
 
     def _address_of(self, sender: int) -> bytes | None:
         """Address of the sender with that id; None before its first packet."""
@@ -346,16 +383,18 @@ def _sought(model: str | None) -> str | None:
     return None if model == PACKETS else model
 
 
-def _before_packets(calibration: Path | None, model: str | None) -> SensorModel:
-    """The sensor that is assumed before its packets are seen.
+def _before_packets(calibration: Path | None, model: str | None) -> SensorModel | None:
+    """The sensor that is assumed before its packets are seen; None if it can be no HDL-64E.
 
     Raises CalibrationError, UnknownNameError.
     """
+    if model == PACKETS:
+        return find_sensor(None, None, (), model)
     if model not in (None, HDL64E):
-        return find_sensor(None, None, (), model) if model == PACKETS else find_calibration(None, None, ())
+        return None
     try:
         return find_calibration(None, calibration, ())
     except CalibrationError:
         if model == HDL64E or calibration is None or not calibration.is_file():
             raise
-        return find_calibration(None, None, ())  # of another sensor, perhaps: its packets will show
+        return None

@@ -12,8 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidarcodec.cloud import xyz_of
-from lidarcodec.errors import CalibrationError
+from lidarcodec.cloud import cloud_to_show, xyz_of
 from lidarcodec.filling import filled
 from lidarcodec.frame import Frame
 from lidarcodec.sensor_model import CALIBRATION_FIELDS, SensorModel
@@ -84,10 +83,7 @@ def packed(frame: Frame, facts: Facts, encoding: Encoding, original: Ranges | No
 def _other_points(frame: Frame, facts: Facts, encoding: Encoding) -> bytes:
     """Points of another sensor than an HDL-64E. Their ranges are not sent: they can need more than 16 bits."""
     encoding = _without(encoding, "range")
-    try:
-        cloud = frame.cloud()
-    except CalibrationError:  # an Ouster without metadata: its facts have a note that says so
-        cloud = frame.with_(range=np.zeros_like(frame.range)).cloud()
+    cloud = cloud_to_show(frame)
     there = len(cloud)
     if encoding.max_points is not None and there > encoding.max_points:
         cloud = cloud[np.arange(encoding.max_points, dtype=np.int64) * there // encoding.max_points]
