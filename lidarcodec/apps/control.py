@@ -7,6 +7,7 @@ succeed later.
 from __future__ import annotations
 
 import json
+import math
 import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -91,7 +92,7 @@ def answered(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[by
         except LidarCodecError as error:
             out: dict[str, Any] = {"error": str(error), "field": field_of(error)}
             if isinstance(error, TooOftenError):
-                out["retry_s"] = round(error.retry_s, 3)
+                out["retry_s"] = math.ceil(error.retry_s * 1000) / 1000
         except Exception:
             logger.exception("a control query failed")
             out = {"error": "internal error; the publisher's log has the details", "field": None}
