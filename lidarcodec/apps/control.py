@@ -7,8 +7,8 @@ succeed later.
 from __future__ import annotations
 
 import json
-import math
 import logging
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

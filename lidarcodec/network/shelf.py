@@ -1,4 +1,4 @@
-"""Where codec `riddle` finds its weights: those of the package, by name, those of a file, and those of a stream.
+"""Where codec `riddle` finds its weights: those of the package, those of a folder by name, and those of a file.
 
 A message says by name, the hash of their file, with which weights it is coded. Those of the package are on every
 machine; others travel with the key messages.
@@ -7,24 +7,20 @@ machine; others travel with the key messages.
 from __future__ import annotations
 
 import os
-from collections import OrderedDict
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
 
 from lidarcodec import entropy
-from lidarcodec.errors import MissingReferenceError, SectionError, SettingsError, UnknownNameError
+from lidarcodec.errors import SettingsError, UnknownNameError
 from lidarcodec.network.networks import Net, Weights
-from lidarcodec.network.update import applied, is_update, names_of
-from lidarcodec.network.weight_file import read_weights, unpack_weights
+from lidarcodec.network.weight_file import read_weights
 
 DEFAULT: Final = "riddle-sim"
 """Stem of the file that is used unless settings name another."""
 EFFORTS: Final = (1, 2, 3, 4)
 """Without a network, with the small ones, with the large ones, with the largest."""
 _FOLDER: Final = Path(__file__).parent / "weights"
-_FROM_STREAM: Final = 4
 SUFFIX: Final = ".lcrw"
 FOLDER_VARIABLE: Final = "LIDARCODEC_WEIGHTS_DIR"
 """Names the folder of own weights, for this process and for those that it starts to code in."""
@@ -87,52 +83,3 @@ def native_nets(networks: list[Net]) -> entropy.NativeNets:
     for net in networks:
         nets.add([layer.given for layer in net.layers])
     return nets
-
-
-class Shelf:
-    """Weights that a decoder knows: those of the package, and the last few that its stream has brought."""
-
-    def __init__(self) -> None:
-        self._brought: OrderedDict[str, Weights] = OrderedDict()
-
-    def take_all(self, brought: Sequence[bytes], frame: int) -> None:
-        """Takes the WEIGHTS sections of a frame's message, one file and one update at most: each takes time to read.
-
-        Raises SectionError for more, else as `take`.
-        """
-        updates = sum(map(is_update, brought))
-        if max(updates, len(brought) - updates) > 1:
-            raise SectionError(f"a message with {len(brought)} sections of weights: one file and one update may be")
-        for data in brought:
-            self.take(data, frame)
-
-    def take(self, data: bytes, frame: int) -> Weights:
-        """Takes a WEIGHTS section of a frame's message: a file, or an update of weights that are here; what it gives.
-
-        Raises MissingReferenceError, or as `unpack_weights` and `applied` do.
-        """
-        if not is_update(data):
-            found = unpack_weights(data)
-        else:
-            known = self._brought.get(names_of(data)[1])
-            found = known or applied(data, lambda name: self.find(name, frame))
-        self.put(found)
-        return found
-
-    def put(self, weights: Weights) -> None:
-        """Takes weights out of a stream; those that were not used for longest give way."""
-        self._brought[weights.name] = weights
-        self._brought.move_to_end(weights.name)
-        while len(self._brought) > _FROM_STREAM:
-            self._brought.popitem(last=False)
-
-    def find(self, name: str, frame: int) -> Weights:
-        """The weights of a name, for a frame. Raises MissingReferenceError."""
-        found = self._brought.get(name) or shipped().get(name)
-        if name in self._brought:
-            self._brought.move_to_end(name)
-        if found is None:
-            raise MissingReferenceError(
-                f"weights {name} have not arrived yet: they come with a key frame, so ask for one", frame
-            )
-        return found

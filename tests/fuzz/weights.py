@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcodec._native import crc32c
-from lidarcodec.network.networks import CASES, Layer, Net
-from lidarcodec.network.shelf import Shelf, weights_of
-from lidarcodec.network.update import update_of, weights_with
+from lidarcodec.errors import MissingReferenceError
+from lidarcodec.network.networks import CASES, Layer, Net, Weights
+from lidarcodec.network.shelf import weights_of
+from lidarcodec.network.update import applied, is_update, update_of, weights_with
+from lidarcodec.network.weight_file import unpack_weights
 from tests.fuzz.mutations import mutated
 
 
@@ -31,10 +33,18 @@ def weights_target() -> Callable[[random.Random], tuple[bytes, Callable[[bytes],
     sparse = Net(True, 0, (replace(first, weights=few), layers[1], layers[2]))
     clean = (update.data, weights_with([net]).data, update.weights.data, weights_with([sparse]).data)
 
+    def find(name: str) -> Weights:
+        if name == base.name:
+            return base
+        raise MissingReferenceError(f"weights {name} have not arrived yet", 1)
+
+    def take(given: bytes) -> Weights:
+        return applied(given, find) if is_update(given) else unpack_weights(given)
+
     def case(rng: random.Random) -> tuple[bytes, Callable[[bytes], object]]:
         data = mutated(rng.choice(clean), rng)
         if rng.random() < 0.5 and len(data) > 4:
             data = data[:-4] + int(crc32c(data[:-4])).to_bytes(4, "little")
-        return data, lambda given: Shelf().take(given, 1)
+        return data, take
 
     return case

@@ -19,7 +19,7 @@ from lidarcodec.network import networks
 from lidarcodec.network import update as riddle_update
 from lidarcodec.network import weight_file as rf
 from lidarcodec.network.learner import WAITING, Learner, Offer
-from lidarcodec.network.shelf import Shelf, native_nets, weights_of
+from lidarcodec.network.shelf import native_nets, shipped, weights_of
 from lidarcodec.pipeline import StreamDecoder, StreamEncoder
 from lidarcodec.settings import StreamSettings
 from tests.contracts import frames
@@ -91,15 +91,21 @@ def test_a_stream_that_learns_decodes_and_becomes_smaller(drive: list[Frame], st
     assert size_of(stream[begins + 4 :]) < 0.99 * size_of(plain[begins + 4 :])
 
 
+def weights_in(stream: list[Message]) -> list[networks.Weights]:
+    """What each WEIGHTS section of a stream gives, in order."""
+    known, found = dict(shipped()), []
+    for data in (part.data for message in stream for part in message.sections if part.type == SectionType.WEIGHTS):
+        if riddle_update.is_update(data):
+            found.append(riddle_update.applied(data, known.__getitem__))
+        else:
+            found.append(rf.unpack_weights(data))
+        known[found[-1].name] = found[-1]
+    return found
+
+
 def test_rows_and_scales_learn_what_is_theirs(stream: list[Message]) -> None:
     """Lasers differ, and no training set has this sensor's: without them a stream learns a third less."""
-    shelf = Shelf()
-    found = [
-        shelf.take(part.data, message.frame_index)
-        for message in stream
-        for part in message.sections
-        if part.type == SectionType.WEIGHTS
-    ]
+    found = weights_in(stream)
     (cases,) = (net.layers[0].cases.astype(int) for net in found[-1].nets if net.expects)
     rows, scales = cases[: networks.ROW_CASES], cases[networks.ROW_CASES :]
     assert (rows[25:] != rows[:-25]).any()
@@ -174,8 +180,7 @@ def test_tiles_without_weights_stay_without(drive: list[Frame], tmp_path: Path) 
 
     nets = [cut(weights_of("").net(expects=expects, size=0)) for expects in (False, True)]
     (tmp_path / "own.lcrw").write_bytes(rf.pack_weights(nets, {}))
-    messages, shelf = coded(drive, settings(weights=str(tmp_path / "own.lcrw"))), Shelf()
-    given = [shelf.take(s.data, m.frame_index) for m in messages for s in m.sections if s.type == SectionType.WEIGHTS]
+    given = weights_in(coded(drive, settings(weights=str(tmp_path / "own.lcrw"))))
     before, after = (weights.net(expects=True, size=0).layers[0].weights for weights in (given[0], given[-1]))
     assert (before != after).any()
     assert not after[:16, 8:40].any()
