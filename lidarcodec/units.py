@@ -33,6 +33,8 @@ HOUR_US: Final = 3_600_000_000
 """The time stamp in a packet counts microseconds since the top of the hour."""
 DATA_PORT: Final = 2368
 POSITION_PORT: Final = 8308
+POSITION_PORTS: Final = {DATA_PORT: POSITION_PORT, 7502: 7503}
+"""Usual data port of a sensor -> port of what else it sends: a Velodyne's positions, an Ouster's inertial unit."""
 POSITION_BYTES: Final = 512
 """UDP payload of a position packet of every Velodyne."""
 MAX_PACKETS: Final = 2048

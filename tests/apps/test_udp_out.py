@@ -208,8 +208,9 @@ def test_addresses_of_both_kinds_and_the_sensor_s_port_by_default():
         address_of("no-such-host.invalid:2368")
 
 
-def test_the_position_port_is_8308_beside_the_sensor_s_port_and_can_be_named():
+def test_the_position_port_is_the_usual_one_beside_the_sensor_s_port_and_can_be_named():
     assert target_of("127.0.0.1").position == ("127.0.0.1", 8308)
+    assert target_of("127.0.0.1:7502").position == ("127.0.0.1", 7503), "of an Ouster's inertial unit"
     assert target_of("127.0.0.1:2369").position is None
     assert target_of("127.0.0.1:2369?position=8309").position == ("127.0.0.1", 8309)
     assert target_of("127.0.0.1:2368?position=off").position is None

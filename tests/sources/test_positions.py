@@ -136,6 +136,16 @@ def test_a_live_sensor_gives_them_by_the_time_of_arrival():
     assert source.counts == {"position packets": 24}
 
 
+def test_each_family_of_sensors_has_its_usual_port_beside_its_usual_data_port(monkeypatch):
+    from lidarcodec.sources.udp import positions
+
+    asked: list[int] = []
+    monkeypatch.setattr(positions, "PositionListener", lambda host, port, **options: asked.append(port))
+    for data_port in (2368, 7502, 2369):
+        positions.listener_beside("127.0.0.1", data_port, None, interface=None, share=False)
+    assert asked == [8308, 7503], "of a Velodyne's receiver, and of an Ouster's inertial unit"
+
+
 def test_those_of_strangers_and_too_long_ones_are_counted():
     port = free_port()
     with (
@@ -159,8 +169,7 @@ def test_a_port_that_is_taken_is_a_warning_and_one_that_was_named_an_error(monke
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        monkeypatch.setattr(positions, "POSITION_PORT", port)
-        monkeypatch.setattr(positions, "DATA_PORT", 1)
+        monkeypatch.setattr(positions, "POSITION_PORTS", {1: port})
         options = {"interface": None, "share": False}
         assert positions.listener_beside("127.0.0.1", 1, None, **options) is None
         assert f"cannot be received: cannot listen on udp://127.0.0.1:{port}" in caplog.text

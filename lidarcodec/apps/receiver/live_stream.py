@@ -77,7 +77,7 @@ class LiveStream:
                 two seconds with `newest`, unless nothing newer comes; otherwise all
     until_end:  iteration ends when the publisher stops
     udp:        `HOST:PORT` that gets the packets as the sensor's own stream (`?position=PORT`: position packets, too,
-                which port 8308 gets beside port 2368);  record: folder that gets the messages;
+                which port 8308 gets beside port 2368, and 7503 beside 7502);  record: folder that gets the messages;
                 clouds: and the points of each frame, for viewers
     isolate:    which decoders run in a process of their own: `always`, `never`, or `auto`, those whose native code may
                 crash. By default the variable LIDARCODEC_ISOLATE, else `auto`

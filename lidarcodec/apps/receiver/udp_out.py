@@ -24,7 +24,7 @@ from lidarcodec.frame import Frame
 from lidarcodec.packet import Packet
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.side import SideInfo
-from lidarcodec.units import DATA_PORT, POSITION_PORT, is_number
+from lidarcodec.units import DATA_PORT, POSITION_PORTS, is_number
 
 logger = logging.getLogger(__name__)
 
@@ -68,8 +68,8 @@ class Target(NamedTuple):
 
 
 def target_of(text: str) -> Target:
-    """Where `HOST:PORT`, `HOST:PORT?position=PORT` or `HOST:PORT?position=off` sends; the position port is 8308 beside
-    port 2368, else none.
+    """Where `HOST:PORT`, `HOST:PORT?position=PORT` or `HOST:PORT?position=off` sends; the position port is the usual
+    one beside a usual data port (`POSITION_PORTS`), else none.
 
     Raises SettingsError when it is none of them, TransportError when the host is not known.
     """
@@ -77,7 +77,8 @@ def target_of(text: str) -> Target:
     family, data = address_of(place)
     name, _, port = options.partition("=")
     if not question:
-        return Target(family, data, (data[0], POSITION_PORT) if data[1] == DATA_PORT else None)
+        beside = POSITION_PORTS.get(data[1])
+        return Target(family, data, None if beside is None else (data[0], beside))
     if name != "position" or (port != "off" and not is_number(port, 65535, 1)):
         raise SettingsError(f"cannot read '{text}': write HOST:PORT?position=PORT, or position=off", "udp")
     return Target(family, data, None if port == "off" else (data[0], int(port)))

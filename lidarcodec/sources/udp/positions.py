@@ -17,7 +17,7 @@ from typing import Final
 from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
 from lidarcodec.sources.udp.socket import SO_RXQ_OVFL, SO_TIMESTAMPNS, dropped, open_socket, take_only_from
-from lidarcodec.units import DATA_PORT, MAX_POSITION_BYTES, MAX_POSITIONS, POSITION_PORT
+from lidarcodec.units import MAX_POSITION_BYTES, MAX_POSITIONS, POSITION_PORTS
 
 logger = logging.getLogger(__name__)
 
@@ -157,13 +157,12 @@ def listener_beside(
 ) -> PositionListener | None:
     """A listener for position packets of the sensor at a data port; None for none.
 
-    port: of position packets, 0 for none; None: 8308 beside port 2368, with a warning if that cannot be had, else none
+    port: of position packets, 0 for none; None: the usual one beside a sensor's usual data port (`POSITION_PORTS`),
+          with a warning if that cannot be had; none beside another data port
     Raises SourceError if a port that was named cannot be listened on.
     """
-    if port is None and data_port != DATA_PORT:
-        return None
+    wanted = POSITION_PORTS.get(data_port, 0) if port is None else port
     try:
-        wanted = POSITION_PORT if port is None else port
         return PositionListener(host, wanted, interface=interface, share=share) if wanted else None
     except SourceError as error:
         if port is not None:

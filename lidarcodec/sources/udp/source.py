@@ -86,7 +86,7 @@ class UdpSource(PacketSource):
         idle_s:     `packets` ends after this time without packets
         wait_s:     without a given calibration: how long to wait for the table in the sensor's status bytes (1.2 s);
                     one that comes later replaces `sensor` while packets are read
-        position:   port of its position packets, 0 for none; by default 8308 beside port 2368, else none
+        position:   port of its position packets, 0 for none; by default as `POSITION_PORTS` says, none beside others
         model:      of the sensor, as in `--model`; by default the one that the packets show
         Raises SourceError if the address cannot be listened on, PacketError if what sends there is no known sensor,
         CalibrationError, UnknownNameError.
