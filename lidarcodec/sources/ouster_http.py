@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import http.client
 import io
+import logging
 import socket
 import time
+from ipaddress import ip_address
 from typing import Final, cast
 
 from lidarcodec.errors import CalibrationError
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors.models.ouster.metadata import read_metadata
+from lidarcodec.sensors.models.ouster.sensor import bare_sensors
 from lidarcodec.untrusted.json import MAX_BYTES
+
+logger = logging.getLogger(__name__)
 
 PATH: Final = "/api/v1/sensor/metadata"
 PORT: Final = 80
 ANSWER_S: Final = 5.0
+LIVE_ANSWER_S: Final = 2.0
+"""The same while its packets come: they wait in the queue meanwhile."""
 MAX_ANSWER_BYTES: Final = 2 * MAX_BYTES
 """Headers and metadata; chunks have a head each."""
 READ_BYTES: Final = 16 * 1024
@@ -43,6 +51,21 @@ def metadata_over_http(host: str, port: int = PORT, answer_s: float = ANSWER_S) 
     except CalibrationError as error:
         raise CalibrationError(f"no metadata from {address}: {error}") from None
     return body
+
+
+def with_metadata(bare: SensorModel, address: bytes | None, label: str) -> SensorModel:
+    """An Ouster with the metadata that it tells; `bare` if it tells none, or that of other packets, with a warning.
+
+    bare: a sensor of which only the packets are known;  address: 4 or 16 bytes;  label: of the source, for the warning
+    """
+    if not address:
+        return bare
+    try:
+        metadata = metadata_over_http(str(ip_address(address)), answer_s=LIVE_ANSWER_S)
+        return bare_sensors()[bare.model].calibrated(metadata, "stream", f"of {ip_address(address)}")
+    except CalibrationError as error:
+        logger.warning("%s: %s", label, error)
+        return bare
 
 
 def _answer(host: str, port: int, deadline: float) -> bytes:

@@ -12,25 +12,24 @@ import os
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Final
 
 from lidarcodec import _native
-from lidarcodec.errors import CalibrationError, SourceError
+from lidarcodec.errors import CalibrationError, PacketError, SourceError
 from lidarcodec.packet import UNKEPT_POSITIONS, FirstPacket, Packet
 from lidarcodec.sensor_model import HDL64E, SensorModel
 from lidarcodec.sensors import check_recognised, find_calibration, find_sensor
-from lidarcodec.sensors.models.ouster.sensor import bare_sensors
 from lidarcodec.sensors.models.shapes import shapes
-from lidarcodec.sensors.models.table import PACKETS
+from lidarcodec.sensors.models.table import PACKETS, is_ouster
 from lidarcodec.sources.base import PacketSource
-from lidarcodec.sources.ouster_http import metadata_over_http
+from lidarcodec.sources.ouster_http import with_metadata
 from lidarcodec.sources.spec import Spec, address_of
 from lidarcodec.sources.table_search import TableSearch
 from lidarcodec.sources.udp.positions import listener_beside
 from lidarcodec.sources.udp.senders import Senders
 from lidarcodec.sources.udp.socket import open_socket
+from lidarcodec.sources.udp.watch import ModelWatch
 from lidarcodec.sources.unit_calibration import warn_if_generic
 from lidarcodec.units import DATA_PORT, PACKET_BYTES, is_number
 
@@ -43,8 +42,6 @@ TAKE_S: Final = 0.2
 """Longest wait in native code, so that an interrupt of the main thread is seen."""
 LOOKED_AT: Final = 32
 """Packets of a sender by which the model of its sensor is recognised: 4 ms to 50 ms."""
-ANSWER_S: Final = 2.0
-"""Longest wait for the metadata of an Ouster. Packets wait in the queue meanwhile."""
 LOOK_S: Final = 0.2
 """Time after which fewer are enough."""
 SAY_S: Final = 5.0
@@ -120,6 +117,8 @@ class UdpSource(PacketSource):
         """The sensor of the packets that come in now, and of those given last."""
         self._first: list[bytes] | None = None if model in (HDL64E, PACKETS) else []
         """First packets of the sender, until the model of its sensor is known."""
+        self._watch: ModelWatch | None = None
+        """Of the sensor that was recognised; None where no other can take its place."""
         self._unknown: list[Packet] = []
         """Packets that wait for that."""
         self._changed = False
@@ -242,6 +241,8 @@ class UdpSource(PacketSource):
                     self._unknown = self._drop_unknown()
                     self._forget()
                 self._sender = sender
+            if self._first is None and self._watch is not None and self._watch.push(payload):
+                self._first = []
             if self._first is not None:
                 self._look_at(payload)
             if self._table is not None and size == PACKET_BYTES and not self._table.push(payload):
@@ -307,30 +308,38 @@ class UdpSource(PacketSource):
 
         Raises PacketError if it is no known one, CalibrationError if the given calibration is of another.
         """
-        self._first = None
-        found = check_recognised(first) if self._model is None else None
-        model = self._model if found is None else found.model
+        self._first, before = None, self._now
+        try:
+            found = check_recognised(first) if self._model is None else None
+        except PacketError:
+            if self._watch is None:
+                raise
+            self._watch.found_the_same()  # of no sensor that is known: they travel as odd packets of this one
+            return
         if found is not None:
             logger.info("%s: %s", self.label, found.evidence)
+        self._now = self._sensor_of(str(self._model if found is None else found.model), first)
+        if self._model is not None or self._any:
+            return
+        if self._watch is None:
+            self._watch = ModelWatch(self._now)
+        elif self._now is before:
+            self._watch.found_the_same()
+        else:
+            self._watch.watch(self._now)
+
+    def _sensor_of(self, model: str, first: list[bytes]) -> SensorModel:
+        """The sensor of that model, with its calibration; the one there is if it is the same."""
         if model == HDL64E:
             if self._changed or not self._now.is_hdl64e:
-                self._now = find_calibration(None, self._calibration, first if self._opened else ())
-            return
+                return find_calibration(None, self._calibration, first if self._opened else ())
+            return self._now
         self._table = None
-        sensor = find_sensor(None, self._calibration, first, str(model))
-        self._now = self._asked(sensor) if sensor.model in bare_sensors() else sensor
-
-    def _asked(self, bare: SensorModel) -> SensorModel:
-        """An Ouster with the metadata that it tells over HTTP; without, if it tells none, or that of other packets."""
-        address = self._address_of(self._sender)
-        if not address:
-            return bare
-        try:
-            metadata = metadata_over_http(str(ip_address(address)), answer_s=ANSWER_S)
-            return bare_sensors()[bare.model].calibrated(metadata, "stream", f"of {ip_address(address)}")
-        except CalibrationError as error:
-            logger.warning("%s: %s", self.label, error)
-            return bare
+        sensor = find_sensor(None, self._calibration, first, model)
+        if is_ouster(sensor.model) and not sensor.description:
+            sensor = with_metadata(sensor, self._address_of(self._sender), self.label)
+        same = (sensor.hash, sensor.origin) == (self._now.hash, self._now.origin)
+        return self._now if same else sensor
 
     def _forget(self) -> None:
         """The sender changed: forget the calibration, model and time of the previous one."""

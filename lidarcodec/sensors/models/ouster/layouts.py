@@ -89,6 +89,13 @@ class OusterLayout:
         fields = COLUMN_LEGACY if self.legacy else HEAD_FUSA if self.fusa_head else HEAD
         return Turn(next(field.offset for field in fields if field.name == "frame_id"), 1 << 16, counts=True)
 
+    def start_of(self, payload: bytes) -> int | None:
+        """Number of the sensor's last start (`init_id`), also counted when settings change; None with LEGACY."""
+        if self.legacy:
+            return None
+        offset = next(field.offset for field in (HEAD_FUSA if self.fusa_head else HEAD) if field.name == "init_id")
+        return int.from_bytes(payload[offset : offset + 3], "little")
+
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
         """`range`, `flags`, `intensity` and what else the profile sends; with a 2 at the end for the second return."""
