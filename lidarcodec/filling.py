@@ -93,7 +93,8 @@ def measured_only(frame: Frame) -> Frame:
     if frame.filled is None:
         return frame
     return frame.with_(
-        range=np.where(frame.filled, np.uint16(0), frame.range),
-        intensity=np.where(frame.filled, np.uint8(0), frame.intensity),
+        range=np.where(frame.filled, np.zeros((), frame.range.dtype), frame.range),
+        intensity=np.where(frame.filled, np.zeros((), frame.intensity.dtype), frame.intensity),
+        planes={name: np.where(frame.filled, np.zeros((), one.dtype), one) for name, one in frame.planes.items()},
         filled=None,
     )

@@ -123,10 +123,10 @@ class StreamEncoder:
         """Messages that became complete with this frame; `key` asks for a key frame."""
         if frame.sensor.is_hdl64e != (self._other is None):
             self._other, key = None if frame.sensor.is_hdl64e else other_encoder(self.settings, self.stream_id), True
+        frame = self._reducing.reduce(measured_only(frame))
         if self._other is not None:
             held, self._held, self.reduced, self.left_out = self._held, [], frame, False
             return held + self._other.encode(frame, key=key)
-        frame = self._reducing.reduce(measured_only(frame))
         held, self._held = self._held, []
         rate, key = self._rate, key or self._index_again
         self.left_out = rate is not None and not key and rate.leaves_out(frame)

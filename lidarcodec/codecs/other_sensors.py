@@ -1,12 +1,14 @@
 """Frames of other sensors than the HDL-64E: what the codecs that take every sensor write of them, and its decoder.
 
 A message has a PLANES section with all images, a REST section with what else its packets hold, and refers to no other.
-Which codecs take every sensor, and how each codes planes, is in `KINDS`.
+Of a frame thinned to some columns the images hold these alone, and a LATTICE section names them. Which codecs take
+every sensor, and how each codes planes, is in `KINDS`.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,15 +22,18 @@ from lidarcodec.errors import SectionError, SettingsError, UnsupportedVersionErr
 from lidarcodec.frame import Frame
 from lidarcodec.frame_images import images_of, layout_of
 from lidarcodec.image_frame import image_frame
+from lidarcodec.lattice import Columns, Lattice
 from lidarcodec.message import Message, Section, SectionType
 from lidarcodec.motion.motion import is_rigid
 from lidarcodec.packet_rest import PacketRest
+from lidarcodec.planes.attribute_values import AttributeQuality, reduced
 from lidarcodec.planes.other_calibrations import SensorBook
 from lidarcodec.planes.plane_section import PlaneKind, decode_plane_section, encode_plane_section
 from lidarcodec.planes.sections import pose_sections, position_sections
 from lidarcodec.sensor_model import SensorModel
-from lidarcodec.sensors.images import PacketLayout
+from lidarcodec.sensors.images import PacketLayout, Plane, Unsigned
 from lidarcodec.settings import AUTO, StreamSettings, step_of
+from lidarcodec.thinned_stream import lattice_bytes, read_lattice
 
 POSE_BYTES: Final = 96
 KINDS: Final = {
@@ -38,6 +43,8 @@ KINDS: Final = {
     "predictive": PlaneKind.MODELLED,
 }
 """Codec -> how it codes the planes of other sensors."""
+ONLY_HDL64E: Final = ("voxel-seen", "poconet", "poconet-paper")
+"""Reductions that know only the beams of an HDL-64E."""
 
 
 def check_other(settings: StreamSettings) -> StreamSettings:
@@ -53,11 +60,10 @@ def check_other(settings: StreamSettings) -> StreamSettings:
             "a target bitrate works only with an HDL-64E: leave target_kbps out, and set max_error_m or intensity=off"
         )
         raise SettingsError(f"{text} to send less", "target_kbps")
-    if settings.reduction not in ("auto", "all"):
-        raise SettingsError(f"reduction {settings.reduction} works only with an HDL-64E: leave it out", "reduction")
-    if settings.intensity not in ("auto", "lossless", "off"):
+    if settings.reduction in ONLY_HDL64E:
         raise SettingsError(
-            f"intensity={settings.intensity} works only with an HDL-64E: choose lossless or off", "intensity"
+            f"reduction {settings.reduction} works only with an HDL-64E: choose voxel, random, columns:n or lattice:n",
+            "reduction",
         )
     return settings
 
@@ -107,20 +113,43 @@ class PlaneContent:
         found = layout_of(frame)
         if found is not None:
             sections.append(Section(SectionType.PLANES, self._planes(frame, found[1])))
+        if frame.lattice is not None:
+            sections.append(Section(SectionType.LATTICE, lattice_bytes(Lattice(frame.width, frame.lattice))))
         return Coded(sections + position_sections(frame) + pose_sections(frame), None)
 
     def _planes(self, frame: Frame, layout: PacketLayout) -> bytes:
         stream = self._settings.stream
-        forms = [one for one in layout.planes if one.role != "attribute" or stream.intensity != "off"]
         step = 1 if stream.max_error_m is None else step_of(stream.max_error_m, frame.sensor.range_step_m)
-        images = images_of(frame, layout)
-        return encode_plane_section(self._kind, forms, images.planes, shift_of(frame), step)
+        sent = sent_planes(frame, layout, AttributeQuality.of(stream))
+        reduced = frame.keep is not None
+        shift = shift_of(frame)
+        return encode_plane_section(self._kind, sent.forms, sent.planes, shift, step, sent.tables, reduced=reduced)
+
+
+class Sent(NamedTuple):
+    """The planes of a frame that are sent, in the columns that are sent; tables: as of `attribute_values.reduced`."""
+
+    forms: tuple[Plane, ...]
+    planes: Mapping[str, Unsigned]
+    tables: Mapping[str, Unsigned]
+
+
+def sent_planes(frame: Frame, layout: PacketLayout, quality: AttributeQuality) -> Sent:
+    """What of a frame is sent with attributes of that quality, ranges unquantised."""
+    forms = tuple(one for one in layout.planes if one.role != "attribute" or not quality.off)
+    planes: Mapping[str, Unsigned] = images_of(frame, layout).planes
+    if frame.lattice is not None:
+        planes = {name: np.ascontiguousarray(image[:, frame.lattice]) for name, image in planes.items()}
+    if quality.off or quality.lossless:
+        return Sent(forms, planes, {})
+    few = reduced(forms, planes, quality)
+    return Sent(forms, few.planes, few.tables)
 
 
 def shift_of(frame: Frame) -> npt.NDArray[np.int32]:
     """(H,) columns by which the rows of a frame must be moved so that neighbours look in one direction."""
     rotation = frame.sensor.calibration["rot_correction_rad"][frame.sensor.laser_of_ring]
-    azimuth = frame.azimuth[0].astype(np.int64)
+    azimuth = (frame.azimuth[0] if frame.lattice is None else frame.azimuth[0][frame.lattice]).astype(np.int64)
     steps = np.diff(azimuth) % 36000
     step = float(np.median(steps)) if len(steps) else 0.0
     if not 0 < step < 3600:
@@ -155,20 +184,42 @@ class PlaneDecoder:
             coded = message.section(SectionType.POSITION)
             rest = rest.with_positions(decode_positions(coded, message.packets))
         planes = {}
+        columns = lattice_of(message)
         if message.has(SectionType.PLANES):
-            found = decode_plane_section(message.section(SectionType.PLANES), message.width)
-            planes = found.planes
+            width = message.width if columns is None else len(columns)
+            planes = decode_plane_section(message.section(SectionType.PLANES), width).planes
             if planes["range"].shape[0] != sensor.rows:
                 raise SectionError(f"planes of {planes['range'].shape[0]} rows of a sensor with {sensor.rows}")
+            if columns is not None:
+                planes = {name: spread_out(image, columns, message.width) for name, image in planes.items()}
         elif message.width or rest.layout:
             raise SectionError(f"a message of {message.width} columns without planes")
         frame = image_frame(message.frame_index, message.stamp_ns, planes, rest, sensor)
-        pose = _pose_of(message)
-        return [frame if pose is None else frame.with_(pose=pose)]
+        return [frame.with_(pose=_pose_of(message), lattice=columns)]
 
     def flush(self) -> list[Frame]:
         """Nothing: no frame is held back."""
         return []
+
+
+def lattice_of(message: Message) -> Columns | None:
+    """The columns that a message of planes has, ascending; None if it has all.
+
+    Raises SectionError or TruncatedError.
+    """
+    if not message.has(SectionType.LATTICE):
+        return None
+    lattice = read_lattice(message.section(SectionType.LATTICE))
+    if lattice.width != message.width or lattice.side is not None:
+        raise SectionError(f"a lattice in {lattice.width} columns, or with packets, in a message of {message.width}")
+    return lattice.columns
+
+
+def spread_out(image: Unsigned, columns: Columns, width: int) -> Unsigned:
+    """(H, width), an image (H, K) of those columns; 0 in all others."""
+    wide = np.zeros((image.shape[0], width), image.dtype)
+    wide[:, columns] = image
+    return wide
 
 
 def _pose_of(message: Message) -> npt.NDArray[np.float64] | None:

@@ -17,7 +17,7 @@ from lidarcodec.commands.sources import check_recorded
 from lidarcodec.commands.unkept import say_unkept
 from lidarcodec.errors import SourceError
 from lidarcodec.evaluation.verify import Comparison, Coverage, PacketsByTime, bound_of, promise_of
-from lidarcodec.settings import StreamSettings
+from lidarcodec.settings import StreamSettings, step_of
 from lidarcodec.sources import open_source
 from lidarcodec.sources.unkept import OF_THE_SENSOR, unkept
 
@@ -148,14 +148,17 @@ def changed_since_the_start(settings: StreamSettings | None, found: Comparison) 
     settings were changed while the stream ran, or a target bitrate turned the bound. No promise is broken by it."""
     if settings is None or settings.target_kbps is not None or not table.codec(settings.codec).bounded:
         return []
-    noted = 1 if settings.codec == "raw" else settings.step
+    step_m = found.errors.range_step_m
+    noted = step_of(settings.max_error_m or 0.0, step_m)
     changed = []
     if unbounded := found.steps[None]:
         changed.append(f"{unbounded} frames come from a codec without an error bound")
     coarser = {step: count for step, count in found.steps.items() if step is not None and step > noted}
     if coarser:
-        changed.append(f"{sum(coarser.values())} frames have an error bound of up to {bound_of(max(coarser)):.3f} m")
-    return [f"{text}; the recording began with {bound_of(noted):.3f} m" for text in changed]
+        changed.append(
+            f"{sum(coarser.values())} frames have an error bound of up to {bound_of(max(coarser), step_m):.3f} m"
+        )
+    return [f"{text}; the recording began with {bound_of(noted, step_m):.3f} m" for text in changed]
 
 
 def _broken_settings(settings: StreamSettings | None, found: Comparison) -> list[str]:

@@ -16,12 +16,14 @@ import numpy as np
 
 from lidarcodec.codecs import table
 from lidarcodec.errors import LidarCodecError, RoundTripError
+from lidarcodec.evaluation.plane_difference import plane_difference, told_of_planes
 from lidarcodec.evaluation.verify import bound_of, promise_of
 from lidarcodec.frame import Frame
 from lidarcodec.lattice import thinned
 from lidarcodec.message import Message, SectionType
 from lidarcodec.packet_rest import PacketRest
 from lidarcodec.pipeline import StreamDecoder
+from lidarcodec.planes.attribute_values import AttributeQuality
 from lidarcodec.planes.intensity import FORM_FEW, LOSSLESS_LEVELS, MODELLED, Quality, reduced
 from lidarcodec.settings import AUTO, StreamSettings, step_of
 from lidarcodec.side import SideInfo
@@ -82,7 +84,7 @@ class RoundTrip:
             raise _fault(f"the decoder of {self.settings.codec} did not return {self._named()}{others}")
         return frames
 
-    def _compare(self, came: Frame, step: int | None, told: Quality | None = None) -> None:
+    def _compare(self, came: Frame, step: int | None, told: Quality | AttributeQuality | None = None) -> None:
         if not self._sent or self._sent[0][0].index != came.index:
             if self._joining:
                 return
@@ -106,8 +108,10 @@ def _fault(what: str) -> RoundTripError:
     return RoundTripError(f"{what}: please report this, and use another codec or other settings")
 
 
-def told_of(message: Message) -> Quality:
+def told_of(message: Message) -> Quality | AttributeQuality:
     """What a message tells of its intensities: all, none, or few values; of these not how many."""
+    if message.planes:
+        return told_of_planes(message)
     coded = next((section.data for section in message.sections if section.type == SectionType.INTENSITY), None)
     if coded is None:
         return Quality(0)
@@ -116,7 +120,11 @@ def told_of(message: Message) -> Quality:
 
 
 def difference(
-    came: Frame, sent: Frame, settings: StreamSettings, step: int | None, told: Quality | None = None
+    came: Frame,
+    sent: Frame,
+    settings: StreamSettings,
+    step: int | None,
+    told: Quality | AttributeQuality | None = None,
 ) -> str | None:
     """What of a decoded frame is not as settings promise, in words; None: all is.
 
@@ -132,7 +140,8 @@ def difference(
             return "other packets"
         if not np.array_equal(came.fired, sent.fired):
             return "different halves of columns that fired"
-        came, sent = thinned(came), thinned(sent)
+        if sent.sensor.is_hdl64e:
+            came, sent = thinned(came), thinned(sent)
     valid = sent.valid
     if not np.array_equal(came.range > 0, valid):
         return f"{came.points} returns instead of {int(np.count_nonzero(valid))}, or others"
@@ -148,7 +157,11 @@ def difference(
     if not _same_side(came.side, sent.side):
         return "other packets"
     if not sent.sensor.is_hdl64e:
-        return _range_difference(came, sent, settings, step) or _plane_difference(came, sent, settings)
+        few = AttributeQuality.of(settings) if told is None or isinstance(told, Quality) else told
+        return _range_difference(came, sent, settings, step) or plane_difference(
+            came, sent, few, _allowed(sent, settings, step), exact=told is None
+        )
+    told = told if isinstance(told, Quality) else None
     return _range_difference(came, sent, settings, step) or _intensity_difference(
         came, sent, Quality.of(settings) if told is None else told, exact=told is None
     )
@@ -157,9 +170,7 @@ def difference(
 def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: int | None) -> str | None:
     if not table.codec(settings.codec).bounded:
         return None
-    allowed = (step or 1) // 2
-    if settings.target_kbps is None:  # nothing else may turn the bound
-        allowed = min(allowed, step_of(settings.max_error_m or 0.0, sent.sensor.range_step_m) // 2)
+    allowed = _allowed(sent, settings, step)
     off = int(np.abs(came.range.astype(np.int64) - sent.range.astype(np.int64))[sent.valid].max(initial=0))
     if off <= allowed:
         return None
@@ -167,15 +178,12 @@ def _range_difference(came: Frame, sent: Frame, settings: StreamSettings, step: 
     return f"a range error of {error_m:g} m, although only {most_m:g} m are allowed"
 
 
-def _plane_difference(came: Frame, sent: Frame, settings: StreamSettings) -> str | None:
-    """Of a frame of another sensor than an HDL-64E: all attributes are exact, or there are none."""
-    if settings.intensity == "off":
-        return None
-    names = [name for name in sent.planes if name != "range2" or settings.max_error_m in (None, 0.0)]
-    same = np.array_equal(came.intensity, sent.intensity) and all(
-        name in came.planes and np.array_equal(came.planes[name], sent.planes[name]) for name in names
-    )
-    return None if same else "different attributes"
+def _allowed(sent: Frame, settings: StreamSettings, step: int | None) -> int:
+    """Largest error of a range, in range steps."""
+    allowed = (step or 1) // 2
+    if settings.target_kbps is None:  # nothing else may turn the bound
+        allowed = min(allowed, step_of(settings.max_error_m or 0.0, sent.sensor.range_step_m) // 2)
+    return allowed
 
 
 def _intensity_difference(came: Frame, sent: Frame, quality: Quality, *, exact: bool) -> str | None:

@@ -57,10 +57,10 @@ def promise_of(message: Message) -> Promise:
     reduced = any(section.type in (SectionType.KEEP, SectionType.LATTICE) for section in message.sections)
     if not table.codec(name).bounded:
         return Promise(None, False, reduced)
-    if name == "raw":
-        return Promise(1, False)
     if message.planes:
         return _promise_of_planes(message)
+    if name == "raw":
+        return Promise(1, False)
     sections = {section.type: bytes(section.data[:2]) for section in message.sections}
     intensity = sections.get(SectionType.INTENSITY, b"")
     step = int.from_bytes(sections.get(SectionType.RANGE, b""), "little") or 1
@@ -73,8 +73,7 @@ def _promise_of_planes(message: Message) -> Promise:
     if not message.has(SectionType.PLANES):
         return Promise(1, True)
     head = read_head(message.section(SectionType.PLANES))
-    whole = any(form.role == "attribute" for form in head.forms)
-    return Promise(head.step, head.step == 1 and whole)
+    return Promise(head.step, head.exact, head.reduced)
 
 
 class Coverage(NamedTuple):

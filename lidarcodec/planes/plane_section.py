@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from lidarcodec.entropy.plane_coder import decode_planes, encode_planes
 from lidarcodec.entropy.varint import VarintReader, put_signed, put_varint
 from lidarcodec.entropy.zstd_frames import compress, decompress
 from lidarcodec.errors import SectionError
+from lidarcodec.planes.value_tables import coded_forms, put_tables, read_tables, with_places, with_values
 from lidarcodec.sensor_model import MAX_LASERS
 from lidarcodec.sensors.images import MAX_CELLS, MAX_PLANES, Plane, PlaneRole, Unsigned
 from lidarcodec.units import MAX_COLUMNS
@@ -25,6 +27,9 @@ MAX_STEP: Final = 40_001
 _ROLES: Final[tuple[PlaneRole, ...]] = ("range", "second range", "attribute")
 _MAX_NAME: Final = 16
 _LEVEL: Final = 3
+_WITH_TABLES: Final = 0x80
+_REDUCED: Final = 0x40
+"""Bits of the kind."""
 
 
 class PlaneKind(IntEnum):
@@ -41,15 +46,24 @@ class PlaneKind(IntEnum):
 
 
 class PlaneHead(NamedTuple):
-    """What stands in front of the coded planes: kind, rows, step of ranges, what planes there are, and `shift` (H,)."""
+    """What stands in front of the coded planes: kind, rows, step of ranges, what planes there are, `shift` (H,), the
+    tables of planes of few values, and whether returns were left out."""
 
     kind: int
     rows: int
     step: int
     forms: tuple[Plane, ...]
     shift: npt.NDArray[np.int32]
+    tables: dict[str, Unsigned]
+    reduced: bool
     size: int
     """Bytes of the head."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether all of the planes are as the sensor sent them, attributes among them."""
+        whole = any(form.role == "attribute" for form in self.forms)
+        return whole and self.step == 1 and not self.tables and not self.reduced
 
 
 class PlaneSection(NamedTuple):
@@ -60,15 +74,25 @@ class PlaneSection(NamedTuple):
 
 
 def encode_plane_section(
-    kind: PlaneKind, forms: Sequence[Plane], planes: Mapping[str, Unsigned], shift: npt.NDArray[np.int32], step: int
+    kind: PlaneKind,
+    forms: Sequence[Plane],
+    planes: Mapping[str, Unsigned],
+    shift: npt.NDArray[np.int32],
+    step: int,
+    tables: Mapping[str, Unsigned] = MappingProxyType({}),
+    *,
+    reduced: bool = False,
 ) -> bytes:
     """The section. planes: (H, W) each, by name; shift: (H,), as of `encode_planes`; step: odd, quantises the ranges.
 
+    tables: of attributes that have no other values than these where there is a return, (N,) ascending
+    reduced: whether returns were left out
     Raises SectionError if the images are larger than a frame may be.
     """
     rows, columns = planes["range"].shape
     _check(rows, columns, len(forms), step)
-    out = bytearray([min(kind, PlaneKind.MODELLED), rows - 1])
+    marks = _WITH_TABLES * bool(tables) | _REDUCED * reduced
+    out = bytearray([min(kind, PlaneKind.MODELLED) | marks, rows - 1])
     put_varint(out, step)
     put_varint(out, len(forms))
     names = [form.name for form in forms]
@@ -77,6 +101,9 @@ def encode_plane_section(
         out += bytes([_ROLES.index(form.role), form.bits, names.index(form.of), len(name)]) + name
     for number in shift.tolist():
         put_signed(out, number)
+    if tables:
+        put_tables(out, forms, tables)
+        forms, planes = with_places(forms, planes, tables)
     if kind in (PlaneKind.PLAIN, PlaneKind.ZSTD):
         images = [_quantised(planes[form.name], step if form.role != "attribute" else 1) for form in forms]
         parts = [_plain(image, form) if kind == PlaneKind.PLAIN else _rows(image, form)
@@ -92,7 +119,8 @@ def read_head(data: bytes) -> PlaneHead:
     Raises SectionError or TruncatedError.
     """
     reader = VarintReader(data)
-    kind, rows = reader.byte(), reader.byte() + 1
+    marks, rows = reader.byte(), reader.byte() + 1
+    kind = marks & ~(_WITH_TABLES | _REDUCED)
     step = reader.varint(MAX_STEP, least=1)
     count = reader.varint(MAX_PLANES, least=1)
     if kind > PlaneKind.MODELLED:
@@ -103,7 +131,8 @@ def read_head(data: bytes) -> PlaneHead:
     if len({form.name for form in forms}) < count or forms[0].name != "range" or forms[0].role != "range":
         raise SectionError("planes whose names occur twice, or whose first is not the ranges")
     shift = np.array([reader.signed(MAX_COLUMNS) for _ in range(rows)], np.int32)
-    return PlaneHead(kind, rows, step, forms, shift, reader.offset)
+    tables = read_tables(reader, forms) if marks & _WITH_TABLES else {}
+    return PlaneHead(kind, rows, step, forms, shift, tables, bool(marks & _REDUCED), reader.offset)
 
 
 def decode_plane_section(data: bytes, columns: int) -> PlaneSection:
@@ -111,13 +140,19 @@ def decode_plane_section(data: bytes, columns: int) -> PlaneSection:
 
     Raises SectionError or TruncatedError. Takes no more memory than the largest frame needs.
     """
-    kind, rows, step, forms, shift, size = read_head(data)
-    _check(rows, columns, len(forms), step)
-    body = data[size:]
-    if kind == PlaneKind.MODELLED:
-        return PlaneSection(forms, decode_planes(body, columns, forms, shift, step))
+    head = read_head(data)
+    _check(head.rows, columns, len(head.forms), head.step)
+    planes = _coded_planes(data[head.size :], columns, head)
+    return PlaneSection(head.forms, with_values(head.forms, planes, head.tables) if head.tables else planes)
+
+
+def _coded_planes(body: bytes, columns: int, head: PlaneHead) -> dict[str, Unsigned]:
+    """Planes as they are coded: of those with a table, places."""
+    rows, forms = head.rows, coded_forms(head.forms, head.tables)
+    if head.kind == PlaneKind.MODELLED:
+        return decode_planes(body, columns, forms, head.shift, head.step)
     sizes = [rows * columns * form.dtype.itemsize for form in forms]
-    if kind == PlaneKind.ZSTD:
+    if head.kind == PlaneKind.ZSTD:
         body = decompress(body, sum(sizes))
     if len(body) != sum(sizes):
         raise SectionError(f"planes of {len(body)} bytes where {sum(sizes)} are expected")
@@ -125,10 +160,10 @@ def decode_plane_section(data: bytes, columns: int) -> PlaneSection:
     at = 0
     for form, size in zip(forms, sizes, strict=True):
         part = body[at : at + size]
-        image = _from_plain(part, form, rows) if kind == PlaneKind.PLAIN else _from_rows(part, form, rows)
-        planes[form.name] = _reconstructed(image, step if form.role != "attribute" else 1, form)
+        image = _from_plain(part, form, rows) if head.kind == PlaneKind.PLAIN else _from_rows(part, form, rows)
+        planes[form.name] = _reconstructed(image, head.step if form.role != "attribute" else 1, form)
         at += size
-    return PlaneSection(forms, planes)
+    return planes
 
 
 def _check(rows: int, columns: int, planes: int, step: int) -> None:

@@ -15,6 +15,7 @@ from lidarcodec import _native
 from lidarcodec.frame import Frame
 from lidarcodec.motion.warp import beam_rows
 from lidarcodec.reduction.base import DEFAULT_SEED, Cells
+from lidarcodec.reduction.image_returns import levels_of, points_of
 from lidarcodec.reduction.lots import exactly, lots
 
 LENGTHS_PER_M: Final = 16_000
@@ -43,6 +44,9 @@ class Returns(NamedTuple):
 
 def returns_of(frame: Frame) -> Returns:
     """The returns of a frame that are not dropped yet; 1.2 ms for 110,000."""
+    if not frame.sensor.is_hdl64e:
+        cells = np.flatnonzero(frame.valid).astype(np.uint32)
+        return Returns(points_of(frame, cells, LENGTHS_PER_M), cells)
     ranges = frame.range if frame.keep is None else np.where(frame.keep, frame.range, np.uint16(0))
     rows = beam_rows(frame.sensor)
     return Returns(*_native.returns_of(ranges, frame.azimuth, frame.fired.view(np.uint8), rows))
@@ -58,6 +62,9 @@ class Lattice(NamedTuple):
 
 def lattice_of(returns: Returns, frame: Frame) -> Lattice:
     """What each of the returns costs to send."""
+    if not frame.sensor.is_hdl64e:
+        level = levels_of(returns.cells, frame.width)
+        return Lattice(np.argsort(level, kind="stable").astype(np.uint32), level)
     rows = beam_rows(frame.sensor)
     return Lattice(*_native.lattice_of(returns.cells, frame.azimuth, frame.fired.view(np.uint8), rows))
 

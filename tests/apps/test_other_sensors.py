@@ -104,7 +104,7 @@ def test_a_live_sensor_is_recognised_and_a_driver_at_the_far_end_gets_its_packet
 @pytest.mark.data
 def test_settings_that_such_a_sensor_cannot_have_are_refused_by_name(data_file):
     path = data_file(CAPTURES["vlp16"])
-    for words in (["codec=jpeg"], ["codec=pcodec", "target_kbps=500"], ["codec=pcodec", "reduction=voxel"]):
+    for words in (["codec=jpeg"], ["codec=pcodec", "target_kbps=500"], ["codec=pcodec", "reduction=voxel-seen"]):
         told = run("publish", path, *(part for word in words for part in ("--set", word)))
         assert told.returncode == 2
         assert "HDL-64E" in the_one_line(told)

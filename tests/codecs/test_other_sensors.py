@@ -190,8 +190,7 @@ def test_other_codecs_say_which_ones_take_the_sensor(codec: str) -> None:
     ("more", "field"),
     [
         ({"target_kbps": 2000}, "target_kbps"),
-        ({"reduction": "columns:2"}, "reduction"),
-        ({"intensity": "levels=4"}, "intensity"),
+        ({"reduction": "voxel-seen"}, "reduction"),
     ],
 )
 def test_settings_that_need_an_hdl64e_are_refused_by_name(more: dict[str, object], field: str) -> None:

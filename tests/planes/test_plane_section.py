@@ -104,6 +104,29 @@ def test_damaged_bytes_are_decode_errors(made, kind: PlaneKind, seed: int) -> No
             decode_plane_section(mutated(data, rng), planes["range"].shape[1])
 
 
+@settings(deadline=None)
+@given(images(), st.sampled_from(KINDS), st.integers(1, 256), st.integers(0, 2**32))
+def test_planes_of_few_values_come_back_where_there_is_a_return(made, kind: PlaneKind, most: int, seed: int) -> None:
+    forms, planes, shift = made
+    rng, planes = np.random.default_rng(seed), dict(planes)
+    tables: dict[str, Unsigned] = {}
+    for form in forms:
+        if form.role == "attribute" and rng.random() < 0.8:
+            tables[form.name] = np.unique(rng.integers(0, 1 << form.bits, most)).astype(form.dtype)
+            chosen = rng.choice(tables[form.name], planes[form.name].shape)
+            planes[form.name] = np.where(planes[form.of] > 0, chosen, 0).astype(form.dtype)
+    data = encode_plane_section(kind, forms, planes, shift, 1, tables, reduced=bool(seed % 2))
+    head, found = read_head(data), decode_plane_section(data, planes["range"].shape[1]).planes
+    assert (head.reduced, head.tables.keys()) == (bool(seed % 2), tables.keys())
+    assert not (head.exact and (tables or head.reduced))
+    for form in forms:
+        np.testing.assert_array_equal(found[form.name], planes[form.name])
+    damage = random.Random(seed)
+    for _ in range(5):
+        with contextlib.suppress(DecodeError):
+            decode_plane_section(mutated(data, damage), planes["range"].shape[1])
+
+
 def head_bytes(forms: bytes, count: int, kind: int = 0, step: int = 1) -> bytes:
     return bytes([kind, 0, step, count]) + forms + b"\0"
 
@@ -112,10 +135,20 @@ def form_bytes(role: int = 0, bits: int = 16, of: int = 0, name: bytes = b"range
     return bytes([role, bits, of, len(name)]) + name
 
 
+def with_tables(tables: bytes) -> bytes:
+    """The head of two planes, the second an attribute of 8 bits, in one row, with these tables."""
+    return head_bytes(form_bytes() + form_bytes(2, 8, 0, b"intensity"), 2, kind=0x80) + tables
+
+
 @pytest.mark.parametrize(
     ("data", "why"),
     [
         (head_bytes(form_bytes(), 1, kind=3), "unknown kind 3"),
+        (with_tables(b"\1\1\5\0\2"), "table 2 of 1"),
+        (with_tables(b"\1\1\5\1\0"), "table 1 of 1, or not an attribute"),
+        (with_tables(b"\1\2\5\0\0\1"), "do not ascend"),
+        (with_tables(b"\1\1\x80\2\0\1"), "but its table holds 256"),
+        (with_tables(b"\0"), "below 1"),
         (head_bytes(form_bytes(), 1, step=2), "not an odd number"),
         (head_bytes(form_bytes(role=3), 1), "unknown role 3"),
         (head_bytes(form_bytes(bits=21), 1), "21 bits"),
