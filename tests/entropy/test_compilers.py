@@ -62,6 +62,7 @@ def check(program: Path, columns: int, runner: tuple[str, ...] = ()) -> None:
     assert by_kind(hashes(program, columns, runner)) == golden
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(300)  # compiling all of the core takes most of a minute where nothing else runs
 @pytest.mark.parametrize("way", builds() if ALL else [Build("g++", ("-O1",))], ids=str)
 def test_every_compiler_and_optimisation_gives_the_same_bytes(way: Build, tmp_path: Path) -> None:

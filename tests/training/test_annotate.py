@@ -109,6 +109,7 @@ def test_a_standing_car_does_not_count_its_own_waiting() -> None:
     assert counted_poses(at, 0.0).all()
 
 
+@pytest.mark.sweep
 def test_a_run_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
     annotated: AnnotationFolder, tmp_path: Path
 ) -> None:

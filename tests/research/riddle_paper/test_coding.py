@@ -17,6 +17,7 @@ from research.riddle_paper.images import PaperImage, image_of, ranges_of  # noqa
 from research.riddle_paper.moved import MovedPoints  # noqa: E402
 from research.riddle_paper.net import NetShape, RiddlePaper  # noqa: E402
 from tests.research.riddle_paper.scenes import toy_frame, toy_ranges  # noqa: E402
+from tests.sweeps import sampled  # noqa: E402
 
 
 def a_predictor(temporal: int = 0) -> Predictor:
@@ -26,7 +27,7 @@ def a_predictor(temporal: int = 0) -> Predictor:
 
 
 @pytest.mark.parametrize("coder", CODERS)
-@pytest.mark.parametrize("step", [10, 50])
+@pytest.mark.parametrize("step", sampled([10, 50], [50]))
 def test_an_image_comes_back_from_its_bytes_and_its_mask(coder: str, step: int) -> None:
     ranges_m = toy_ranges(8, 12, 40)
     image, predictor = PaperImage.plain(ranges_m, step), a_predictor()
@@ -38,6 +39,7 @@ def test_an_image_comes_back_from_its_bytes_and_its_mask(coder: str, step: int) 
     assert apart.max() <= image.step_m / 2 + 1e-9
 
 
+@pytest.mark.sweep
 def test_a_frame_comes_back_with_the_scan_before_as_context() -> None:
     shape = (64, 24)
     ranges = (toy_ranges(9, *shape).clip(0, 100) * 500).astype(np.uint16)
@@ -67,6 +69,7 @@ def test_a_prediction_does_not_change_with_what_comes_later() -> None:
         assert np.array_equal(one, predictor.predict(ContextReader(changed).read(*here), changed))
 
 
+@pytest.mark.sweep
 def test_what_is_measured_is_what_is_coded() -> None:
     image, predictor = PaperImage.plain(toy_ranges(13, 12, 30), 10), a_predictor()
     guess = predictor.predict_all(image)

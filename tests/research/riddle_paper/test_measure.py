@@ -53,6 +53,7 @@ def test_shares_and_bits_are_those_of_all_returns() -> None:
     assert everything["right_cell"] == pytest.approx(row["right_cell"])
 
 
+@pytest.mark.sweep
 def test_a_scan_comes_back_within_half_a_step_by_each_predictor() -> None:
     for net in nets().values():
         found = comes_back(scan(columns=16), net, 11)
@@ -67,6 +68,7 @@ def test_ours_is_measured_beside_it_on_the_same_returns() -> None:
     assert found["predictive, scan before"]["bits"]["range"] < found["predictive"]["bits"]["range"]
 
 
+@pytest.mark.sweep
 @pytest.mark.timeout(600)
 def test_the_command_trains_measures_and_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
