@@ -278,6 +278,24 @@ class SimulatorPoses:
     def __init__(self, scene: str, seed: int, speed: float, traffic: float) -> None: ...
     def at(self, t_ns: NDArray[numpy.int64]) -> NDArray[numpy.float64]: ...
 
+class SpinningSimulator:
+    def __init__(
+        self, scene: str, seed: int, speed: float, traffic: float, traits: dict[str, float], rows: int
+    ) -> None: ...
+    def fire(
+        self, t_ns: NDArray[numpy.int64], beams: NDArray[numpy.float64], far_m: float
+    ) -> tuple[
+        NDArray[numpy.uint32],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint32],
+        NDArray[numpy.uint16],
+        NDArray[numpy.uint16],
+        NDArray[numpy.float32],
+        NDArray[numpy.uint8],
+    ]: ...
+
 def simulator_calibration() -> NDArray[numpy.int32]: ...
 
 SIMULATOR_PACKET_NS: int = 288006

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -12,49 +13,58 @@ from lidarcodec.commands.sources import check_finite
 from lidarcodec.commands.turns import Turns
 from lidarcodec.errors import SettingsError, SourceError
 from lidarcodec.files.whole import check_free, whole
+from lidarcodec.sensor_model import SensorModel
 from lidarcodec.sensors import db_xml
-from lidarcodec.sources import open_source
 from lidarcodec.sources.captures.pcap_writer import PcapWriter
-from lidarcodec.units import FRAME_PACKETS
+from lidarcodec.sources.simulator import SimulatorSource
 
 
 def run(spec: str, out: Path, frames: int | None, skip: int = 0, force: bool = False) -> None:
-    """Write the packets, and the calibration of the simulated sensor beside them, where every reader finds it."""
+    """Write the packets, and what describes the simulated sensor beside them, where every reader finds it."""
     if not spec.startswith("sim:"):
         raise SettingsError(f"simulate needs sim:city, sim:road, sim:street, sim:bend or sim:motorway, not {spec}")
     if out.suffix.lower() != ".pcap":
         raise SettingsError(f"simulate writes a capture: {out} must end in .pcap")
     check_finite(spec, frames)
     check_free(out, force=force)
-    check_free(_calibration_of(out), force=force)
-    with (
-        open_source(spec) as source,
-        stoppable() as stopped,
-        whole(out, force=force) as output,
-        progress("simulating", frames) as tick,
-    ):
-        if not output.straight:
-            output.companion(_calibration_of, ".xml").write_text(
-                db_xml.text(source.sensor.calibration), encoding="utf-8"
-            )
-        limit = None if frames is None else (skip + frames) * FRAME_PACKETS
-        packets = islice(source.packets(), limit)
-        turns = Turns(packets, stopped, tick)
-        turns.pass_over(skip)
-        with output.beside.open("wb") as handle:
-            PcapWriter(handle).write_all(turns)
-        if turns.packets == 0 and turns.cut:
-            raise remaining.stopped(out, None, 0)
-        if turns.packets == 0:
-            raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
-        if turns.cut:
-            output.only_part()
-    count = turns.packets
-    beside = "" if output.straight or output.kept is None else f"; calibration in {_calibration_of(output.kept)}"
-    print(f"{output.kept}: {count} packets, {count / FRAME_PACKETS:.1f} frames{beside}")
+    with SimulatorSource.from_spec(spec) as source, stoppable() as stopped:
+        ending, text = _description(source.sensor)
+        if text:
+            check_free(_described_in(out, ending), force=force)
+        turn = source.frame_packets
+        with whole(out, force=force) as output, progress("simulating", frames) as tick:
+            described = bool(text) and not output.straight
+            if described:
+                name_of = partial(_described_in, ending=ending)
+                output.companion(name_of, Path(ending).suffix).write_text(text, encoding="utf-8")
+            packets = islice(source.packets(), None if frames is None else (skip + frames) * turn)
+            turns = Turns(packets, stopped, tick, turn)
+            turns.pass_over(skip)
+            with output.beside.open("wb") as handle:
+                PcapWriter(handle).write_all(turns)
+            if turns.packets == 0 and turns.cut:
+                raise remaining.stopped(out, None, 0)
+            if turns.packets == 0:
+                raise SourceError(f"{spec} has no packet after the first {skip} frames: {out} was not written")
+            if turns.cut:
+                output.only_part()
+    count, kept = turns.packets, output.kept
+    what = "calibration" if source.sensor.is_hdl64e else "metadata"
+    beside = f"; {what} in {_described_in(kept, ending)}" if described and kept is not None else ""
+    print(f"{kept}: {count} packets, {count / turn:.1f} frames{beside}")
     if turns.cut:
-        raise remaining.stopped(out, output.kept, count // FRAME_PACKETS, skip=skip, frames=frames)
+        raise remaining.stopped(out, kept, count // turn, skip=skip, frames=frames)
 
 
-def _calibration_of(out: Path) -> Path:
-    return out.with_name(f"{out.stem}_db.xml")
+def _description(sensor: SensorModel) -> tuple[str, str]:
+    """What the name of the file beside the capture ends with, and its text; an empty text if there is none.
+
+    A Velodyne or Hesai beside the HDL-64E has the nominal calibration of its model.
+    """
+    if sensor.is_hdl64e:
+        return "_db.xml", db_xml.text(sensor.calibration)
+    return ".json", sensor.description.decode()
+
+
+def _described_in(out: Path, ending: str) -> Path:
+    return out.with_name(out.stem + ending)

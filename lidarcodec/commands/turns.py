@@ -9,13 +9,16 @@ from lidarcodec.units import FRAME_PACKETS
 
 
 class Turns:
-    """Packets in turns of 348 data packets; a signal ends them behind a turn.
+    """Packets in turns of `of` data packets; a signal ends them behind a turn.
 
     packets: data packets given so far;  positions: position packets between them
     cut: whether there were more of them when a signal came
     """
 
-    def __init__(self, packets: Iterable[Packet], stopped: Callable[[], bool], tick: Callable[[], None]) -> None:
+    def __init__(
+        self, packets: Iterable[Packet], stopped: Callable[[], bool], tick: Callable[[], None], of: int = FRAME_PACKETS
+    ) -> None:
+        self.of = of
         self._source, self._stopped, self._tick = iter(packets), stopped, tick
         self.packets = self.positions = 0
         self.cut = False
@@ -23,8 +26,8 @@ class Turns:
     def pass_over(self, turns: int) -> None:
         """Leave out that many turns."""
         number = 0
-        while number < turns * FRAME_PACKETS:
-            if number % FRAME_PACKETS == 0 and self._stopped():
+        while number < turns * self.of:
+            if number % self.of == 0 and self._stopped():
                 self.cut = True
                 return
             packet = next(self._source, None)
@@ -40,7 +43,7 @@ class Turns:
                 self.positions += 1
                 yield packet
                 continue
-            if self.packets % FRAME_PACKETS == 0:
+            if self.packets % self.of == 0:
                 if self._stopped():
                     self.cut = True
                     return

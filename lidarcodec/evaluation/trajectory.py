@@ -32,8 +32,8 @@ from lidarcodec.evaluation.odometers import FARTHEST_M as ODOMETRY_M
 from lidarcodec.evaluation.odometers import GicpOdometer, KissOdometer, Odometer
 from lidarcodec.evaluation.rigid import Matrix, exp_so3, invert, log_so3, moved
 from lidarcodec.frame import Frame
+from lidarcodec.sources.drive import SimulatedPoses
 from lidarcodec.sources.poses import Poses
-from lidarcodec.sources.simulator import SimulatedPoses
 from lidarcodec.untrusted.npz import ArraysRefusedError, read_npz
 
 ODOMETRIES: Final = ("auto", "kiss-icp", "small_gicp")

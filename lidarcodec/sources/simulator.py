@@ -1,4 +1,5 @@
-"""SimulatorSource: packets of an HDL-64E S2 on a car that drives through a simulated town, without end.
+"""SimulatorSource: packets of an HDL-64E S2 on a car that drives through a simulated town, without end. Drives of other
+sensors are in `spinning/`.
 
 The native core simulates scene and sensor; the same seed gives the same bytes on every machine. docs/simulator.md
 describes the scenes and compares them with real drives.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,31 +22,23 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarcodec import _native
-from lidarcodec.errors import SourceError, UnknownNameError
+from lidarcodec.errors import SourceError
 from lidarcodec.packet import Packet
-from lidarcodec.sensor_model import Calibration, SensorModel
-from lidarcodec.sensors import read_calibration
-from lidarcodec.sources.base import PacketSource
-from lidarcodec.sources.poses import Poses
+from lidarcodec.sensor_model import HDL64E, Calibration, SensorModel
+from lidarcodec.sensors.find import find_sensor
+from lidarcodec.sources.drive import LABELS, MAX_FRAMES, MAX_SEED, MAX_SKIP, SCENES, START_NS, SimulatedDrive
 from lidarcodec.sources.spec import Spec, parse
 from lidarcodec.units import FRAME_PACKETS, PACKET_BYTES
 
-SCENES: Final = ("city", "road", "street", "bend", "motorway")
-START_NS: Final = 1_767_225_600_000_000_000
-"""2026-01-01T00:00:00Z: default host and GPS time of the first packet."""
+__all__ = ["LABELS", "MAX_TRUTH", "PACKET_NS", "SCENES", "START_NS", "SimulatorSource", "simulated_sensor"]
+
 PACKET_NS: Final[int] = _native.SIMULATOR_PACKET_NS
 """Time from packet to packet: 288 us by a clock that is 21 ppm slow."""
-LABELS: Final = ("none", "ground", "building", "vegetation", "vehicle", "person", "pole", "other")
-"""Name of each label in `truth`."""
 CHUNK_PACKETS: Final = 29
 """Packets a native call: a twelfth of a turn."""
-MAX_SEED: Final = 2**53 - 1
-MAX_FRAMES: Final = 10**9
-MAX_SKIP: Final = 10**6
+SENSOR_OPTIONS: Final = ("profile", "mode", "returns")
+"""Options of a source that choose what a sensor beside the HDL-64E sends."""
 MAX_TRUTH: Final = 100_000
-FARTHEST_M: Final = 1e8
-LONGEST_NS: Final = 30 * 86_400 * 10**9
-"""Poses are found up to 30 days into a drive."""
 
 
 @lru_cache(maxsize=1)
@@ -71,45 +64,8 @@ def simulated_sensor() -> SensorModel:
     )
 
 
-class SimulatedPoses(Poses):
-    """T_world_sensor of a simulated drive at any time, computed by simulating the drive again. World coordinates are
-    those of the scene, in metres, z up; the first pose is not the identity.
-    """
-
-    def __init__(self, options: tuple[str, int, float, float], start_ns: int) -> None:
-        self._finder = _native.SimulatorPoses(*options)
-        self._options, self._start_ns = options, start_ns
-        self.stamps_ns = np.array([start_ns], np.int64)
-        self.relative = False
-
-    def __call__(self, stamps_ns: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(N, 4, 4) float64 at N host times, in any order: the poses used to simulate the packets.
-
-        Times after the last call are fast (0.1 ms for each simulated second); earlier ones restart the drive.
-        Raises SourceError for times before the start or 30 days after it.
-        """
-        times = np.asarray(stamps_ns, np.int64).reshape(-1) - self._start_ns
-        if times.size and not 0 <= times.min() <= times.max() <= LONGEST_NS:
-            raise SourceError(f"sim:{self._options[0]}: poses are known only for the first 30 days of the drive")
-        order = np.argsort(times, kind="stable")
-        found: npt.NDArray[np.float64] = np.empty((len(times), 4, 4))
-        found[order] = self._finder.at(np.ascontiguousarray(times[order]))
-        return found
-
-    def at(self, stamp_ns: int) -> npt.NDArray[np.float64] | None:
-        """(4, 4) T_world_sensor at a host time; None before the start."""
-        if not 0 <= stamp_ns - self._start_ns <= LONGEST_NS:
-            return None
-        found: npt.NDArray[np.float64] = self([stamp_ns])[0]
-        return found
-
-    def starting(self, start_ns: int) -> Poses:
-        """These poses: their times are absolute."""
-        return self
-
-
-class SimulatorSource(PacketSource):
-    """A drive through a simulated scene, as a source of packets. Each call of `packets` restarts the drive.
+class SimulatorSource(SimulatedDrive):
+    """A drive of an HDL-64E through a simulated scene, as a source of packets. Each call of `packets` restarts it.
 
     scene:    `city`, `road`, `street`, `bend` or `motorway`
     seed:     determines town, traffic and noise
@@ -123,9 +79,6 @@ class SimulatorSource(PacketSource):
     Raises UnknownNameError for another scene, SourceError for a value out of range.
     """
 
-    poses: SimulatedPoses
-    start_ns: int
-
     def __init__(
         self,
         scene: str = "city",
@@ -137,43 +90,33 @@ class SimulatorSource(PacketSource):
         skip: int = 0,
         start_ns: int = START_NS,
     ) -> None:
-        if scene not in SCENES:
-            raise UnknownNameError("simulated scene", scene, SCENES)
-        if not 0 <= seed <= MAX_SEED:
-            raise SourceError(f"sim:{scene}: seed must be a whole number from 0 to {MAX_SEED}, not {seed}")
-        if frames is not None and not 1 <= frames <= MAX_FRAMES:
-            raise SourceError(f"sim:{scene}: frames must be a whole number from 1 to {MAX_FRAMES}, not {frames}")
-        if speed is not None and not 0.5 <= speed <= 40.0:
-            raise SourceError(f"sim:{scene}: speed must be 0.5 to 40 m/s, not {speed}")
-        if not 0.0 <= traffic <= 3.0:
-            raise SourceError(f"sim:{scene}: traffic must be a number from 0 to 3, not {traffic}")
-        if not 0 <= skip <= MAX_SKIP:
-            raise SourceError(f"sim:{scene}: skip must be a whole number from 0 to {MAX_SKIP}, not {skip}")
-        if not 0 <= start_ns < 2**61:
-            raise SourceError(f"sim:{scene}: start_ns must be a time since 1970 in ns, not {start_ns}")
-        super().__init__(simulated_sensor())
-        self.label = f"simulated {scene}, seed {seed}"
-        self.scene, self.seed, self.frames = scene, seed, frames
-        self._skipped, self._drive_ns = skip * FRAME_PACKETS, start_ns
+        super().__init__(
+            simulated_sensor(), scene, seed, frames, speed=speed, traffic=traffic, skip=skip, start_ns=start_ns
+        )
+        self._skipped = skip * FRAME_PACKETS
         self.start_ns = start_ns + self._skipped * PACKET_NS
-        self._options = (scene, seed, 0.0 if speed is None else float(speed), float(traffic))
-        self.poses = SimulatedPoses(self._options, start_ns)
 
     @classmethod
-    def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatorSource:
-        """The source for `sim:SCENE?key=value&...`; keys: seed, frames, skip, speed, traffic.
+    def from_spec(cls, spec: Spec | str, calibration: Path | None = None) -> SimulatedDrive:
+        """The source for `sim:SCENE?key=value&...`; keys: seed, frames, skip, speed, traffic, sensor, and those of the
+        sensor: profile and mode of an Ouster, returns of the others.
 
         calibration: a file to decode with instead of the simulated unit's own table
-        Raises UnknownNameError for another scene or key, SourceError for a bad value.
+        Raises UnknownNameError for another scene, sensor or key, SourceError for a bad value.
         """
         given = parse(spec) if isinstance(spec, str) else spec
         if given.scheme != "sim":
             raise SourceError(
                 f"'{given.text}' is not a simulated drive: use sim:city, sim:road, sim:street, sim:bend or sim:motorway"
             )
-        given.only("seed", "frames", "skip", "speed", "traffic")
+        named = given.options.get("sensor", HDL64E) != HDL64E
+        given.only("seed", "frames", "skip", "speed", "traffic", "sensor", *SENSOR_OPTIONS)
+        odd = [] if named else [name for name in SENSOR_OPTIONS if name in given.options]
+        if odd:
+            raise SourceError(f"source option {odd[0]}: an HDL-64E has none, other sensors have: add sensor=...")
         seed, traffic = given.whole("seed", 0, MAX_SEED), given.number("traffic", 0.0, 3.0)
-        source = cls(
+        make = partial(_spinning, given) if named else cls
+        source = make(
             given.place or "city",
             1 if seed is None else seed,
             given.whole("frames", 1, MAX_FRAMES),
@@ -182,7 +125,7 @@ class SimulatorSource(PacketSource):
             skip=given.whole("skip", 0, MAX_SKIP) or 0,
         )
         if calibration is not None:
-            source.sensor = read_calibration(calibration)
+            source.sensor = find_sensor(None, calibration, (), source.sensor.model)
         return source
 
     def packets(self) -> Iterator[Packet]:
@@ -214,14 +157,15 @@ class SimulatorSource(PacketSource):
         return payloads, distance_m, labels
 
     def _simulator(self) -> Any:
-        simulator = _native.Simulator(*self._options, self._drive_ns)
+        simulator = _native.Simulator(*self._options, self.drive_ns)
         simulator.skip(self._skipped)
         return simulator
 
-    def ground_height(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(N,) float64, height of the ground in the world at N places (N, 2): road, pavement or yard, without grass."""
-        at = np.ascontiguousarray(np.asarray(places, np.float64).reshape(-1, 2))
-        if not np.all(np.abs(at) < FARTHEST_M):
-            raise SourceError(f"sim:{self.scene}: the world ends {FARTHEST_M:g} m from its middle")
-        height: npt.NDArray[np.float64] = self._simulator().ground_height(at)
-        return height
+
+def _spinning(spec: Spec, *drive: Any, **options: Any) -> SimulatedDrive:
+    """The drive of another sensor. Its modules are imported only here: an HDL-64E does not need them."""
+    from lidarcodec.sources.spinning.source import SpinningSource
+    from lidarcodec.sources.spinning.table import Wanted
+
+    wanted = Wanted(spec.options["sensor"], *(spec.options.get(name) for name in SENSOR_OPTIONS))
+    return SpinningSource(wanted, *drive, **options)

@@ -1,11 +1,14 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/unique_ptr.h>
 
+#include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "base/error.hpp"
 #include "bindings.hpp"
 #include "simulator/simulator.hpp"
+#include "simulator/spinning.hpp"
 
 namespace {
 
@@ -22,6 +25,60 @@ sim::SimulatorOptions options_of(const std::string& scene, std::uint64_t seed, d
   options.world = {seed, speed, traffic};
   options.start_ns = start_ns;
   return options;
+}
+
+using Counts16 = Array<std::uint16_t>;
+using Counts32 = Array<std::uint32_t>;
+constexpr std::size_t kMostCells = std::size_t{1} << 23;
+constexpr std::int64_t kLongestFiringNs = std::int64_t{31} * 86400 * 1'000'000'000;
+
+void check(bool right, const char* text) {
+  if (!right) throw lidarcodec::Error(lidarcodec::ErrorCode::Settings, text);
+}
+
+using Traits = sim::DetectorTraits;
+using Numbers = nb::typed<nb::dict, nb::str, double>;
+
+// Traits by name, as in native/src/simulator/detector.hpp; `returns` as the number of its kind.
+Traits traits_of(const Numbers& numbers) {
+  static constexpr std::pair<std::string_view, double Traits::*> kMembers[] = {
+      {"step_m", &Traits::step_m},
+      {"nearest_m", &Traits::nearest_m},
+      {"farthest_m", &Traits::farthest_m},
+      {"sees_10_m", &Traits::sees_10_m},
+      {"sigma_m", &Traits::sigma_m},
+      {"weak", &Traits::weak},
+      {"pulse_m", &Traits::pulse_m},
+      {"reflectivity", &Traits::reflectivity},
+      {"reflectivity_noise", &Traits::reflectivity_noise},
+      {"reflectivity_floor", &Traits::reflectivity_floor},
+      {"reflectivity_most", &Traits::reflectivity_most},
+      {"quiet", &Traits::quiet},
+      {"photons", &Traits::photons},
+      {"dark", &Traits::dark},
+      {"daylight", &Traits::daylight},
+      {"sky", &Traits::sky},
+      {"light_noise", &Traits::light_noise},
+      {"light_step", &Traits::light_step},
+      {"light_most", &Traits::light_most},
+  };
+  Traits traits;
+  for (const auto& [key, value] : numbers) {
+    const auto name = nb::cast<std::string>(key);
+    const auto number = nb::cast<double>(value);
+    if (name == "returns") {
+      check(number == 0 || number == 1 || number == 2, "returns are 0, 1 or 2");
+      traits.returns = static_cast<sim::Returns>(static_cast<int>(number));
+      continue;
+    }
+    const auto* member =
+        std::find_if(std::begin(kMembers), std::end(kMembers), [&](const auto& known) { return known.first == name; });
+    check(member != std::end(kMembers), "no such trait of a detector");
+    traits.*(member->second) = number;
+  }
+  check(traits.step_m > 0 && traits.sees_10_m > 0 && traits.light_step > 0, "steps and reach are positive");
+  check(traits.farthest_m > 0 && traits.farthest_m / traits.step_m < 4e9, "a range has 32 bits");
+  return traits;
 }
 
 }  // namespace
@@ -114,6 +171,52 @@ void bind_simulator(nb::module_& m) {
           },
           nb::arg("t_ns").noconvert(),
           "T_world_sensor float64 (N, 4, 4) at times in ns since packet 0; rising order is fast.");
+  nb::class_<sim::SpinningSimulator>(m, "SpinningSimulator", "Any spinning sensor on a simulated drive.")
+      .def(
+          "__init__",
+          [](sim::SpinningSimulator* self, const std::string& scene, std::uint64_t seed, double speed, double traffic,
+             const Numbers& traits, std::size_t rows) {
+            check(rows > 0 && rows <= 4096, "a sensor has 1 to 4096 rows");
+            sim::SimulatorOptions options;
+            options.scene = scene;
+            options.world = {seed, speed, traffic};
+            new (self) sim::SpinningSimulator(options, traits_of(traits), rows);
+          },
+          nb::arg("scene"), nb::arg("seed"), nb::arg("speed"), nb::arg("traffic"), nb::arg("traits"), nb::arg("rows"))
+      .def(
+          "fire",
+          [](sim::SpinningSimulator& self, In<std::int64_t, 2> t_ns, In<double, 3> beams,
+             double far_m) -> Tuple<Counts32, Counts16, Counts16, Counts16, Counts32, Counts16, Counts16, Array<float>,
+                                    Array<std::uint8_t>> {
+            sim::Firings f;
+            check(beams.shape(0) == 6, "beams are (6, H, W)");
+            f.rows = beams.shape(1), f.columns = beams.shape(2), f.far_m = far_m;
+            check(f.rows * f.columns <= kMostCells && far_m > 0, "at most 2^23 firings a call");
+            f.shared = t_ns.shape(0) == 1;
+            check((f.shared || t_ns.shape(0) == f.rows) && t_ns.shape(1) == f.columns, "times do not fit the beams");
+            f.t_ns = t_ns.data();
+            for (std::size_t k = 0; k < t_ns.size(); ++k)
+              check(f.t_ns[k] >= 0 && f.t_ns[k] <= kLongestFiringNs, "a drive lasts from 0 to 31 days");
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+              f.near[axis] = beams.data() + axis * f.rows * f.columns;
+              f.far[axis] = beams.data() + (axis + 3) * f.rows * f.columns;
+            }
+            sim::Planes p;
+            {
+              nb::gil_scoped_release release;
+              self.fire(f, p);
+            }
+            const auto shaped = [&](auto& values) { return give(std::move(values), {f.rows, f.columns}); };
+            return nb::make_tuple(shaped(p.range), shaped(p.reflectivity), shaped(p.signal), shaped(p.near_ir),
+                                  shaped(p.range2), shaped(p.reflectivity2), shaped(p.signal2), shaped(p.distance_m),
+                                  shaped(p.label));
+          },
+          nb::arg("t_ns").noconvert(), nb::arg("beams").noconvert(), nb::arg("far_m"),
+          "Range, reflectivity, signal, near infrared, range, reflectivity and signal of the second return, true "
+          "distance "
+          "and label of firings, (H, W) each. t_ns: int64 (H, W), or (1, W) if rows fire together, since the start of "
+          "the drive; beams: float64 (6, H, W), x, y and z in metres of the range 0 of each beam, then of the range "
+          "far_m.");
   m.def(
       "simulator_calibration",
       [] {

@@ -232,7 +232,7 @@ def simulate(
     skip: SkipCount = 0,
     force: Force = False,
 ) -> None:
-    """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?seed=1&frames=100."""
+    """Write a simulated drive as a capture: sim:city, road, street, bend or motorway, with ?sensor=os1-128&seed=1."""
     from lidarcodec.commands import simulate as command
 
     command.run(source, out, frames, skip, force)

@@ -57,7 +57,9 @@ def _drawn(rng: np.random.Generator) -> str:
 
 def _vegetation(drive: str) -> float:
     """Share of a drive's first returns that are leaves."""
-    labels = SimulatorSource.from_spec(drive).truth(FRAME_PACKETS)[2]
+    source = SimulatorSource.from_spec(drive)
+    assert isinstance(source, SimulatorSource)
+    labels = source.truth(FRAME_PACKETS)[2]
     leaves, all_of_them = np.count_nonzero(labels == LABELS.index("vegetation")), np.count_nonzero(labels)
     return float(leaves) / max(1.0, float(all_of_them))
 

@@ -1,12 +1,15 @@
 #include "simulator/simulator.hpp"
 
 #include "base/error.hpp"
+#include "simulator/own_car.hpp"
 
 namespace lidarcodec::sim {
 namespace {
 
 constexpr std::uint64_t kIndexPackets = 29;  // a twelfth of a turn: 8.4 ms
 constexpr double kSlack = 0.5;               // metres the sensor moves in that time, and the offsets of the lasers
+
+}  // namespace
 
 std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (!(options.world.speed >= 0 && options.world.speed <= 40))
@@ -22,27 +25,6 @@ std::unique_ptr<World> make_world(const SimulatorOptions& options) {
   if (options.scene == "motorway") return make_motorway(options.world);
   throw Error(ErrorCode::Settings, "no such scene");
 }
-
-// The car's roof, its bars and aerials hide part of the road. They are nearer than the sensor can measure.
-bool hits_own_car(const Beam& b, std::uint64_t luck) {
-  if (b.direction.z > -0.2) return false;
-  const double ragged = 0.03 * unit_of(luck);
-  const auto at = [&](double z, double& x, double& y) {
-    const double t = (z - b.origin.z) / b.direction.z;
-    x = b.origin.x + t * b.direction.x;
-    y = b.origin.y + t * b.direction.y;
-  };
-  double x = 0, y = 0;
-  at(-0.23, x, y);
-  if (x < 0.92 + ragged && x > -1.08 - ragged && abs_of(y) < 0.52 + ragged) return true;
-  at(-0.14, x, y);  // roof bars
-  if (abs_of(abs_of(x + 0.1) - 0.62) < 0.03 + ragged && abs_of(y) < 0.68 + ragged) return true;
-  at(-0.08, x, y);  // aerials
-  return (x + 0.75) * (x + 0.75) + (y - 0.42) * (y - 0.42) < 0.008 ||
-         (x + 0.8) * (x + 0.8) + (y + 0.35) * (y + 0.35) < 0.005;
-}
-
-}  // namespace
 
 Simulator::Simulator(const SimulatorOptions& options)
     : world_(make_world(options)),
@@ -82,7 +64,7 @@ void Simulator::packets(std::size_t count, std::uint8_t* out, Truth* truth) {
                 hash_of(luck_, static_cast<std::int64_t>(firing), laser)};
         Hit hit;
         hit.t = kReach;
-        if (hits_own_car(beam, ray.luck)) {
+        if (own_car_at(beam, ray.luck) > 0) {  // nearer than the sensor can measure
           hit.label = Label::Vehicle;
         } else
           // Steep beams soon hit the ground, and few objects are nearer. For level beams objects come first.

@@ -18,6 +18,9 @@ struct SimulatorOptions {
   std::int64_t start_ns = 0;  // GPS time at packet 0, ns since 1970
 };
 
+// Throws Error(Settings) for an unknown scene, or a speed or traffic out of range.
+std::unique_ptr<World> make_world(const SimulatorOptions& options);
+
 // Ground truth of each return: the true distance along the beam in metres (0 = nothing) and a Label.
 struct Truth {
   std::vector<float> distance_m;
